@@ -5,7 +5,7 @@
 simulates the fleet of the grid beside this file, runs it in one process, in two, in two that are killed and
 interrupted at random instants and begun again, and on two workers of Dask of which one is killed, and
 compares the tables to the byte. Logs and fleets are in a folder beside the file; what is there is not made
-again. It ends with what a million logs take, reckoned from what was measured.
+again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,10 +35,7 @@ from eivor.dask_executor import DaskCluster
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
 from eivor.fleet.table import FleetOptions, part_files, read_flights
-from eivor.logs.read import read_log
-from eivor.motions.identify import identify_flight
 from eivor.process_pool import Executor, InProcess, LocalThreads
-from validation.pages import markdown
 from validation.simulated_fleets import FleetSpec, write_fleet_logs
 from validation.studies import (
     GridStruct,
@@ -48,8 +44,6 @@ from validation.studies import (
     KeptStudy,
     Requirement,
     alone,
-    keep,
-    kept_lines,
     table_of,
 )
 from validation.suite_files import versions
@@ -71,7 +65,6 @@ class Size(GridStruct, frozen=True):
     interrupts: int
     told_s: float
     short_s: float
-    cost_s: float
 
     @property
     def logs(self) -> int:
@@ -159,7 +152,6 @@ class Told:
     sha256: str  # Of the table, sorted, as Parquet
     table_bytes: int  # Of the files of the table
     parts: int
-    row_bytes: float  # Of a row with a result, in one file of all such rows
     ended: int  # Runs, or workers, that were killed or interrupted on the way
     # Of the last run: by the clock, of all processors, and the largest memory of who hands out
     seconds: float
@@ -252,7 +244,6 @@ def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended
     table = read_flights(fleet)
     verdicts = table.group_by("verdict").agg(pl.len()).sort("verdict").rows()
     parts, whole = part_files(fleet), parquet_bytes(table)
-    results = table.filter(pl.col("covariance").is_not_null())
     return Told(
         fleet.name,
         what,
@@ -263,7 +254,6 @@ def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended
         hashlib.sha256(whole).hexdigest(),
         sum(path.stat().st_size for path in parts),
         len(parts),
-        len(parquet_bytes(results)) / max(1, results.height),
         ended,
         took["seconds"],
         took["cpu_s"],
@@ -271,41 +261,13 @@ def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended
     )
 
 
-#: Logs and cores of the cluster on paper, and logs of its tasks.
-MANY, CORES, PAPER_TASK_LOGS = 1_000_000, 100, 200
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Processor time of a plain identification, reading included [s], of a flight of some length [s]."""
-
-    flight_s: float
-    cpu_s: float
-
-
 def groups(sizes: dict[str, Size], size: str, kept: Path) -> list[Group[tuple[str], Told]]:
-    """Logs, and what a plain identification costs, are made first where they are not there yet."""
+    """Logs are made first where they are not there yet."""
     chosen, folder = sizes[size], kept.with_suffix("")
     write_logs(chosen, folder / "logs")
-    if not _costs(kept).exists():
-        keep(_costs(kept), [_cost(chosen.cost_s)])
     return alone(
         {(name,): partial(made, chosen, folder / "logs", folder / name) for name, made in MODES.items()}
     )
-
-
-def _costs(kept: Path) -> Path:
-    return kept.with_suffix(".cost.jsonl")
-
-
-def _cost(flight_s: float) -> Cost:
-    with tempfile.TemporaryDirectory() as folder:
-        spec = FleetSpec(vehicles=2, flights=1, duration_s=flight_s, seed=SEED)
-        first, second = (read_log(str(path)) for path in write_fleet_logs(spec, Path(folder)))
-    identify_flight(first)  # what is loaded once is not counted
-    process_time = time.process_time()
-    identify_flight(second)
-    return Cost(flight_s, time.process_time() - process_time)
 
 
 def requirements(run: KeptRun[dict[str, Size], Told]) -> Iterator[Requirement]:
@@ -342,22 +304,6 @@ def tables(run: KeptRun[dict[str, Size], Told]) -> Iterator[str]:
         f"not; a copy, a damaged log and an empty one. Rows: {verdicts}."
     )
     yield table_of(COLUMNS, run.lines)
-    yield "On paper, from these figures:"
-    (cost,) = kept_lines(_costs(run.kept), Cost)
-    yield markdown((f"{MANY:,} logs", "take"), _on_paper(first, cost))
-
-
-def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
-    hours = MANY * cost.cpu_s / 3600.0
-    yield (
-        f"processor time, {cost.cpu_s:.2f} s for a flight of {cost.flight_s:g} s",
-        f"{hours:,.0f} hours; {hours / CORES:.1f} h on {CORES} cores",
-    )
-    yield (f"table, {first.row_bytes / 1e3:.2f} kB a row", f"{first.row_bytes * MANY / 1e9:.1f} GB")
-    yield (
-        f"tasks of {PAPER_TASK_LOGS} logs",
-        f"{MANY // PAPER_TASK_LOGS:,}, of which two a core are known to the scheduler",
-    )
 
 
 STUDY = KeptStudy(
