@@ -55,7 +55,7 @@ from eivor.flights.result import (
 )
 from eivor.flights.verdict import refused, unbounded_reasons
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
-from eivor.inference.verdict import Reason, Status, Verdict, verdict
+from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import (
     InstrumentRule,
@@ -190,7 +190,14 @@ def choose_instruments(state: FlightState) -> FlightState:
 def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights; with sensors aligned where that is requested and they disagree."""
     motion, rule = state.motion, state.instruments.rule
-    _check_noises(state.flying, state.instruments, state.method, state.options)
+    # undeclared noises are refused of channels that a method takes out: those that are columns twice
+    own = state.method.takes_out_own_noise
+    by_input = own or (state.instruments.past_inputs and state.method.first_past_input == 0)
+    needed = [
+        (*(flight.states if own else ()), *(flight.driving if by_input and flight.input.measured else ()))
+        for flight in state.flying
+    ]
+    check_declared([flight.noise for flight in state.flying], needed, state.options.method)
     problem = motion.problem(state.shortened, rule)
     comparison = motion.abilities.sensors
     if comparison is None:
@@ -366,19 +373,6 @@ def verdict_inputs(
     )
 
 
-def _check_noises(
-    flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method, options: FlightOptions
-) -> None:
-    """Refuse undeclared noises of channels that a method takes out: those that are columns twice."""
-    own = method.takes_out_own_noise
-    by_input = own or (chosen.past_inputs and method.first_past_input == 0)
-    needed = [
-        (*(flight.states if own else ()), *(flight.driving if by_input and flight.input.measured else ()))
-        for flight in flying
-    ]
-    check_declared([flight.noise for flight in flying], needed, options.method)
-
-
 def with_fit(
     motion: Motion[Any],
     prepared: tuple[PreparedFlight, ...],
@@ -403,13 +397,23 @@ def with_fit(
     }
     p_value = 1.0 if agreement is None else agreement.p_value
     strength = InstrumentStrength(fit.checks.first_stage, p_value, searched, fit.robust_sets)
-    overall, quantities = _judged(motion, estimates, strength, inputs, fit.estimate.reasons)
+    reasons: dict[str, list[Reason]] = {}
+    for name, own in motion.reasons(estimates, strength, inputs).items():
+        reasons[name] = [*own, *fit.estimate.reasons]  # reasons of the estimate are each quantity's
+        if name in estimates:
+            reasons[name] += unbounded_reasons(estimates[name], motion.quantities[name].words, own)
+    against = dict.fromkeys(reason for name in motion.quantities.headline for reason in reasons[name])
+    quantities = {
+        name: estimates[name].judged(verdict(reasons[name]), spec)
+        for name, spec in motion.quantities.items()
+        if name in estimates or not spec.optional
+    }
     return FlightEstimate(
         motion,
         options,
         prepared,
         fit,
-        overall,
+        verdict(list(against)),
         quantities,
         {
             **flight_diagnostics(prepared),
@@ -457,28 +461,6 @@ def with_systematic_uncertainties(
     if all(quantities[name].interval == estimates[name].interval for name in motion.quantities.headline):
         return quantities
     return {**quantities, **_reciprocals(motion, quantities)}
-
-
-def _judged(
-    motion: Motion[Any],
-    estimates: Mapping[str, QuantityEstimate],
-    strength: InstrumentStrength,
-    inputs: VerdictInputs,
-    of_estimate: tuple[Reason, ...],
-) -> tuple[Verdict, dict[str, Quantity]]:
-    """The overall verdict, and the quantities with their own; reasons of the estimate are each one's."""
-    reasons: dict[str, list[Reason]] = {}
-    for name, own in motion.reasons(estimates, strength, inputs).items():
-        reasons[name] = [*own, *of_estimate]
-        if name in estimates:
-            reasons[name] += unbounded_reasons(estimates[name], motion.quantities[name].words, own)
-    against = dict.fromkeys(reason for name in motion.quantities.headline for reason in reasons[name])
-    quantities = {
-        name: estimates[name].judged(verdict(reasons[name]), wording)
-        for name, wording in motion.quantities.items()
-        if name in estimates or not wording.optional
-    }
-    return verdict(list(against)), quantities
 
 
 def without_fit(

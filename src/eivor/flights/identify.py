@@ -15,7 +15,6 @@ from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
-from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import CoupledAxis, Quantity
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.signals.recording import Finding, Recording
@@ -53,36 +52,26 @@ def identified(
         ((log, window),) = kept
         neighbours = cache(partial(lags_from_rates, others, log, window or options.window))
     progress(Stage.IDENTIFYING)
-    result = _together(motion, prepared, options, neighbours, progress)
+    if len(prepared) == 1:
+        result = estimated(motion, prepared, options, lag_measurements=neighbours, progress=progress)
+    else:
+        alone = [estimated(motion, (flight,), options) for flight in prepared]
+        pool = pooled_result(motion, prepared, options, alone)
+        if pool is None:
+            over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
+            pool = estimated(motion, prepared, options, over_identification)
+        progress(Stage.DIAGNOSING)
+        each = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
+        result = replace(pool, flights=tuple(each))
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
-        each = {name: replace(options, method=name, compare=False) for name in TABLE}
+        others_options = {name: replace(options, method=name, compare=False) for name in TABLE}
         rows = [
             _row(name, estimated(motion, prepared, other, lag_measurements=neighbours))
-            for name, other in each.items()
+            for name, other in others_options.items()
         ]
         result = replace(result, comparisons=tuple(rows))
     return result
-
-
-def _together(
-    motion: Motion[Any],
-    prepared: tuple[PreparedFlight, ...],
-    options: FlightOptions,
-    neighbours: LagMeasurements,
-    progress: Progress,
-) -> FlightEstimate:
-    """One flight; or several, with each flight's own result beside them."""
-    if len(prepared) == 1:
-        return estimated(motion, prepared, options, lag_measurements=neighbours, progress=progress)
-    alone = [estimated(motion, (flight,), options) for flight in prepared]
-    result = pooled_result(motion, prepared, options, alone)
-    if result is None:
-        over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
-        result = estimated(motion, prepared, options, over_identification)
-    progress(Stage.DIAGNOSING)
-    rows = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
-    return replace(result, flights=tuple(rows))
 
 
 def _row(label: str, result: FlightEstimate) -> FlightRow:

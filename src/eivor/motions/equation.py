@@ -417,12 +417,12 @@ class Machine(Motion[LaggedRuns]):
         )
         object.__setattr__(self, "quantities", table)
 
-    @property
+    @cached_property
     def equation(self) -> tuple[str, str]:  # type: ignore[override]
         """The equation in one line, and its symbols."""
         return self.line
 
-    @property
+    @cached_property
     def words(self) -> Words:  # type: ignore[override]
         """How reports speak of it."""
         named = " and ".join(self.quantities[name].words for name in self.headline)
@@ -443,7 +443,7 @@ class Machine(Motion[LaggedRuns]):
             advice=lambda _format: (CardSection("Move", (self.move,)), CardSection("Log", (self.log,))),
         )
 
-    @property
+    @cached_property
     def channels(self) -> LogChannels:  # type: ignore[override]
         """What it reads of a log."""
         return LogChannels(
@@ -453,7 +453,7 @@ class Machine(Motion[LaggedRuns]):
             added=tuple(channel.canonical for channel in self.logged),
         )
 
-    @property
+    @cached_property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """Predictions, and how much the machine moved."""
         ahead = partial(equation_prediction, self.axes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -364,7 +365,7 @@ class RigidBody(Motion[LaggedRuns]):
     quantities = QUANTITIES
     channels = LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
 
-    @property
+    @cached_property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """What only some motions can do."""
         return Abilities(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -467,6 +468,28 @@ CHANNELS = LogChannels(
 )
 
 
+ABILITIES = Abilities(
+    refinement=Refinement(estimated_with_map, with_fitted_map),
+    sensors=SensorComparison(
+        lambda problem, flights: sensor_agreement(
+            difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
+        ),
+        sensor_agreement_sentence,
+        aligned,
+    ),
+    resampling=Resampling(balance_sums, resampled),
+    prediction=Prediction(simple_models, predictions),
+    tracking=tracked_gain,
+    closed_loop_record=closed_loop_record,
+    signals=driven_signals,
+    known=mean_input,
+    excitation=excitation,
+    findings=flight_findings,
+    checks=lambda numbers: (*report_drift(numbers), *report_omitted(numbers)),
+    lag_from=("rates",),
+)
+
+
 @dataclass(frozen=True)
 class Vertical(Motion[VerticalFlights]):
     """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
@@ -487,32 +510,16 @@ class Vertical(Motion[VerticalFlights]):
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
-    @property
+    @cached_property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """What only some motions can do."""
-        return Abilities(
-            vehicle=VehicleSupport(self._of_vehicle, self._vehicle_record, self._restored),
+        record = {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
+        return replace(
+            ABILITIES,
+            vehicle=VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
             options=OptionSupport(
                 self._check, self._for_flights, {word: term.meaning for word, term in TERMS.items()}
             ),
-            refinement=Refinement(estimated_with_map, with_fitted_map),
-            sensors=SensorComparison(
-                lambda problem, flights: sensor_agreement(
-                    difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
-                ),
-                sensor_agreement_sentence,
-                aligned,
-            ),
-            resampling=Resampling(balance_sums, resampled),
-            prediction=Prediction(simple_models, predictions),
-            tracking=tracked_gain,
-            closed_loop_record=closed_loop_record,
-            signals=driven_signals,
-            known=mean_input,
-            excitation=excitation,
-            findings=flight_findings,
-            checks=lambda numbers: (*report_drift(numbers), *report_omitted(numbers)),
-            lag_from=("rates",),
         )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
@@ -626,13 +633,6 @@ class Vertical(Motion[VerticalFlights]):
                 "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out.",
             )
         return replace(self, rotor_radius=radius)
-
-    @property
-    def _vehicle_record(self) -> Mapping[str, object] | None:
-        """What terms count in; nothing without terms."""
-        if not self.added:
-            return None
-        return {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
 
     def _restored(self, record: object) -> Vertical:
         if record is None:

@@ -14,7 +14,6 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
-from eivor.models.spectral import BinRows
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
 from eivor.motions.vertical.regression import QUADRATIC_DRAG, VerticalFlights, balance_sums, hover_of_sums
 from eivor.signals.recording import LARGEST_VALUE
@@ -138,7 +137,12 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
     bins = problem.bins({nuisance.name: numbers[nuisance.name] for nuisance in problem.nuisances})
     left = bins.residuals(np.array([numbers[parameter.name] for parameter in bins.parameters]))
     first, second = left[:, 0], left[:, -1]
-    frequency, weight = _scales(bins.layout)
+    runs = bins.layout.runs
+    frequency = np.concatenate([run.frequency_hz for run in runs])
+    # what makes the power of a bin a one-sided density
+    weight = np.concatenate(
+        [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
+    )
     products = {
         "first": weight * np.abs(first) ** 2,
         "second": weight * np.abs(second) ** 2,
@@ -162,15 +166,6 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
         "accelerometer": sensor_noise.tolist(),
         "velocity": [float(noise)] * NODES_HZ.size,
     }
-
-
-def _scales(layout: BinRows) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
-    """Frequency of every bin, and what makes its power a one-sided density."""
-    frequency = np.concatenate([run.frequency_hz for run in layout.runs])
-    weight = np.concatenate(
-        [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in layout.runs]
-    )
-    return frequency, weight
 
 
 def _at_nodes(
@@ -209,7 +204,16 @@ def controller_gains(
     left = response - columns @ fitted
     if float(left @ left) > (1.0 - LEAST_EXPLAINED) * float(response @ response):
         return None
-    return _gains(*fitted.tolist())
+    by_velocity, by_height, by_integral = fitted.tolist()
+    if not 0.3 <= by_velocity <= 15.0 or by_height <= 0.0:
+        return None  # no controller holds with these
+    root = by_height**2 - 4.0 * by_velocity * max(by_integral, 0.0)
+    position = (by_height + np.sqrt(max(root, 0.0))) / (2.0 * by_velocity)
+    return {
+        "position_gain": float(np.clip(position, 0.1, 5.0)),
+        "velocity_gain": by_velocity,
+        "integral_gain": float(np.clip(by_height - by_velocity * position, 0.0, 10.0)),
+    }
 
 
 def _tracking_errors(flight: PreparedFlight) -> Float[np.ndarray, "n 2"] | None:
@@ -220,20 +224,6 @@ def _tracking_errors(flight: PreparedFlight) -> Float[np.ndarray, "n 2"] | None:
     height = on_grid(channels["position_z"], flight.grid)[0]
     wanted = signals.get("reference_velocity_z", np.zeros(height.size))
     return np.column_stack([wanted - signals["velocity_z"], signals["reference_position_z"] - height])
-
-
-def _gains(velocity: float, height: float, integral: float) -> dict[str, float] | None:
-    """k_p, k_v and k_i of the three coefficients, where they are those of a controller that holds."""
-    if not 0.3 <= velocity <= 15.0 or height <= 0.0:
-        return None
-    integral = max(integral, 0.0)
-    root = height**2 - 4.0 * velocity * integral
-    position = (height + np.sqrt(max(root, 0.0))) / (2.0 * velocity)
-    return {
-        "position_gain": float(np.clip(position, 0.1, 5.0)),
-        "velocity_gain": velocity,
-        "integral_gain": float(np.clip(height - velocity * position, 0.0, 10.0)),
-    }
 
 
 # -- Predict --
