@@ -38,6 +38,8 @@ from eivor.simulation.rigid_body_spec import (
 from motions.turning_logs import STEP_S, Vehicle, turned
 from simulation.rigid_body.test_rigid_flight import VEHICLE
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
 # -- The lag as information: what it changes, what it is compared with, and when it cannot be h --
 
 
@@ -48,7 +50,6 @@ def log() -> Recording:
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_given_lag_narrows_what_it_moves(log):
     alone = ev.identify_flight(log)
     known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.002))
@@ -63,7 +64,6 @@ def test_a_given_lag_narrows_what_it_moves(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_report_says_what_the_flight_alone_says(log):
     alone = ev.identify_flight(log).quantities["effective_lag"]
     known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.015))
@@ -80,7 +80,6 @@ def test_the_report_says_what_the_flight_alone_says(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
     bounds = ev.Bounds(0.03, 0.08)
@@ -107,7 +106,6 @@ def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_bounds_are_held_against_what_the_flight_says():
     good = flown(seconds=15.0)[0]
     around, beyond = (ev.identify_flight(good, lag=ev.Bounds(*ends)) for ends in ((0.02, 0.2), (0.12, 0.15)))
@@ -121,7 +119,6 @@ def test_bounds_are_held_against_what_the_flight_says():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_neither_lag_nor_delay_is_searched():
     good = flown(seconds=15.0)[0]
     none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
@@ -133,7 +130,6 @@ def test_neither_lag_nor_delay_is_searched():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_instruments_agree_or_not_whatever_was_given():
     good = flown(seconds=15.0)[0]
     alone, wrong = (ev.identify_flight(good, lag=lag) for lag in (None, ev.Prior(0.15, 0.01)))
@@ -141,7 +137,6 @@ def test_the_instruments_agree_or_not_whatever_was_given():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_is_known_the_instruments_need_not_tell(log):
     alone, known, sure = (
         ev.identify_flight(log, lag=prior) for prior in (None, ev.Prior(LAG_S, 0.002), ev.Prior(LAG_S, 1e-6))
@@ -158,7 +153,6 @@ def test_what_is_known_the_instruments_need_not_tell(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_contradiction_is_said_and_makes_the_numbers_weak():
     good = flown(seconds=15.0)[0]
     wrong = ev.identify_flight(good, lag=ev.Prior(0.15, 0.01))
@@ -171,7 +165,6 @@ def test_a_contradiction_is_said_and_makes_the_numbers_weak():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("value", "error", "p_value"), [(0.07, 0.004, 1.0), (0.08, 0.0, 0.0455), (0.083, 0.012, 0.4053)]
 )
@@ -182,7 +175,6 @@ def test_the_test_is_that_of_two_independent_numbers(value, error, p_value):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_measured_state_has_no_lag_to_know(log):
     command = log.channels["rotor_command_1"]
     measured = changed(
@@ -193,7 +185,6 @@ def test_a_measured_state_has_no_lag_to_know(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("lag", [70, "70:15", (0.07, 0.015)])
 def test_a_lag_of_another_type_is_refused(log, lag):
     with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"):
@@ -201,14 +192,12 @@ def test_a_lag_of_another_type_is_refused(log, lag):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_lag_below_zero_is_refused():
     with pytest.raises(UsageError, match="a lag above zero"):
         ev.FlightOptions(lag=ev.Prior(-0.02, 0.01))
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("ends", [(50.0, 90.0), (-0.01, 0.05)])
 def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
     with pytest.raises(UsageError, match="between 0 and 1 s"):
@@ -216,7 +205,6 @@ def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_bounds_in_the_wrong_order_are_refused():
     with pytest.raises(ParameterError, match="the lower one first"):
         ev.Bounds(0.09, 0.05)
@@ -236,7 +224,6 @@ class Searched(SeparableProblem):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_bounds_leave_a_delay_that_is_no_choice_of_a_few_as_the_flight_tells_it():
     lag, delay = searched_lag_and_delay()
     alone = {lag.name: 0.044, delay.name: 0.008}
@@ -280,7 +267,6 @@ def estimate(log: Recording, *lag_measurement: LagMeasurement, options: FlightOp
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_the_lag_by_turning_is_used_and_said(slow, turning):
     log = changed(slow, **turning.channels)
@@ -299,7 +285,6 @@ def test_the_lag_by_turning_is_used_and_said(slow, turning):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
     def asked() -> tuple[LagMeasurement, ...]:
         raise AssertionError("asked")
@@ -313,7 +298,6 @@ def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
     log = flown(seconds=15.0)[0]
     alone, late = estimate(log), estimate(log, told(LAG_S + 0.1))
@@ -324,7 +308,6 @@ def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_closest_that_agrees_serves():
     log = flown(seconds=15.0)[0]
     both = estimate(log, told(half_width=0.02, source="rough"), told(source="close"))
@@ -350,7 +333,6 @@ def answering(log: Recording) -> Recording:
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     "spoilt",
     [
@@ -368,7 +350,6 @@ def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch)
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
     unmade(monkeypatch)
     assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
@@ -382,14 +363,12 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_turning_that_is_not_trusted_says_nothing(turning):
     assert lags_from_rates((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
     monkeypatch.setattr("eivor.flights.identify.lags_from_rates", lambda *_: (told(),))
@@ -399,7 +378,6 @@ def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.long
 def test_a_whole_vehicle_that_turns_and_climbs_tells_more_of_its_climbs():
     """Attitude steps of .2 rad, height excited, gusts of .5 m/s, setpoints at 50 Hz of a 400 Hz loop."""

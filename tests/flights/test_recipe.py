@@ -22,6 +22,8 @@ from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
 # -- The recipe from recordings to verdicts: truth found, flights refused, pools, and logs that --
 
 
@@ -42,7 +44,6 @@ def coarse_fit(log):
         return identify_flight(log)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_a_result_goes_to_another_process_and_back(fit):
     """With what was asked of it before: a pool of processes, a cache."""
@@ -56,7 +57,6 @@ def statuses(result) -> dict[str, str]:
     return {name: quantity.verdict.value for name, quantity in result.quantities.items()}
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert fit.verdict.status is Status.IDENTIFIED
     assert fit.verdict.sentences == ()
@@ -86,14 +86,12 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert "identified" in fit.summary()
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_intercept_and_hover_are_two_views_of_one_balance(fit):
     """U_h = (g - b) / K_u."""
     b, K_u = fit.quantities["intercept"].value, fit.quantities["input_gain"].value
     assert fit.quantities["hover_input"].value ** 2 == pytest.approx((9.80665 - b) / K_u, rel=1e-12)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_names_and_levels_of_intervals(fit):
     assert fit.names == ("viscous_friction", "input_gain", "actuator_lag")
     narrow, wide = fit.interval("viscous_friction", 0.5), fit.interval("viscous_friction", 0.99)
@@ -107,7 +105,6 @@ def test_names_and_levels_of_intervals(fit):
         fit.interval("mass")
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
     force = log.channels["specific_force_z"]
     in_g = replace(force, values=force.values / 9.80665)
@@ -117,7 +114,6 @@ def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
     assert "its values look like g." in flight.verdict.reasons[0].sentence
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
     channels = log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=True)}
@@ -133,7 +129,6 @@ def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
 # -- what cannot be told ----------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_constant_reference_is_refused(log):
     hover = flown(seconds=30.0, amplitude=0.0, seed=12)[0]
@@ -146,7 +141,6 @@ def test_constant_reference_is_refused(log):
     assert result.quantities["hover_input"].value == pytest.approx(HOVER, rel=0.02)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_without_a_reference_the_numbers_are_provisional(log):
     result = identify_flight(changed(log, "reference_position_z", "reference_velocity_z"))
     assert result.verdict.status is Status.PROVISIONAL
@@ -156,7 +150,6 @@ def test_without_a_reference_the_numbers_are_provisional(log):
     assert set(statuses(result).values()) == {"provisional"}
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_friction_of_the_wrong_sign_is_refused(log):
     velocity = log.channels["velocity_z"]
     backward = changed(
@@ -174,7 +167,6 @@ def gusty():
         return identify_flight(flown(seconds=8.0, gust=12.0, seed=14)[0])
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_friction_not_told_from_zero_is_refused(gusty):
     result = gusty
     assert result.verdict.status is Status.REFUSED
@@ -183,7 +175,6 @@ def test_friction_not_told_from_zero_is_refused(gusty):
     assert low <= 0.0
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
     result = gusty
     low, high = result.estimate.interval("actuator_lag")
@@ -194,14 +185,12 @@ def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
     assert result.quantities["viscous_friction"].interval[0] < 0.0
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_slow_commands_are_weak_at_best(log):
     result = identify_flight(every(log, 3, "rotor_command_1"))
     assert result.verdict.status in {Status.WEAK, Status.REFUSED}
     assert any("33 Hz; below 45 Hz" in sentence for sentence in result.verdict.sentences)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_feedback_in_the_instruments_is_weak_at_best(log):
     feedback = changed(log, feedback_reference_velocity_z=log.channels["reference_velocity_z"].values)
@@ -212,7 +201,6 @@ def test_feedback_in_the_instruments_is_weak_at_best(log):
     assert identify_flight(feedback).verdict.status is Status.IDENTIFIED
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_velocity_reference_alone_serves(log):
     """Friction, gain and lag need more columns than it and one lag: alone it gets four."""
     result = identify_flight(changed(log, "reference_position_z"))
@@ -222,7 +210,6 @@ def test_a_velocity_reference_alone_serves(log):
     assert low < result.parameters["viscous_friction"] < high
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_grounded_flights_never_take_off(log):
     landed = channel("landed", [0.0, 29.0], [1.0, 1.0])
     result = identify_flight(changed(log, landed=landed))
@@ -242,14 +229,12 @@ def test_grounded_flights_never_take_off(log):
             ask()
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_flights_without_three_seconds_say_so(log):
     result = identify_flight(log, FlightOptions(window=(5.0, 7.5)))
     assert "has no three seconds in the air" in result.verdict.sentences[0]
     assert "no_usable_run" in [finding.name for finding in result.findings]
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_constant_input_tells_nothing_but_its_mean(log):
     result = identify_flight(changed(log, rotor_command_1=np.full(3000, 0.5)))
     assert result.verdict.status is Status.REFUSED
@@ -258,7 +243,6 @@ def test_constant_input_tells_nothing_but_its_mean(log):
     assert result.quantities["hover_input"].verdict is Status.REFUSED
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
     result = identify_flight(log, FlightOptions(input_map=taken))
@@ -272,7 +256,6 @@ def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken,
         assert min(abs(end) for end in b.interval) <= least < abs(b.value)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_a_reference_of_one_frequency_is_told():
     seconds = STEP_S * np.arange(2000)
@@ -295,7 +278,6 @@ def test_a_reference_of_one_frequency_is_told():
 # -- options ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit):
     result = identify_flight(log, FlightOptions(compare=True))
@@ -318,7 +300,6 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
         assert row.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("method", "asked", "used"),
     [
@@ -339,14 +320,12 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
     assert reported is used.startswith("input lagged")
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
 def test_unknown_words_are_refused(log, options):
     with pytest.raises(UsageError, match="Expected"):
         identify_flight(log, FlightOptions(**options))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_four_rotors_alike_are_one(log, coarse_fit):
     command = log.channels["rotor_command_1"].values
     four = changed(
@@ -364,7 +343,6 @@ def test_four_rotors_alike_are_one(log, coarse_fit):
         assert result.quantities[name].value == pytest.approx(coarse_fit.quantities[name].value, rel=1e-6)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_start_of_the_clock_does_not_matter(log, coarse_fit):
     later = replace(
         log, channels={k: replace(c, time_s=c.time_s + 12_345.0) for k, c in log.channels.items()}
@@ -406,7 +384,6 @@ def half(result, name: str) -> float:
     )
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.long
 def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     pool = identify_flight(fleet[:4])
@@ -421,7 +398,6 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     assert pool.diagnostics["flights"] == 4.0
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.long
 def test_clusters_come_in_from_ten_flights_on(fleet):
     """Where all parameters are common: with a friction for each flight its part is by flight anyway."""
@@ -434,7 +410,6 @@ def test_clusters_come_in_from_ten_flights_on(fleet):
     assert low < FRICTION < high
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.long
 def test_order_of_the_flights_does_not_matter(fleet, three):
     item, other = three, identify_flight(fleet[2::-1])
@@ -442,7 +417,6 @@ def test_order_of_the_flights_does_not_matter(fleet, three):
         assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_a_log_given_twice_is_used_once(fleet):
     first = replace(fleet[0], sha256="a")
@@ -457,9 +431,7 @@ def test_a_log_given_twice_is_used_once(fleet):
     assert len(identify_flight(fleet[:2]).flights) == 2
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
 def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
     pool = identify_flight([fleet[0], grounded])
@@ -475,7 +447,6 @@ def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     assert none.verdict.status is Status.REFUSED
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -508,10 +479,9 @@ def test_flights_of_different_vehicles_are_not_pooled(fleet, change, said):
 class Wheeled(Vertical):
     """A motion whose vehicles are told apart by another parameter."""
 
-    vehicle_parameters = ("WHEEL_COUNT",)
+    channels = replace(Vertical.channels, vehicle_parameters=("WHEEL_COUNT",))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     with pytest.raises(PoolingError, match=r"WHEEL_COUNT = None and 3\.0"):
@@ -520,7 +490,6 @@ def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     assert len(pooled.flights) == 2
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("logs", "windows", "said"),
     [
@@ -537,7 +506,6 @@ def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
 # -- calibration of the hover input -----------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.calibration
 def test_hover_intervals_cover():
     runs = 25
@@ -624,7 +592,6 @@ def rich():
     )
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(60))
 def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
@@ -671,10 +638,6 @@ def test_intervals_end_where_the_quantity_does(interval, possible):
         Verdict(Status.WEAK), replace(LAG, lowest=-INFINITY)
     )
     assert anything.interval == interval
-
-
-def test_what_is_not_judged_has_no_verdict():
-    assert not hasattr(QuantityEstimate(1.0, "s", 0.5, (0.0, 2.0)), "verdict")
 
 
 # -- Grounds that any motion may have --

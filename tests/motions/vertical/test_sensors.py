@@ -43,6 +43,8 @@ from eivor.motions.vertical.verdict import (
 from eivor.signals.recording import Channel
 from flights.flight_logs import GAIN, LAG_S, STEP_S, flown
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
 # -- Sensors that disagree: what is told of them, what it harms, and what is taken out --
 
 VERTICAL = Vertical()
@@ -91,7 +93,6 @@ def agreement(*logs) -> SensorAgreement | None:
     return VERTICAL.abilities.sensors.agreement(VERTICAL.problem(flights, chosen.rule), flights)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_sensors_that_agree(log):
     result = agreement(log)
@@ -101,7 +102,6 @@ def test_sensors_that_agree(log):
     assert sensor_agreement_sentence(result).startswith("velocity and accelerometer agree: offset ")
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("channel", "late_s", "said"),
     [
@@ -117,7 +117,6 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     assert re.fullmatch(said, sensor_agreement_sentence(result))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("channel", "factor", "said"),
     [("velocity_z", 1.06, "%) more than"), ("specific_force_z", 1.06, "%) less than")],
@@ -130,7 +129,6 @@ def test_a_scale_is_named(log, channel, factor, said):
     assert said in sensor_agreement_sentence(result)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     two = np.deg2rad(2.0)
     for yaw, name, sign in (
@@ -148,7 +146,6 @@ def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     assert ", tilt " in sensor_agreement_sentence(level)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_alone(log):
     """Sideways as up and down: what leans looks like a scale."""
     like, rng = log.channels["velocity_z"], np.random.default_rng(1)
@@ -176,7 +173,6 @@ def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_
     assert not list(sensor_reasons(replace(at(), sensors=both), OFFSET))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     """Up leans, and no horizontal velocity is logged."""
     leaning = sideways(log, leaning=np.deg2rad(8.0))
@@ -190,7 +186,6 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     assert list(agreement(replace(leaning, channels=without)).differences) == ["offset", "scale"]
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_there_is_nothing_to_compare(log):
     alone = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
     assert agreement(replace(log, channels=alone)) is None
@@ -199,14 +194,12 @@ def test_there_is_nothing_to_compare(log):
     assert VERTICAL.abilities.sensors.agreement(VERTICAL.problem(flights, none.rule), flights) is None
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_small_differences_matter_to_nothing():
     assert not Difference(0.0005, 1e-5, least=0.001).matters
     assert Difference(0.0015, 1e-4, least=0.001).matters
     assert Difference(0.0, 0.0).p_value == 1.0
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("times", "said"),
     [
@@ -240,7 +233,6 @@ def at(*, aligned: bool = False, p_value: float = 0.5) -> VerdictInputs:
     return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, sensors=sensors, aligned=aligned)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_a_disagreement_harms():
     every = (OFFSET, SCALE, *TILTS.values())
     sentences = [reason.sentence for reason in sensor_reasons(at(), *every)]
@@ -253,7 +245,6 @@ def test_what_a_disagreement_harms():
     assert not list(sensor_reasons(replace(at(), sensors=None), *every))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_lag_may_be_shorter_by_all_of_an_offset():
     parts = sensor_uncertainties(at().sensors, QUANTITIES, aligned=False)
     (lag,) = parts["effective_lag"]
@@ -267,7 +258,6 @@ def test_the_lag_may_be_shorter_by_all_of_an_offset():
     assert sensor_uncertainties(None, QUANTITIES, aligned=False) == {}
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_aligned_sensors_give_what_right_ones_give(log):
     right = identify_flight(log)
@@ -285,7 +275,6 @@ def test_aligned_sensors_give_what_right_ones_give(log):
     assert moved.half_width > right.quantities["effective_lag"].half_width
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(("channel", "factor"), [("specific_force_z", 1.06), ("velocity_z", 1.06)])
 def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     """An accelerometer whose scale is wrong shows another gravity."""
@@ -300,7 +289,6 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_tilt_that_no_sensor_has_is_told_as_such():
     near, far = (sentence("tilt_left", Difference(np.deg2rad(-degrees), 0.01)) for degrees in (3.0, 52.0))
     assert near == "Attitude and accelerometer differ by 3.0 ± 1.2 degrees to the right."
@@ -309,7 +297,6 @@ def test_a_tilt_that_no_sensor_has_is_told_as_such():
     )
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_fast_sideways_flight_makes_the_gain_weak():
     (reason,) = fast_sideways_reasons(replace(at(), numbers={SIDEWAYS: 5.1}))
     assert reason.status is Status.WEAK
@@ -345,7 +332,6 @@ def with_channel(log_left, name, values):
     return replace(log_left, channels={**log_left.channels, name: replace(like, name=name, values=values)})
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log_left):
     terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
@@ -356,7 +342,6 @@ def test_nothing_is_missed_where_the_model_holds(log_left):
     assert sentence.startswith("not missed: quadratic drag (p ")
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_quadratic_drag_is_missed(log_left):
     velocity = log_left.channels["velocity_z"].values
@@ -366,7 +351,6 @@ def test_quadratic_drag_is_missed(log_left):
     assert "a drag of 0.2" in report_omitted(omitted_variable_numbers(terms))[0][1]
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log_left):
     count = log_left.channels["velocity_z"].values.size
@@ -383,7 +367,6 @@ def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log_left):
     assert change[VOLTAGE_CHANGE] == pytest.approx(0.05 / 0.975, rel=0.05)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_thrust_by_a_logged_voltage_is_told_as_that():
     """A vehicle whose thrust fell by 10 % with a voltage that fell by 10 % was said to have gained 100 %."""
     numbers = omitted_variable_numbers({"supply": Difference(1.0, 0.1)}) | {VOLTAGE_CHANGE: 0.1}
@@ -396,7 +379,6 @@ def test_thrust_by_a_logged_voltage_is_told_as_that():
     assert not list(omitted_variable_reasons(at_left(numbers | {VOLTAGE_CHANGE: 0.01})))
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_flights_without_a_voltage_among_others_are_told_by_the_time(log_left):
     volts = with_channel(
         log_left, "battery_voltage", np.linspace(12.0, 11.0, log_left.channels["velocity_z"].values.size)
@@ -406,7 +388,6 @@ def test_flights_without_a_voltage_among_others_are_told_by_the_time(log_left):
     assert voltage_numbers(flights) == voltage_numbers([]) == {}
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_thrust_curve_that_bends_is_missed(log_left):
     mean = float(np.mean(log_left.channels["rotor_command_1"].values ** 2))
     bent = commanded(log_left, lambda U: U + 0.3 * mean * (U / mean - 1.0) ** 2)
@@ -416,7 +397,6 @@ def test_a_thrust_curve_that_bends_is_missed(log_left):
     assert sentence.startswith("thrust bends less than the input map: -0.3")
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_ground_effect_is_missed(log_left):
     height = log_left.channels["reference_position_z"].values
     over = height - height.min() + 0.5
@@ -426,7 +406,6 @@ def test_ground_effect_is_missed(log_left):
     assert "thrust grows towards the ground" in report_omitted(omitted_variable_numbers(terms))[0][1]
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_without_instruments_nothing_is_tested(log_left):
     assert terms_of(log_left, least_squares()) == {}
     assert report_omitted({}) == ()
@@ -436,7 +415,6 @@ def at_left(numbers: dict[str, float], sensors: SensorAgreement | None = None) -
     return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, numbers=numbers, sensors=sensors)
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_is_missed_makes_the_gain_weak():
     sure, unsure = Difference(-0.1, 0.01), Difference(-0.1, 0.1)
     (reason,) = omitted_variable_reasons(
@@ -453,7 +431,6 @@ def test_what_is_missed_makes_the_gain_weak():
     )
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_fast_sideways_flight_asks_for_a_known_tilt():
     def agreement(std_error: float) -> SensorAgreement:
         return SensorAgreement({"tilt_x": Difference(0.0, std_error)}, 0.5)
