@@ -6,7 +6,7 @@ import mmap
 
 import numpy as np
 import pytest
-from dataflash_writer import KINDS, DataflashWriter, flight_log, simulated, survives, told
+from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, flight_log, simulated, survives, told
 
 import eivor as ev
 from eivor.cli.main import app
@@ -120,6 +120,25 @@ def without(writer, *names):
     numbers = {writer.numbers[name] for name in names}
     writer.messages = [pair for pair in writer.messages if pair[1][2] not in numbers]
     return writer
+
+
+def test_throttles_in_thousandths_of_old_firmware_are_shares(tmp_path):
+    """Firmware 3.3 logs RATE.AOut as floating-point numbers up to 1000: hover 600 was read."""
+    writer = DataflashWriter().text(FIRMWARES["3.3"])
+    time = np.arange(100) * 0.02
+    writer.add("RATE", time, "ff", R=0.0, AOut=600.0 + 50.0 * np.sin(time))
+    channel = read(tmp_path, writer).channels["input"]
+    np.testing.assert_allclose(channel.values, 0.6 + 0.05 * np.sin(time), rtol=1e-6)
+
+
+@pytest.mark.parametrize("column", ["CRt", "CRate"])
+def test_firmware_before_the_estimators_has_its_climb_rate(tmp_path, column):
+    writer = DataflashWriter().text("ArduCopter V3.1.5 (3c57e771)")
+    time = np.arange(100) * 0.1
+    writer.add("CTUN", time, "hh", ThrOut=500, **{column: np.rint(100.0 * np.sin(time))})
+    channel = read(tmp_path, writer).channels["velocity_z"]
+    np.testing.assert_allclose(channel.values, -np.sin(time), atol=6e-3)  # z down
+    assert channel.estimated
 
 
 def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(tmp_path, flight):

@@ -71,6 +71,10 @@ def _start(table: Messages | None) -> datetime | None:
 
 #: What each estimator's first core is logged as, the preferred one first.
 ESTIMATORS = ("XKF1", "NKF1", "EKF1")
+#: Columns of CTUN with the climb rate by barometer and accelerometer, of firmware before the EKF's.
+CLIMBS = ("CRt", "CRate")
+#: Old firmware logs throttles in thousandths, as floating-point numbers too: no share is above this.
+THOUSANDTH, LARGEST_SHARE = 0.001, 5.0
 #: Messages that the position controller writes while it is in force.
 CONTROLLERS = ("PSCD", "PSCZ")
 
@@ -89,7 +93,7 @@ class MessageSource:
     @property
     def estimated(self) -> bool:
         """Whether an estimator makes the values."""
-        return self.message in ESTIMATORS
+        return self.message in ESTIMATORS or self.column in CLIMBS
 
     @property
     def is_setpoint(self) -> bool:
@@ -99,6 +103,8 @@ class MessageSource:
     def factor_in(self, table: Messages) -> float:
         """Return what one of the column's unit is in the channel's, by the firmware that wrote a log."""
         is_old = table.clock == "TimeMS" or table.layout.fields[self.column].is_whole
+        if self.old_factor == THOUSANDTH and not is_old:
+            is_old = bool(np.nanmax(table.values(self.column), initial=0.0) > LARGEST_SHARE)
         return self.factor * (self.old_factor if is_old else 1.0)
 
     @property
