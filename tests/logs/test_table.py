@@ -215,6 +215,13 @@ def test_units_that_cannot_be(tmp_path):
     assert r.channels["specific_force_body_z"].values[0] == 1.0  # told, not corrected
 
 
+def test_a_climb_that_no_rotorcraft_makes_is_doubted():
+    time_s = np.arange(100) * 0.1
+    r = recording_from_columns({"time": time_s, "velocity_z": 57.0 * np.sin(time_s), "input": time_s})
+    (finding,) = (f for f in r.findings if f.name == "mixed_units")
+    assert finding.message.startswith("velocity_z reaches 57 m/s: its estimator has diverged")
+
+
 def test_sane_units_raise_no_doubt(tmp_path):
     t = np.arange(200) * 0.01
     frame = {"time": t, "specific_force_z": 9.8 + np.sin(t), "position_z": np.sin(t), "velocity_z": np.cos(t)}

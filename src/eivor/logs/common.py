@@ -273,9 +273,16 @@ def _rate_doubts(values: _Values) -> list[str]:
     return [f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"] if fast else []
 
 
+#: No rotorcraft climbs or falls faster [m/s].
+FASTEST_CLIMB = 40.0
+
+
 def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
     """Doubt a vertical velocity that is not the slope of the position, in size and in sign."""
     position, velocity = channels.get("position_z"), channels.get("velocity_z")
+    fastest = 0.0 if velocity is None else float(np.nanmax(np.abs(velocity.values), initial=0.0))
+    if fastest > FASTEST_CLIMB:
+        return [f"velocity_z reaches {fastest:.3g} m/s: its estimator has diverged, or its unit is another."]
     if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
         return []
     both = np.isfinite(position.values) & np.isfinite(velocity.values)
