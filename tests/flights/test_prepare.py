@@ -254,6 +254,29 @@ def test_pilots_stick_counts_while_a_pilot_flies(log):
             assert remarks(judged)["pilot_throttle"] == "no pilot flies"
 
 
+def test_a_reference_that_is_set_to_the_measured_height_stands_still_there():
+    """Landings begin at the measured height, and so do height holds: such a jump answers the vehicle."""
+    (log,) = flown(1, seconds=20.0, seed=3)
+    height, wanted = log.channel("position_z"), log.channel("reference_position_z")
+    measured = np.interp(wanted.time_s, height.time_s, height.values)
+    flying = wanted.time_s < 12.0  # with a standing error, and then a landing from where the vehicle is
+    landing = replace(wanted, values=np.where(flying, wanted.values + 0.3, measured[1200]))
+    held = replace(wanted, values=np.where((wanted.time_s > 5.0) & (wanted.time_s < 9.0), measured, 0.0))
+    for other, times in ((landing, "11.9"), (held, "4.9")):
+        flight = prepare_vertical(changed(log, reference_position_z=other), FlightOptions())
+        (reference,) = [item for item in flight.references if item.name == "reference_position_z"]
+        assert f"set to the measured position_z at {times}" in reference.remark
+        assert any(finding.name == "reference_reset" for finding in flight.findings)
+        np.testing.assert_array_equal(flight.reference_on_grid(reference.name), reference.logged)
+        moved = np.abs(np.diff(reference.values))
+        assert moved.max() < 0.05 < np.abs(np.diff(reference.logged)).max()
+    steps = replace(wanted, values=np.where(wanted.time_s % 4.0 < 2.0, 0.5, -0.5))
+    kinks = replace(wanted, values=np.abs(wanted.time_s % 4.0 - 2.0))
+    for clean in (wanted, steps, kinks):
+        flight = prepare_vertical(changed(log, reference_position_z=clean), FlightOptions())
+        assert all(reference.logged is None for reference in flight.references)
+
+
 def test_references_must_be_in_force_for_half_of_the_flight(log):
     position = log.channels["reference_position_z"].values.copy()
     position[900:] = np.nan

@@ -79,6 +79,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     # once for commands that are logged alike
     thinned = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
     by_clock = [Finding("command_clock", sentence) for sentence in thinned]
+    reset = [
+        Finding("reference_reset", f"{item.name}: {item.remark}.")
+        for item in candidates
+        if item.usable and item.logged is not None
+    ]
     return PreparedFlight(
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
@@ -90,7 +95,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings, *by_clock, *noise_findings(listed)),
+        (*log.findings, *selected.findings, *by_clock, *reset, *noise_findings(listed)),
         grid,
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),

@@ -359,7 +359,8 @@ class PreparedFlight:
             signals=signals,
             runs=tuple(slice(int(position[run.start]), int(position[run.stop - 1]) + 1) for run in self.runs),
             references=tuple(
-                replace(reference, values=reference.values[kept]) for reference in self.references
+                replace(reference, values=reference.values[kept], logged=None)
+                for reference in self.references
             ),
             active=replace(self.active, mask=self.active.mask[kept]),
             usable=self.usable[kept],
@@ -372,8 +373,11 @@ class PreparedFlight:
         return tuple(reference.name for reference in self.references if reference.usable)
 
     def reference_on_grid(self, name: str) -> Float[np.ndarray, " n"] | None:
-        """Values of a reference on the grid; None for one that is not logged."""
-        return next((reference.values for reference in self.references if reference.name == name), None)
+        """Logged values of a reference on the grid; None for one that is not logged."""
+        known = {reference.name: reference for reference in self.references}
+        if name not in known:
+            return None
+        return known[name].values if known[name].logged is None else known[name].logged
 
     @property
     def used(self) -> Bool[np.ndarray, " n"]:

@@ -14,6 +14,7 @@ from eivor.flights.grid import Between, Grid, line_between, on_grid, white_noise
 from eivor.signals.channels import canonical_channel, family_members, unit_of
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
+from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
 
 # -- Declared noise --
@@ -183,6 +184,11 @@ SMOOTH_GROWTH = 2.5
 RARE, RARE_SHARE = 8.0, 0.9
 #: Fewer values have no bend over twice the time.
 FEWEST_VALUES = 5
+#: A reference jumps onto what is measured within twice this time [s], from farther than the least [m], by a
+#: share of that distance or more, and leaves a small share of it.
+RESET_S, LEAST_RESET, JUMP_SHARE, ONTO_SHARE = 0.04, 0.02, 0.8, 0.2
+#: It equals what is measured where it is nearer than this share of the movement of this time [s].
+EQUAL_S, EQUAL_SHARE = 0.5, 0.02
 #: A reference whose standard deviation within runs is below this share of its size is constant.
 CONSTANT_SHARE = 1e-6
 #: The remark on such a one.
@@ -203,6 +209,8 @@ class ReferenceSource:
     open_loop: str = ""
     #: Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     axis: str = ""
+    #: Channel that measures what it asks for; where it is set to that, it answers the vehicle.
+    measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +222,7 @@ class Reference:
     exogenous: bool
     remark: str
     values: Float[np.ndarray, " n"]
+    logged: Float[np.ndarray, " n"] | None = None  # With what answers the vehicle; None where nothing does
 
     @property
     def constant(self) -> bool:
@@ -265,15 +274,65 @@ def _reference(
     state = source.in_control if source.in_control in recording.channels else ""
     if state and _share(recording, state, grid, used) < PILOT_SHARE:
         return judged(usable=False, remark="no pilot flies")
-    openly = _share(recording, source.open_loop, grid, used) if source.open_loop else 0.0
-    if source.open_loop and openly < 1.0:
+    openly = _share(recording, source.open_loop, grid, used) if source.open_loop else 1.0
+    if openly < 1.0:
         elsewhere = f", though for {1.0 - openly:.0%} of the flight only" if openly else ""
         return judged(usable=False, remark=f"a loop acts on it{elsewhere}")
     spread = _spread_within_runs(values, used)
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
         return judged(usable=False, remark=CONSTANT)
     why = ", no loop acts on it" if source.open_loop else ""
-    return judged(usable=True, remark=f"standard deviation {spread:.3g}{why}")
+    reference = judged(usable=True, remark=f"standard deviation {spread:.3g}{why}")
+    return _without_resets(reference, recording.channels.get(source.measured), grid, used)
+
+
+def _without_resets(
+    reference: Reference, measured: Channel | None, grid: Grid, used: Bool[np.ndarray, " n"]
+) -> Reference:
+    """A reference that stands still where it is set to what is measured, where that is logged."""
+    if measured is None:
+        return reference
+    values = reference.values
+    resets = measured_resets(values, on_grid(measured, grid)[0], grid.step_s)
+    resets = [reset for reset in resets if used[reset].any()]
+    if not resets:
+        return reference
+    times = ", ".join(f"{grid.time_s[reset.start]:.1f}" for reset in resets)
+    remark = f"{reference.remark}; set to the measured {measured.name} at {times} s, which is taken out"
+    return replace(reference, remark=remark, values=without_changes(values, resets), logged=values)
+
+
+def measured_resets(
+    reference: Float[np.ndarray, " n"], measured: Float[np.ndarray, " n"], step_s: float
+) -> list[slice]:
+    """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal.
+
+    Landings and height holds begin so. Lines through both sides differ in the middle by the jump, wherever it
+    is between them; at a kink they do not differ.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
+    found = np.zeros(reference.size, dtype=np.bool_)
+    if reference.size > 4 * reach:
+        before, after = reference[reach : -3 * reach], reference[3 * reach : -reach]
+        jump = np.abs(2.0 * (after - before) - reference[4 * reach :] + reference[: -4 * reach])
+        gap, left = away[reach : -3 * reach], away[3 * reach : -reach]
+        whole = minimum_filter1d(jump, reach + 1) > JUMP_SHARE * gap
+        found[2 * reach : -2 * reach] = whole & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
+    width = max(round(EQUAL_S / step_s), 2)
+    moved = maximum_filter1d(measured, width) - minimum_filter1d(measured, width)
+    equal = (maximum_filter1d(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
+    return stretches(maximum_filter1d(found, 2 * reach + 1) | maximum_filter1d(equal, width + 3))
+
+
+def without_changes(values: Float[np.ndarray, " n"], parts: Sequence[slice]) -> Float[np.ndarray, " n"]:
+    """A series that stands still in some parts, and goes on from there."""
+    changes = np.diff(values, prepend=values[:1])
+    for part in parts:
+        changes[part.start + 1 : part.stop] = 0.0
+    result: Float[np.ndarray, " n"] = values[0] + np.cumsum(changes)
+    return result
 
 
 def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:

@@ -208,7 +208,7 @@ TELEMETRY = ("rotor_speed",)
 REFERENCES = (
     ReferenceSource("input", open_loop="input_open_loop"),
     ReferenceSource("injected_throttle"),
-    ReferenceSource("reference_position_z"),
+    ReferenceSource("reference_position_z", measured="position_z"),
     ReferenceSource("reference_velocity_z"),
     ReferenceSource("reference_acceleration_z"),
     ReferenceSource("pilot_throttle", in_control="pilot_in_control"),
