@@ -52,7 +52,7 @@ def test_a_job_tells_its_stages_and_has_a_result(page):
     targets = page.json("GET", f"/jobs/{job}/exports")["targets"]
     assert targets == [{"name": "px4", "file": "my ü flight-px4.params", "reason": "1.5"}]
     status, body, headers = page("GET", f"/jobs/{job}/exports/px4?mass=2:1&prior=a=1&prior=b=2&vehicle=x")
-    assert (status, body.decode()) == (200, "Supply(mass='2:1', vehicle='x', priors=('a=1', 'b=2'))")
+    assert (status, body.decode()) == (200, "mass='2:1', vehicle='x', prior='a=1\\nb=2'")
     assert headers["Content-Disposition"] == (
         "attachment; filename=\"my_flight-px4.txt\"; filename*=UTF-8''my%20%C3%BC%20flight-px4.txt"
     )
@@ -90,7 +90,7 @@ def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
 
 
 def test_a_log_that_is_refused_is_a_sentence(page):
-    assert page.last(page.job(b"refuse"))["failed"] == {"sentence": "It is refuse."}
+    assert page.last(page.job(b"refuse"))["failed"]["advice"] == "refuse"
 
 
 @pytest.mark.parametrize(

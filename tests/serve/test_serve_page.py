@@ -16,9 +16,9 @@ import pytest
 from eivor.cli.main import application
 from eivor.inference.verdict import Status
 from eivor.report.html import report_sources
-from eivor.serve.jobs import Begin, Export, File, Identify, KeptLog, ListExports, Plan, Refused, Supply, Work
+from eivor.serve.jobs import File, KeptLog, Task, Work
 from eivor.serve.page import PARTS, page_text
-from eivor.serve.requests import parse_job
+from eivor.serve.requests import RefusedError, parse_job
 from eivor.serve.worker import outcome_of
 from report.parsed_page import Element, parsed
 
@@ -127,7 +127,9 @@ def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[An
         kept[str(number)] = KeptLog(path, name, len(log))
     requested = parse_job(json.dumps({"logs": list(kept), "options": options}).encode())
     lag_measurements: list[Any] = []
-    return outcome_of(Identify(requested, kept, folder), lag_measurements.append), lag_measurements
+    return outcome_of(
+        Task("identify", {"request": requested, "logs": kept, "folder": folder}), lag_measurements.append
+    ), lag_measurements
 
 
 @pytest.mark.usefixtures("coarse_search")
@@ -152,18 +154,20 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     assert (tmp_path / "result.json").read_bytes() == Path("fit.json").read_bytes()
     assert (tmp_path / "report.html").read_bytes() == Path("page.html").read_bytes()
 
-    listed = outcome_of(ListExports(tmp_path, Supply(), "x"), reported.append)
+    given: dict[str, Any] = {"folder": tmp_path, "stem": "x"}
+    listed = outcome_of(Task("list_exports", {**given, "words": {}}), reported.append)
     assert isinstance(listed, list)
     ready = {item["name"] for item in listed if not item["reason"]}
     assert "statespace" in ready
     assert all(item["file"].startswith(f"x-{item['name']}.") for item in listed)
     for entry in listed:
-        made = outcome_of(Export(tmp_path, Supply(), "x", entry["name"]), reported.append)
-        assert isinstance(made, Refused if entry["reason"] else File)
-        assert entry["reason"] == (made.error_parts["sentence"] if isinstance(made, Refused) else "")
-    refused = outcome_of(Plan(tmp_path, "x", "qgc"), reported.append)
-    assert isinstance(refused, Refused)
-    assert "--home" in refused.error_parts["sentence"]
+        task = Task("export", {**given, "words": {"target": entry["name"]}})
+        made = outcome_of(task, reported.append)
+        assert isinstance(made, RefusedError if entry["reason"] else File)
+        assert entry["reason"] == (str(made) if isinstance(made, RefusedError) else "")
+    refused = outcome_of(Task("plan", {**given, "words": {"form": "qgc"}}), reported.append)
+    assert isinstance(refused, RefusedError)
+    assert "--home" in str(refused)
 
 
 @pytest.mark.usefixtures("coarse_search")
@@ -189,10 +193,10 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
 )
 def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, options, sentence):
     outcome, _ = identified(tmp_path, {"hidden.csv": content}, **options)
-    assert isinstance(outcome, Refused)
+    assert isinstance(outcome, RefusedError)
     assert outcome.status == 400
-    assert sentence in outcome.error_parts["sentence"]
-    assert str(tmp_path) not in outcome.error_parts["sentence"]
+    assert sentence in str(outcome)
+    assert str(tmp_path) not in str(outcome)
 
 
 @pytest.mark.usefixtures("coarse_search")
@@ -208,16 +212,16 @@ def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, o
 )
 def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
     outcome, reported = identified(tmp_path, {name: said})
-    assert isinstance(outcome, Refused)
+    assert isinstance(outcome, RefusedError)
     assert reported == [{"stage": "reading"}]
-    assert name in outcome.error_parts["sentence"]
-    assert "a5b6c7" not in outcome.error_parts["sentence"]
-    assert str(tmp_path) not in outcome.error_parts["sentence"]
+    assert name in str(outcome)
+    assert "a5b6c7" not in str(outcome)
+    assert str(tmp_path) not in str(outcome)
 
 
 @pytest.mark.usefixtures("coarse_search")
 def test_choices_are_those_that_there_are():
-    work = Work()(Begin(), lambda _: None)
+    work = Work()(Task("choices"), lambda _: None)
     assert isinstance(work, dict)
     known = dict(work)
     folders = known.pop("folders")

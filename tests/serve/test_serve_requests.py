@@ -18,7 +18,7 @@ import typer
 
 from eivor.cli.main import app as command_line
 from eivor.serve import app, jobs
-from eivor.serve.jobs import Begin, shown_name
+from eivor.serve.jobs import Task, shown_name
 from eivor.serve.page import page_text
 from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
 from eivor.serve.worker import outcome_of
@@ -473,7 +473,7 @@ def test_the_example_is_kept_as_if_it_was_dropped(opening):
 
 @pytest.mark.thorough
 def test_the_page_is_told_which_files_of_folders_are_logs():
-    outcome = outcome_of(Begin(), lambda _report: None)
+    outcome = outcome_of(Task("choices"), lambda _report: None)
     assert isinstance(outcome, dict)
     folders = outcome["folders"]
     assert {".ulg", ".bin", ".mcap", ".parquet", ".csv"} <= set(folders["endings"])

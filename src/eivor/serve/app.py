@@ -37,15 +37,10 @@ from eivor.errors import EivorError
 from eivor.process_pool import Limits
 from eivor.serve.jobs import (
     RESULT,
-    Export,
     File,
     Jobs,
     KeptLogs,
-    ListExports,
     Outcome,
-    Plan,
-    Refused,
-    Supply,
     Task,
     Work,
     Workers,
@@ -53,7 +48,7 @@ from eivor.serve.jobs import (
     shown_name,
 )
 from eivor.serve.page import page_sources, page_text
-from eivor.serve.requests import RefusedError, error_parts, parse_job, sent_files, status_of
+from eivor.serve.requests import RefusedError, error_parts, parse_job, refusal, sent_files
 
 #: The only address, and the header with the token.
 ADDRESS, TOKEN = "127.0.0.1", "X-Eivor-Token"
@@ -197,7 +192,7 @@ class BoundedProtocol(H11Protocol):
             self.transport.close()
 
     def _end(self, error: EivorError) -> None:
-        answer, status = _refused(error), status_of(error)
+        answer, status = _refused(error), refusal(error).status
         head = [f"HTTP/1.1 {status.value} {status.phrase}".encode()]
         head += [name + b": " + value for name, value in answer.raw_headers]
         self.transport.write(b"\r\n".join([*head, b"", bytes(answer.body)]))
@@ -256,7 +251,7 @@ def _forbidden(expected: str, received: str) -> RefusedError:
 
 
 def _refused(error: EivorError) -> Response:
-    return JSONResponse({"error": error_parts(error)}, status_of(error), headers=_HEADERS)
+    return JSONResponse({"error": error_parts(error)}, refusal(error).status, headers=_HEADERS)
 
 
 async def _read_on(request: Request) -> None:
@@ -333,24 +328,22 @@ class _Routes:
         return HTMLResponse(self._jobs.get(request.path_params["job"]).report().read_bytes())
 
     def list_exports(self, request: Request) -> Response:
-        job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
-        outcome = self._done(ListExports(job.result_folder(), _supply(fields, job.request.mass), job.stem))
-        return JSONResponse({"targets": outcome})
+        return JSONResponse({"targets": self._done(request, "list_exports")})
 
     def export(self, request: Request) -> Response:
-        job, target = self._jobs.get(request.path_params["job"]), request.path_params["target"]
-        supply = _supply(_fields(request), job.request.mass)
-        return _file(self._done(Export(job.result_folder(), supply, job.stem, target)))
+        return _file(self._done(request, "export"))
 
     def plan(self, request: Request) -> Response:
-        job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
-        form, home, target = request.path_params["form"], fields.get("home", ""), fields.get("for", "")
-        return _file(self._done(Plan(job.result_folder(), job.stem, form, home, target)))
+        return _file(self._done(request, "plan"))
 
-    def _done(self, task: Task) -> Outcome:
-        outcome = self._jobs.do(task)
-        if isinstance(outcome, Refused):
-            raise outcome.error
+    def _done(self, request: Request, name: str) -> Outcome:
+        """Outcome of a task about the result of a job, with the words of the address and of its query."""
+        job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
+        words = {**fields, **request.path_params, "mass": fields.get("mass") or job.request.mass}
+        given = {"folder": job.result_folder(), "stem": job.stem, "words": words}
+        outcome = self._jobs.do(Task(name, given))
+        if isinstance(outcome, RefusedError):
+            raise outcome
         if outcome is None:
             stopped, remedy = HTTPStatus.SERVICE_UNAVAILABLE, "Start it again: eivor serve."
             raise RefusedError(stopped, "a server that stays", "one that stops", remedy)
@@ -459,11 +452,6 @@ def _fields(request: Request) -> dict[str, str]:
         expected = f"at most {MOST_FIELDS} fields"
         raise RefusedError(HTTPStatus.BAD_REQUEST, expected, "more", _RELOAD) from None
     return {name: "\n".join(values) for name, values in fields.items()}
-
-
-def _supply(fields: dict[str, str], mass: str) -> Supply:
-    priors = tuple(line for line in fields.get("prior", "").split("\n") if line)
-    return Supply(fields.get("mass", "") or mass, fields.get("vehicle", ""), priors)
 
 
 def _file(outcome: Outcome) -> Response:

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 
 from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
-from eivor.serve.requests import ErrorParts, JobRequest, RefusedError, absent, error_parts
+from eivor.serve.requests import JobRequest, RefusedError, absent, error_parts
 
 # -- Tasks --
 
@@ -36,56 +36,11 @@ class KeptLog:
 
 
 @dataclass(frozen=True, slots=True)
-class Begin:
-    """Say what may be chosen."""
+class Task:
+    """Work for a process: the name of a function of `eivor.serve.worker`, and its arguments."""
 
-
-@dataclass(frozen=True, slots=True)
-class Identify:
-    """Identify logs, and write result and report into a folder; progress is stages and the verdict."""
-
-    request: JobRequest  # what of them
-    logs: Mapping[str, KeptLog]  # by identifier
-    folder: Path  # of the job
-
-
-@dataclass(frozen=True, slots=True)
-class Supply:
-    """What is known beside the flight, as words."""
-
-    mass: str = ""  # as on the command line
-    vehicle: str = ""  # by its name, or as the text of a file
-    priors: tuple[str, ...] = ()  # as on the command line
-
-
-@dataclass(frozen=True, slots=True)
-class ListExports:
-    """Say of every target whether it can be written, and what stands in the way."""
-
-    folder: Path  # of the job
-    supply: Supply  # what is known beside
-    stem: str  # what the files are called
-
-
-@dataclass(frozen=True, slots=True)
-class Export:
-    """Write what a target takes, as a `File`."""
-
-    folder: Path
-    supply: Supply
-    stem: str
-    target: str  # its word
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Plan the flight that would identify, and write it as a `File`."""
-
-    folder: Path
-    stem: str
-    form: str  # word of the kind of file
-    home: str = ""  # place of a mission, as words
-    target: str = ""  # what the flight is to identify; empty for what the result could not
+    name: str
+    given: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,48 +51,23 @@ class File:
     text: str  # content
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """In place of a result: the error that came instead."""
-
-    status: int  # of the answer
-    error_parts: ErrorParts = field(default_factory=dict)
-
-    @property
-    def error(self) -> RefusedError:
-        """The error as it was."""
-        expected, received, advice = (self.error_parts[name] for name in ("expected", "received", "advice"))
-        return RefusedError(HTTPStatus(self.status), expected, received, advice)
-
-
-#: Choices of the page, or of exports.
-Listed = dict[str, object] | list[dict[str, object]]
-Task = Begin | Identify | ListExports | Export | Plan
-Outcome = File | Refused | Listed | None
+#: A file, choices of the page or of exports, the error that came instead, or nothing.
+Outcome = File | dict[str, object] | list[dict[str, object]] | RefusedError | None
 #: Its progress are events: `stage`, or `done` with the verdict as soon as the result is written.
 WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 Event = dict[str, Any]
 
 
-#: Function of the worker processes, which alone load it and what it needs.
-OUTCOME_OF = "eivor.serve.worker:outcome_of"
-
-
 @dataclass(frozen=True, slots=True)
 class Work:
-    """The function of worker processes: a task to its outcome."""
+    """The function of worker processes, which alone load what it needs: a task to its outcome."""
 
     def __call__(self, item: Task, report: ProgressCallback) -> Outcome:
         """Outcome of a task."""
-        return resolve_name(OUTCOME_OF)(item, report)
+        return resolve_name("eivor.serve.worker:outcome_of")(item, report)
 
-    def __reduce__(self) -> tuple[Callable[[], Work], tuple[()]]:
-        return _loaded, ()
-
-
-def _loaded() -> Work:
-    resolve_name(OUTCOME_OF)
-    return Work()
+    def __reduce__(self) -> tuple[Callable[[str], WorkFunction], tuple[str]]:
+        return resolve_name, ("eivor.serve.worker:outcome_of",)
 
 
 # -- Workers --
@@ -255,7 +185,7 @@ class Workers:
 
     def _began(self, process: WorkerProcess) -> bool:
         try:
-            choices = process(Begin(), report=_ignore, given_up=lambda: self._closed)
+            choices = process(Task("choices"), report=_ignore, given_up=lambda: self._closed)
         except AbandonedError:
             return False
         except (LimitError, OSError):
@@ -290,14 +220,13 @@ class Workers:
             return None
         except (LimitError, OSError) as error:
             sentence, limits = str(error), self._limits
-            refused = RefusedError(
+            return RefusedError(
                 HTTPStatus.INTERNAL_SERVER_ERROR,
                 f"a log that takes at most {limits.time_s:g} s and {limits.memory_gb:g} GB",
                 f"another one ({sentence[:1].lower()}{sentence[1:].removesuffix('.')})",
                 "Cut the log to the manoeuvre of interest, or start with more: "
                 "eivor serve --time S --memory GB.",
             )
-            return Refused(int(refused.status), error_parts(refused))
         return outcome
 
 
@@ -331,10 +260,11 @@ class Job:
         self._change = threading.Condition()
         self._begun_at = time.monotonic()
         self._events: list[Event] = [{"stage": WAITING}]
-        self._report: Refused | None = None
+        self._report: RefusedError | None = None
         self.working = True  # a process may still use its logs and its folder
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
-        self._ticket = Ticket(Identify(job_request, logs, folder), on_start=self._began, report=self._heard)
+        given = {"request": job_request, "logs": logs, "folder": folder}
+        self._ticket = Ticket(Task("identify", given), on_start=self._began, report=self._heard)
         self._ticket.outcome.add_done_callback(lambda outcome: self._ended(outcome.result()))
         workers.put(self._ticket)
 
@@ -382,7 +312,7 @@ class Job:
         with self._change:
             self._change.wait_for(lambda: not self.working)
         if self._report is not None:
-            raise self._report.error
+            raise self._report
         if not (folder / REPORT).exists():
             raise absent("a report", self.name)
         return folder / REPORT
@@ -398,12 +328,12 @@ class Job:
     def _ended(self, outcome: Outcome) -> None:
         with self._change:
             self.working = False
-            refused = outcome if isinstance(outcome, Refused) else None
+            refused = outcome if isinstance(outcome, RefusedError) else None
             if "stage" not in self._events[-1]:
                 self._report = refused
                 self._change.notify_all()
             else:
-                self._add({"failed": refused.error_parts} if refused else {"cancelled": True})
+                self._add({"failed": error_parts(refused)} if refused else {"cancelled": True})
 
     def _add(self, event: Event) -> None:
         self._events.append(event)

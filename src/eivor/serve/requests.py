@@ -19,9 +19,6 @@ from eivor.motions.table import DEFAULT
 
 # -- Refusals --
 
-#: Parts of an error: what was expected, what came, what to do, and all of it as a sentence.
-ErrorParts = dict[str, str]
-
 
 class RefusedError(EivorError):
     """A request that is not done."""
@@ -30,12 +27,12 @@ class RefusedError(EivorError):
         super().__init__(expected, received, remedy)
         self.status = status
 
-    def __reduce__(self) -> tuple[type[EivorError], tuple[str, str, str]]:
-        return EivorError, (self.expected, self.received, self.remedy)
+    def __reduce__(self) -> tuple[Any, tuple[HTTPStatus, str, str, str]]:  # type: ignore[override]
+        return type(self), (self.status, self.expected, self.received, self.remedy)
 
 
-def error_parts(error: EivorError) -> ErrorParts:
-    """Parts of an error."""
+def error_parts(error: EivorError) -> dict[str, str]:
+    """Parts of an error: what was expected, what came, what to do, and all of it as a sentence."""
     return {
         "expected": error.expected,
         "received": error.received,
@@ -44,11 +41,12 @@ def error_parts(error: EivorError) -> ErrorParts:
     }
 
 
-def status_of(error: EivorError) -> HTTPStatus:
-    """HTTP status of an error."""
+def refusal(error: EivorError) -> RefusedError:
+    """An error with its HTTP status."""
     if isinstance(error, RefusedError):
-        return error.status
-    return HTTPStatus.CONFLICT if isinstance(error, NotIdentifiedError) else HTTPStatus.BAD_REQUEST
+        return error
+    status = HTTPStatus.CONFLICT if isinstance(error, NotIdentifiedError) else HTTPStatus.BAD_REQUEST
+    return RefusedError(status, error.expected, error.received, error.remedy)
 
 
 def absent(what: str, name: str) -> RefusedError:

@@ -6,7 +6,7 @@ import inspect
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -42,24 +42,10 @@ from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_document, json_text
-from eivor.report.other_results import plan
+from eivor.report.other_results import plan as planned
 from eivor.report.saved_fit import SavedFit, load_fit
-from eivor.serve.jobs import (
-    REPORT,
-    RESULT,
-    Begin,
-    Export,
-    File,
-    Identify,
-    KeptLog,
-    ListExports,
-    Outcome,
-    Plan,
-    Refused,
-    Supply,
-    Task,
-)
-from eivor.serve.requests import MOST_FILES, error_parts, status_of
+from eivor.serve.jobs import REPORT, RESULT, File, KeptLog, Outcome, Task
+from eivor.serve.requests import MOST_FILES, JobRequest, refusal
 from eivor.signals.recording import Finding, Recording
 
 # -- Choices --
@@ -114,23 +100,14 @@ _NAME = re.compile(r"[\w.-]{1,100}")
 
 
 def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
-    """Outcome of a task: a `Refused` where it cannot be done."""
+    """Outcome of a task: a `RefusedError` where it cannot be done."""
     try:
-        match task:
-            case Begin():
-                return choices()
-            case Identify():
-                with _temporary_files_in(task.folder):
-                    _identify(task, progress)
-            case ListExports():
-                return _list_exports(task)
-            case Export():
-                return _export(task)
-            case Plan():
-                return _plan(task)
+        if task.name == "identify":
+            identify(**task.given, progress=progress)
+            return None
+        return TASKS[task.name](**task.given)
     except EivorError as error:
-        return Refused(int(status_of(error)), error_parts(error))
-    return None
+        return refusal(error)
 
 
 @contextmanager
@@ -143,46 +120,40 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
         tempfile.tempdir = before
 
 
-def _identify(task: Identify, progress: ProgressCallback) -> None:
-    progress({"stage": "reading"})
-    request, folder = task.request, task.folder
-    with _vehicle(request.vehicle, folder) as vehicle:
-        motion = named_motion(request.model, vehicle)
-    options = flight_options(motion, **request.options)
-    supplied(request.mass, (), "")  # exports take it: what it says is reported now
-    given = [
-        LogArgument(Path(name), parse_window(item) if item else None)
-        for name, (_, item) in zip(_log_names(task), request.logs, strict=True)
-    ]
-    with _as_file(request.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
-        read = {
-            log: _recording(task.logs[log], channel_map, several=len(request.logs) > 1)
-            for log in dict.fromkeys(log for log, _ in request.logs)
-        }
-    recordings = with_distinct_names(
-        given,
-        [_called(read[log], item.path.name) for item, (log, _) in zip(given, request.logs, strict=True)],
-    )
-    windows = [item.window for item in given]
-    check_windows(recordings, [window or options.window for window in windows])
-    result = identified(
-        recordings, motion, options, windows, progress=lambda stage: progress({"stage": stage.value})
-    )
-    progress({"stage": "writing"})
-    write_atomically(folder / RESULT, json_text(json_document(result)))
-    progress({"done": {"status": result.verdict.status.value}})
-    write_atomically(folder / REPORT, flight_page(result))
-
-
-def _log_names(task: Identify) -> list[str]:
-    ids = list(dict.fromkeys(log for log, _ in task.request.logs))
-    names: dict[str, str] = {}
-    seen: Counter[str] = Counter()
-    for log in ids:
-        name = task.logs[log].name
-        seen[name] += 1
-        names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
-    return [names[log] for log, _ in task.request.logs]
+def identify(
+    request: JobRequest, logs: Mapping[str, KeptLog], folder: Path, progress: ProgressCallback
+) -> None:
+    """Identify logs by their identifiers, and write result and report into the folder of the job."""
+    with _temporary_files_in(folder):
+        progress({"stage": "reading"})
+        with _vehicle(request.vehicle, folder) as vehicle:
+            motion = named_motion(request.model, vehicle)
+        options = flight_options(motion, **request.options)
+        supplied(request.mass, (), "")  # exports take it: what it says is reported now
+        several, names, seen = len(request.logs) > 1, {}, Counter[str]()
+        for log in dict.fromkeys(log for log, _ in request.logs):
+            name = logs[log].name
+            seen[name] += 1
+            names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
+        with _as_file(request.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
+            read = {
+                log: replace(_recording(logs[log], channel_map, several=several), name=name)
+                for log, name in names.items()
+            }
+        given = [
+            LogArgument(Path(names[log]), parse_window(window) if window else None)
+            for log, window in request.logs
+        ]
+        recordings = with_distinct_names(given, [read[log] for log, _ in request.logs])
+        windows = [item.window for item in given]
+        check_windows(recordings, [window or options.window for window in windows])
+        result = identified(
+            recordings, motion, options, windows, progress=lambda stage: progress({"stage": stage.value})
+        )
+        progress({"stage": "writing"})
+        write_atomically(folder / RESULT, json_text(json_document(result)))
+        progress({"done": {"status": result.verdict.status.value}})
+        write_atomically(folder / REPORT, flight_page(result))
 
 
 def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
@@ -198,10 +169,6 @@ def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
 
 def _log_name(log: KeptLog, text: str) -> str:
     return text.replace(str(log.path), log.name).replace(log.path.name, log.name)
-
-
-def _called(recording: Recording, name: str) -> Recording:
-    return replace(recording, name=name)
 
 
 @contextmanager
@@ -228,31 +195,37 @@ def _reworded(error: EivorError, changed: Callable[[str], str]) -> EivorError:
     return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
 
-def _supplied(supply: Supply, folder: Path) -> Supplied:
-    with _vehicle(supply.vehicle, folder) as vehicle:
-        return supplied(supply.mass, supply.priors, vehicle)
+# -- Exports and plans --
+
+#: What is known beside the flight and typed for it, by its name on the page.
+WordsOf = Mapping[str, str]
 
 
-def _list_exports(task: ListExports) -> list[dict[str, object]]:
-    given, result = _supplied(task.supply, task.folder), load_fit(task.folder / RESULT)
-    return [
-        _named(name, target.words) | {"file": _file_name(task.stem, target)} | _state(result, name, given)
-        for name, target in TARGETS.items()
-    ]
+def _supplied(words: WordsOf, folder: Path) -> Supplied:
+    priors = tuple(line for line in words.get("prior", "").split("\n") if line)
+    with _vehicle(words.get("vehicle", ""), folder) as vehicle:
+        return supplied(words.get("mass", ""), priors, vehicle)
 
 
-def _state(result: SavedFit, name: str, given: Supplied) -> dict[str, object]:
-    try:
-        return {"reason": "", "left_out": list(_exported(result, name, given).omitted)}
-    except EivorError as error:
-        return {"reason": str(error), "left_out": []}
+def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, object]]:
+    """Say of every target whether it can be written, and what stands in the way."""
+    given, result = _supplied(words, folder), load_fit(folder / RESULT)
+    listed = []
+    for name, target in TARGETS.items():
+        reason, omitted = "", []
+        try:
+            omitted = list(_exported(result, name, given).omitted)
+        except EivorError as error:
+            reason = str(error)
+        entry = _named(name, target.words) | {"file": _file_name(stem, target)}
+        listed.append(entry | {"reason": reason, "left_out": omitted})
+    return listed
 
 
-def _export(task: Export) -> File:
-    target = target_by_name(task.target)
-    result = load_fit(task.folder / RESULT)
-    made = _exported(result, task.target, _supplied(task.supply, task.folder))
-    return File(_file_name(task.stem, target), made.text)
+def export(folder: Path, stem: str, words: WordsOf) -> File:
+    """Write what a target takes."""
+    target, result = target_by_name(words["target"]), load_fit(folder / RESULT)
+    return File(_file_name(stem, target), _exported(result, target.name, _supplied(words, folder)).text)
 
 
 def _exported(result: SavedFit, name: str, given: Supplied) -> Exported:
@@ -267,13 +240,23 @@ def _file_name(stem: str, target: Target) -> str:
     return f"{stem}-{target.name}{target.ending}"
 
 
-def _plan(task: Plan) -> File:
-    if task.form not in WRITTEN:
-        remedy = did_you_mean(task.form, WRITTEN, "Name one of them.")
-        raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{task.form}'", remedy)
-    form = WRITTEN[task.form]
+def plan(folder: Path, stem: str, words: WordsOf) -> File:
+    """Plan the flight that would identify, and write it in a form."""
+    if words["form"] not in WRITTEN:
+        remedy = did_you_mean(words["form"], WRITTEN, "Name one of them.")
+        raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{words['form']}'", remedy)
+    form, home = WRITTEN[words["form"]], words.get("home", "")
     mission = form.of_position is not None
-    check_mission("it" if mission else "", task.home if mission else "", "")
-    position = position_of(task.home) if mission else None
-    made = plan(task.folder / RESULT, target=task.target, shape="steps" if mission else "")
-    return File(f"{task.stem}-{form.file}", form.text(made, position))
+    check_mission("it" if mission else "", home if mission else "", "")
+    position = position_of(home) if mission else None
+    made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if mission else "")
+    return File(f"{stem}-{form.file}", form.text(made, position))
+
+
+#: What else a process does, by the name of a `Task`.
+TASKS: dict[str, Callable[..., Outcome]] = {
+    "choices": choices,
+    "list_exports": list_exports,
+    "export": export,
+    "plan": plan,
+}
