@@ -261,7 +261,8 @@ def test_a_reference_that_is_set_to_the_measured_height_stands_still_there():
     measured = np.interp(wanted.time_s, height.time_s, height.values)
     flying = wanted.time_s < 12.0  # with a standing error, and then a landing from where the vehicle is
     landing = replace(wanted, values=np.where(flying, wanted.values + 0.3, measured[1200]))
-    held = replace(wanted, values=np.where((wanted.time_s > 5.0) & (wanted.time_s < 9.0), measured, 0.0))
+    between = (wanted.time_s > 5.0) & (wanted.time_s < 9.0)
+    held = replace(wanted, values=np.where(between, measured, wanted.values - 0.3))
     for other, times in ((landing, "11.9"), (held, "4.9")):
         flight = prepare_vertical(changed(log, reference_position_z=other), FlightOptions())
         (reference,) = [item for item in flight.references if item.name == "reference_position_z"]
@@ -270,6 +271,8 @@ def test_a_reference_that_is_set_to_the_measured_height_stands_still_there():
         np.testing.assert_array_equal(flight.reference_on_grid(reference.name), reference.logged)
         moved = np.abs(np.diff(reference.values))
         assert moved.max() < 0.05 < np.abs(np.diff(reference.logged)).max()
+    echo = changed(log, reference_position_z=replace(wanted, values=measured))
+    assert remarks(echo)["reference_position_z"] == "it is the measured position_z"
     steps = replace(wanted, values=np.where(wanted.time_s % 4.0 < 2.0, 0.5, -0.5))
     kinks = replace(wanted, values=np.abs(wanted.time_s % 4.0 - 2.0))
     for clean in (wanted, steps, kinks):

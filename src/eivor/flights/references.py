@@ -297,9 +297,12 @@ def _without_resets(
     resets = [reset for reset in resets if used[reset].any()]
     if not resets:
         return reference
+    standing = without_changes(values, resets)
+    if _spread_within_runs(standing, used) <= CONSTANT_SHARE * max(1.0, float(np.abs(values[used]).max())):
+        return replace(reference, usable=False, remark=f"it is the measured {measured.name}")
     times = ", ".join(f"{grid.time_s[reset.start]:.1f}" for reset in resets)
     remark = f"{reference.remark}; set to the measured {measured.name} at {times} s, which is taken out"
-    return replace(reference, remark=remark, values=without_changes(values, resets), logged=values)
+    return replace(reference, remark=remark, values=standing, logged=values)
 
 
 def measured_resets(

@@ -400,7 +400,8 @@ def test_a_thrust_curve_that_bends_is_missed(log_left):
 def test_ground_effect_is_missed(log_left):
     height = log_left.channels["reference_position_z"].values
     over = height - height.min() + 0.5
-    closer = commanded(with_channel(log_left, "position_z", height), lambda U: U / (1.0 + 0.05 / over**2))
+    flown_at = with_channel(log_left, "position_z", height + 0.1)
+    closer = commanded(flown_at, lambda U: U / (1.0 + 0.05 / over**2))
     terms = terms_of(closer)
     assert terms["ground_effect"].p_value < 0.005
     assert "thrust grows towards the ground" in report_omitted(omitted_variable_numbers(terms))[0][1]
