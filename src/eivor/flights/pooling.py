@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -96,9 +96,14 @@ def bootstrap_flights(
             "a pool with an estimate", "one without", "See its verdict for what the flights lack."
         )
     pool = pool_flights(fitted.problem, fitted.estimate)
-    again = _FlightReplicates(fit.motion, fitted.problem, pool, _sums(fit.motion, fitted.problem, pool))
-    whole = again.quantities(pool.whole, np.ones(len(pool.flights)))
-    made = np.array(list(again.replicates(np.random.default_rng(seed), runs))).reshape(-1, len(whole))
+    quantities = _quantities_of_draws(fit.motion, fitted.problem, pool)
+    whole, random, rows = quantities(pool.whole, np.ones(len(pool.flights))), np.random.default_rng(seed), []
+    for _ in range(runs):
+        try:
+            rows.append(list(quantities(*pool.replicate(random)).values()))
+        except (EivorError, np.linalg.LinAlgError):
+            continue
+    made = np.array(rows).reshape(-1, len(whole))
     nuisances = [nuisance.parameter for nuisance in fitted.problem.nuisances]
     units = {name: wording.unit for name, wording in fit.motion.quantities.items()}
     units |= {item.name: item.unit for item in (*nuisances, *fitted.estimate.joint_parameters)}
@@ -114,53 +119,31 @@ def bootstrap_flights(
     )
 
 
-#: A motion's sums by name, of each flight at each node of a candidate.
-Sums = Mapping[str, Float[np.ndarray, "F T"]]
-
-
-def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
-    resampling, flights, results = motion.abilities.resampling, list(pool.flights), []
-    if resampling is None:
-        return tuple({} for _ in pool.candidates)
+def _quantities_of_draws(
+    motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights
+) -> Callable[[Replicate, Float[np.ndarray, " F"]], Mapping[str, float]]:
+    """How a replicate, and how often each flight is drawn, become quantities of the motion."""
+    names, flights = [parameter.name for parameter in pool.parameters], list(pool.flights)
+    resampling = motion.abilities.resampling
+    by_candidate = []
     for candidate in pool.candidates:
-        at_nodes = [resampling.sums(problem, point) for point in candidate.points]
-        results.append(
-            {name: np.stack([sums[name][flights] for sums in at_nodes], axis=1) for name in at_nodes[0]}
+        nodes = [{} if resampling is None else resampling.sums(problem, each) for each in candidate.points]
+        by_candidate.append(
+            {name: np.stack([node[name][flights] for node in nodes], axis=1) for name in nodes[0]}
         )
-    return tuple(results)
 
-
-@dataclass(frozen=True)
-class _FlightReplicates:
-    """How a draw of flights becomes quantities."""
-
-    motion: Motion[Any]
-    problem: SeparableProblem
-    pool: PoolFlights
-    sums: tuple[Sums, ...]  # The motion's, for each candidate
-
-    def replicates(self, random: np.random.Generator, runs: int) -> Iterator[list[float]]:
-        """Quantities of those runs that give an estimate."""
-        for _ in range(runs):
-            try:
-                quantities = self.quantities(*self.pool.replicate(random))
-            except (EivorError, np.linalg.LinAlgError):
-                continue
-            yield list(quantities.values())
-
-    def quantities(self, replicate: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
-        """What the motion makes of a replicate, and of the sums over its flights."""
-        names = [parameter.name for parameter in self.pool.parameters]
+    def quantities(replicate: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
+        parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
+        if resampling is None:
+            searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
+            return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
         sums = {
             name: float(times @ values @ replicate.weights)
-            for name, values in self.sums[replicate.candidate].items()
+            for name, values in by_candidate[replicate.candidate].items()
         }
-        parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
-        resampling = self.motion.abilities.resampling
-        if resampling is not None:
-            return resampling.quantities(self.problem, Drawn(parameters, replicate.nuisances, sums))
-        searched = [nuisance.name for nuisance in self.problem.nuisances if nuisance.searched]
-        return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
+        return resampling.quantities(problem, Drawn(parameters, replicate.nuisances, sums))
+
+    return quantities
 
 
 # -- Pool verdict --
