@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import pickle
 from dataclasses import dataclass, replace
 
@@ -17,10 +16,11 @@ from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
 from eivor.flights.estimate import single_frequency_hz
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate, QuantitySpec
-from eivor.flights.verdict import unbounded_reasons
-from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.inference.verdict import Status, Verdict
 from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
+from eivor.signals.thrust_map import input_map
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
@@ -77,9 +77,9 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert fit.method == "reference_iv"
     assert fit.instruments == "reference_position_z, reference_velocity_z"
     assert fit.window_s == pytest.approx((0.0, 29.99))
-    # the interval of the hover input, which is that of one flight's conditions, is a percent wide
-    (floor,) = fit.quantities["hover_input"].systematic_uncertainties
-    assert fit.quantities["hover_input"].half_width == pytest.approx(0.005 * HOVER, rel=0.01)
+    # the interval of the hover input, which is that of one flight's conditions, is four percent wide
+    floor = fit.quantities["hover_input"].systematic_uncertainties[-1]
+    assert fit.quantities["hover_input"].half_width == pytest.approx(0.02 * HOVER, rel=0.01)
     assert "this flight's conditions" in floor.sentence
     (of_run,) = fit.quantities["intercept"].by_run
     assert of_run == pytest.approx(fit.quantities["intercept"].value, abs=1e-9)
@@ -179,16 +179,21 @@ def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
     result = gusty
     low, high = result.estimate.interval("actuator_lag")
     assert low < 0.0 < high
-    assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag") == (0.0, high)
+    assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag")
+    assert result.quantities["actuator_lag"].interval[0] == 0.0
     assert result.quantities["effective_lag"].interval[0] >= 0.0
     # The friction's interval is not cut: that it reaches below zero is what the verdict is made of.
     assert result.quantities["viscous_friction"].interval[0] < 0.0
 
 
-def test_slow_commands_are_weak_at_best(log):
+def test_slow_commands_widen_the_lag_and_the_gain(log):
     result = identify_flight(every(log, 3, "rotor_command_1"))
-    assert result.verdict.status in {Status.WEAK, Status.REFUSED}
-    assert any("33 Hz; below 45 Hz" in sentence for sentence in result.verdict.sentences)
+    for name, value in (("viscous_friction", FRICTION), ("input_gain", GAIN), ("effective_lag", LAG_S)):
+        low, high = result.quantities[name].interval
+        assert low <= value <= high
+        parts = [part.sentence for part in result.quantities[name].systematic_uncertainties]
+        assert any("The command is logged at 33" in sentence for sentence in parts)
+    assert result.quantities["effective_lag"].half_width > 0.015
 
 
 @pytest.mark.thorough
@@ -247,13 +252,11 @@ def test_constant_input_tells_nothing_but_its_mean(log):
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
     result = identify_flight(log, FlightOptions(input_map=taken))
     assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, abs=0.15)
-    sentences = [reason.sentence for reason in result.quantities["input_gain"].reasons]
-    assert any("thrust grows" in sentence for sentence in sentences) == (taken != "square")
-    least, b = result.diagnostics["least_intercept"], result.quantities["intercept"]
-    if taken == "square":
-        assert least < 0.1
-    else:  # between what the interval allows, with two sides and a union over delays, and the best
-        assert min(abs(end) for end in b.interval) <= least < abs(b.value)
+    gain, hover = result.quantities["input_gain"], result.quantities["hover_input"]
+    parts = [part.sentence for part in gain.systematic_uncertainties]
+    assert any("thrust grows" in sentence for sentence in parts) == (taken != "square")
+    chosen = input_map(taken)
+    assert gain.interval[0] <= GRAVITY / chosen(np.array([hover.value]))[0] <= gain.interval[1]
 
 
 @pytest.mark.thorough
@@ -641,17 +644,3 @@ def test_intervals_end_where_the_quantity_does(interval, possible):
 
 
 # -- Grounds that any motion may have --
-
-
-@pytest.mark.parametrize("interval", [(-math.inf, math.inf), (0.0, math.inf), (-math.inf, 1.0)])
-def test_an_interval_without_an_end_tells_nothing(interval: tuple[float, float]) -> None:
-    quantity = QuantityEstimate(1.0, "s", 0.1, interval)
-    (reason,) = unbounded_reasons(quantity, "input gain", ())
-    assert reason.status is Status.REFUSED
-    assert reason.sentence.startswith("The input gain has no interval with two ends")
-    assert not unbounded_reasons(quantity, "input gain", (Reason(Status.REFUSED, "It is said already."),))
-
-
-@pytest.mark.parametrize("interval", [(0.5, 1.5), (math.nan, math.nan)])
-def test_other_intervals_are_left_to_the_motion(interval: tuple[float, float]) -> None:
-    assert not unbounded_reasons(QuantityEstimate(1.0, "s", 0.1, interval), "input gain", ())

@@ -13,9 +13,7 @@ from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.flights.motion import VerdictInputs
-from eivor.flights.quantity import QuantityEstimate
-from eivor.inference.verdict import Status, verdict
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import (
     MOT_THST_EXPO,
     THR_MDL_FAC,
@@ -28,7 +26,6 @@ from eivor.motions.vertical.model import (
     share_of,
     thrust_of,
 )
-from eivor.motions.vertical.verdict import curve_reasons
 from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.recording import Recording
 from eivor.signals.thrust_map import InputMap, Mixed, Power
@@ -120,28 +117,6 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(log):
     curve = identify_flight.quantities["thrust_curve"]
     assert curve.verdict is Status.REFUSED
     assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
-
-
-@pytest.mark.parametrize(
-    ("curve", "intercept", "status", "said"),
-    [
-        ((0.5, 0.1), (0.0, 0.2), Status.IDENTIFIED, ""),
-        ((0.5, 0.2), (0.0, 0.2), Status.WEAK, "known to +-0.2; identified asks for +-0.15"),
-        ((0.5, 0.6), (0.0, 0.2), Status.REFUSED, "known to +-0.6 only"),
-        ((0.5, math.inf), (0.0, 0.2), Status.REFUSED, "Curvature alone"),
-        ((0.0, 0.1), (6.3, 0.7), Status.REFUSED, "the intercept is still +6.3 m/s"),
-    ],
-)
-def test_every_ground_against_a_curve(curve, intercept, status, said):
-    numbers = {
-        name: QuantityEstimate(value, "", 0.5 * half, (value - half, value + half))
-        for name, (value, half) in {"thrust_curve": curve, "intercept": intercept}.items()
-    }
-    verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
-    reasons = list(curve_reasons(numbers, verdict_inputs))
-    assert verdict(reasons).status is status
-    assert said in " ".join(reason.sentence for reason in reasons)
-    assert not list(curve_reasons({"intercept": numbers["intercept"]}, verdict_inputs))
 
 
 @pytest.mark.parametrize(

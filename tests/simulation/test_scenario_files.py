@@ -315,6 +315,13 @@ def test_unknown_shipped_scenario():
         shipped_scenario("rihc")
 
 
+def test_scenario_files_are_in_the_package():
+    import eivor.lab.scenario_files
+
+    folder = Path(eivor.lab.scenario_files.__file__).parent / "scenarios"
+    assert sorted(path.stem for path in folder.glob("*.toml")) == list(shipped_scenarios())
+
+
 #: RMSE of least squares in per cent, K and K_u: reference errors over the bound times the bound, 200 runs
 #: (method page, section 10).
 REFERENCE = {
@@ -656,6 +663,27 @@ def test_shipped_flights_fly(name):
     assert flight.flew
     assert np.abs(flight.truth.angular_rate[:, :2]).max() > 0.5
     assert np.abs(flight.truth.torque_setpoint).max() < 1.0
+
+
+@pytest.mark.long
+def test_their_vertical_motion_is_identified():
+    """Seeds from zero on, none left out; 95 % intervals of the friction and the input gain."""
+    seeds, chance = 4, 1e-3
+    spec = shipped_rigid_body_flight("crazyflie")
+    flights = simulate_rigid_body_flights([replace(spec, seed=seed) for seed in range(seeds)])
+    accepted = held = 0
+    for flight in flights:
+        fit = identify_flight(flight.recording)
+        accepted += fit.verdict.status.value == "identified"
+        parameters = flight.truth.parameters
+        for name, truth in (
+            ("viscous_friction", parameters.drag[2]),
+            ("input_gain", 4.0 * parameters.thrust_gain),
+        ):
+            low, high = fit.interval(name)
+            held += low <= truth <= high
+    assert accepted >= binom.ppf(chance, seeds, 0.9)
+    assert held >= binom.ppf(chance, 2 * seeds, 0.93)
 
 
 # -- The page of the scenario files holds what the registry holds, and what it shows can be rea --

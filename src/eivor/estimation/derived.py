@@ -154,6 +154,48 @@ def parameter_sets(
     )
 
 
+def nuisance_sets(
+    problem: SeparableProblem, estimate: Estimate, names: Sequence[str], level: float = 0.95
+) -> ParameterSets | None:
+    """Confidence sets of a continuous nuisance, or of its sum with the discrete ones that are named."""
+    method, nodes = by_name(estimate.method).of_flights, nodes_of(problem.nuisances)
+    if not (
+        isinstance(method, LinearMethod)
+        and isinstance(method.assembler, Instrumental)
+        and isinstance(estimate.rows.layout, BinRows)
+        and len(nodes.axes) == 1
+        and nodes.axes[0].nuisance.name == names[0]
+    ):
+        return None
+    (axis,) = nodes.axes
+    candidates = [
+        (item, _criterion(problem, nodes, item, 0, method.row_weighting)) for item in estimate.candidates
+    ]
+    try:
+        least = estimate.least_comparable_criteria([scan.scan.minimum[1] for _, scan in candidates])
+    except np.linalg.LinAlgError:
+        return None
+    equations = parameter_equations(estimate.rows, 0)
+    degrees = equations.instruments.shape[1] + len(estimate.misfits) - (estimate.unknowns - 1)
+    uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
+
+    def below(bounds: Sequence[float]) -> ConfidenceSet:
+        pieces = []
+        for (candidate, criterion), bound in zip(candidates, bounds, strict=True):
+            others = sum(candidate.nuisances[name] for name in names[1:])
+            for within, cut_short in criterion.scan.stretches(bound):
+                low, high = axis.values_at(within[[0, -1]]).tolist()
+                low = 0.0 if axis.nuisance.positive and within[0] == axis.nodes[0] else low
+                pieces.append((others + low, math.inf if cut_short else others + high))
+        return ConfidenceSet.union(pieces)
+
+    return ParameterSets(
+        ConfidenceSet((estimate.interval(names[0], level),)),
+        below([lowest + uncertainty for lowest in least]),
+        below([highest] * len(candidates)),
+    )
+
+
 def _criterion(
     problem: SeparableProblem, nodes: Nodes, candidate: Estimate, position: int, weighting: RowWeighting
 ) -> CandidateCriterion:

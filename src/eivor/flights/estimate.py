@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewSamplesError
-from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.derived import ParameterSets, nuisance_sets, parameter_sets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
@@ -29,7 +29,7 @@ from eivor.flights.lag_prior import (
     telemetry_lag,
     with_lag_prior,
 )
-from eivor.flights.motion import InstrumentStrength, Motion, Searched, VerdictInputs
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import part_to_read, prepare
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
@@ -53,10 +53,16 @@ from eivor.flights.result import (
     flight_diagnostics,
     flight_findings,
 )
-from eivor.flights.verdict import refused, unbounded_reasons
+from eivor.flights.verdict import (
+    InstrumentStrength,
+    Searched,
+    VerdictInputs,
+    reasons_by_quantity,
+    systematic_uncertainties,
+)
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import (
     InstrumentRule,
     LaggedInputs,
@@ -133,6 +139,8 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Stages of an identification --
 
+#: Nuisances that each lag is the sum of, the continuous one first.
+LAG_SUMS = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
 #: The direct method that is whitened for motions that need it.
 TOTAL_LEAST_SQUARES = "total_least_squares"
 
@@ -249,11 +257,18 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 
 def build_confidence_sets(state: FlightState) -> FlightState:
-    """Confidence sets of the linear parameters of the headline."""
-    linear = {parameter.name for parameter in state.estimate.rows.parameters}
-    names = [name for name in state.motion.quantities.headline if name in linear and state.with_sets]
-    sets = {name: parameter_sets(state.problem, state.estimate, name) for name in names}
-    return replace(state, sets={name: item for name, item in sets.items() if item is not None})
+    """Confidence sets of the headline; of all parameters and of the lag where instruments are weak."""
+    problem, estimate = state.problem, state.estimate
+    linear = [parameter.name for parameter in estimate.rows.parameters]
+    headline = [name for name in state.motion.quantities.headline if name in linear]
+    if not state.with_sets:
+        return state
+    known = {name: parameter_sets(problem, estimate, name) for name in headline}
+    weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
+    if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
+        known |= {name: parameter_sets(problem, estimate, name) for name in linear if name not in known}
+        known |= {name: nuisance_sets(problem, estimate, parts) for name, parts in LAG_SUMS.items()}
+    return replace(state, sets={name: item for name, item in known.items() if item is not None})
 
 
 def judge(state: FlightState) -> FlightState:
@@ -268,9 +283,9 @@ def judge(state: FlightState) -> FlightState:
         state.sets,
         state.sensors,
         state.without_prior,
+        motion_checks=motion.checks(state.problem, state.estimate, state.shortened),
     )
-    numbers = motion.diagnostics(fit.problem, fit.estimate, state.shortened)
-    inputs = verdict_inputs(motion, state.flying, state.instruments, numbers, fit, aligned=state.aligned)
+    inputs = verdict_inputs(motion, state.flying, state.instruments, fit, aligned=state.aligned)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
@@ -302,7 +317,7 @@ def estimated(
         return without_fit(motion, prepared, options, _reason_of_use(motion, prepared))
     if all(flight.constant_input for flight in state.flying):
         sentence = "The input is constant: it carries no information about the vehicle."
-        return without_fit(motion, prepared, options, refused(sentence, motion.words.fly))
+        return without_fit(motion, prepared, options, _refused(sentence, motion.words.fly))
     try:
         for stage in STAGES:
             if stage is diagnose_fit:
@@ -310,7 +325,7 @@ def estimated(
             state = stage(state)
     except (EstimationError, TooFewSamplesError) as error:
         remedy = "" if isinstance(error, MissingNoiseError) else motion.words.fly
-        return without_fit(motion, state.prepared, options, refused(str(error), remedy))
+        return without_fit(motion, state.prepared, options, _refused(str(error), remedy))
     return state.result
 
 
@@ -347,7 +362,6 @@ def verdict_inputs(
     motion: Motion[Any],
     flying: tuple[PreparedFlight, ...],
     chosen: Instruments,
-    numbers: Mapping[str, float],
     fit: Fit,
     *,
     aligned: bool,
@@ -355,7 +369,7 @@ def verdict_inputs(
     """What a verdict needs to know of flights beside the quantities."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
     return VerdictInputs(
-        flights=len(flying),
+        flights=flying,
         command_rate_hz=min(flight.rates_hz[COMMAND] for flight in flying),
         response_rate_hz=min(max(rates) for rates in measured),
         exogenous=chosen.exogenous,
@@ -364,13 +378,24 @@ def verdict_inputs(
         constant_reference=chosen.constant,
         excitation="" if motion.abilities.excitation is None else motion.abilities.excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
-        numbers=numbers,
+        checks=fit.motion_checks,
+        periodicity=fit.checks.periodicity,
         lag_prior=fit.lag_prior,
         sensors=fit.sensors,
         aligned=aligned,
         used_s=sum(flight.used_s for flight in flying),
         past_inputs=chosen.past_inputs,
+        prior_share=_prior_share(fit.estimate),
     )
+
+
+def _prior_share(estimate: Estimate) -> dict[str, float]:
+    """Share of the variance of each joint parameter that what is known beforehand makes."""
+    known = estimate.prior_rows() @ estimate.covariance
+    if not known.size:
+        return {}
+    shares = np.clip((known**2).sum(axis=0) / np.diag(estimate.covariance), 0.0, 1.0)
+    return dict(zip(estimate.names, shares.tolist(), strict=True))
 
 
 def with_fit(
@@ -387,21 +412,18 @@ def with_fit(
         by_sets = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
         estimates = {**estimates, **by_sets}
         estimates = {**estimates, **_reciprocals(motion, estimates)}
-    flying = tuple(flight for flight in prepared if flight.runs)
-    parts = motion.systematic_uncertainties(flying, estimates, inputs)
-    estimates = with_systematic_uncertainties(motion, estimates, parts)
     best, agreement = fit.estimate, fit.checks.agreement
     searched = {
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
-    p_value = 1.0 if agreement is None else agreement.p_value
-    strength = InstrumentStrength(fit.checks.first_stage, p_value, searched, fit.robust_sets)
-    reasons: dict[str, list[Reason]] = {}
-    for name, own in motion.reasons(estimates, strength, inputs).items():
-        reasons[name] = [*own, *fit.estimate.reasons]  # reasons of the estimate are each quantity's
-        if name in estimates:
-            reasons[name] += unbounded_reasons(estimates[name], motion.quantities[name].words, own)
+    strength = InstrumentStrength(fit.checks.first_stage, agreement, searched, fit.by_sets)
+    inputs = replace(inputs, strength=strength, quantities=estimates)
+    parts = systematic_uncertainties(motion.parts, inputs)
+    estimates = with_systematic_uncertainties(motion, estimates, parts)
+    by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), motion.quantities)
+    # reasons of the estimate are each quantity's
+    reasons = {name: [*own, *fit.estimate.reasons] for name, own in by_rules.items()}
     against = dict.fromkeys(reason for name in motion.quantities.headline for reason in reasons[name])
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), spec)
@@ -419,7 +441,7 @@ def with_fit(
             **flight_diagnostics(prepared),
             **fit_numbers(fit.checks, fit.estimate, motion.quantities.headline),
             **({} if fit.sensors is None else fit.sensors.numbers),
-            **inputs.numbers,
+            **inputs.checks.numbers,
         },
         (
             *flight_findings(prepared, motion.words),
@@ -484,15 +506,19 @@ def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, 
     }
 
 
+def _refused(sentence: str, remedy: str) -> Reason:
+    return Reason(Status.REFUSED, sentence, remedy)
+
+
 def _reason_of_use(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
     words = motion.words
     name, alone = prepared[0].recording.name, len(prepared) == 1
     if not any(flight.active.mask.any() for flight in prepared):
         which = f"{name} never {words.begins}" if alone else f"No flight of the pool {words.begins}"
-        return refused(f"{which} (by {prepared[0].active.rule}).", words.another_log)
+        return _refused(f"{which} (by {prepared[0].active.rule}).", words.another_log)
     which = f"{name} has no" if alone else "No flight of the pool has"
     sentence = f"{which} three seconds {words.where} in runs of a second or more, {words.limits}."
-    return refused(sentence, words.loosen)
+    return _refused(sentence, words.loosen)
 
 
 # -- Lag from rates --

@@ -13,7 +13,6 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import RECOVERY_S
-from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
 from eivor.flights.quantity import (
@@ -26,14 +25,12 @@ from eivor.flights.quantity import (
     QuantityEstimate,
     QuantityTable,
     SimpleModel,
-    SystematicUncertainty,
     Trace,
     TrackedParameter,
     Words,
 )
 from eivor.flights.references import ReferenceSource
-from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.verdict import Reason
+from eivor.flights.verdict import MotionChecks, Rule, SystematicPart
 from eivor.models.separable import InstrumentRule, SeparableProblem, Values
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
@@ -205,55 +202,6 @@ def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndar
     return result
 
 
-# -- Inputs of a verdict --
-
-
-@dataclass(frozen=True, slots=True)
-class Searched:
-    """A nuisance parameter that was searched for on a grid."""
-
-    value: float
-    highest: float  # Top of the grid
-
-
-@dataclass(frozen=True, slots=True)
-class InstrumentStrength:
-    """What the instruments identify, in numbers."""
-
-    #: Conditional first-stage F of each joint parameter; NaN without instruments
-    first_stage: Mapping[str, float]
-    p_value: float  # Of the over-identification test
-    #: Nuisance parameters that were searched for
-    searched: Mapping[str, Searched] = field(default_factory=dict)
-    #: Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
-    #: instruments are weak, or where the sets have no bounds
-    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictInputs:
-    """What a verdict needs to know beside the numbers."""
-
-    flights: int  # Number of flights used
-    #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
-    command_rate_hz: float
-    #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
-    response_rate_hz: float
-    exogenous: bool  # The instruments do not answer the vehicle
-    direct: bool  # The method uses no instruments
-    missing_reference: str = ""  # Why there is no instrument; empty when there is one
-    constant_reference: bool = False  # A reference is logged, and constant
-    excitation: str = ""  # How much the flights moved, as a sentence; empty when it is not known
-    single_frequency_hz: float = 0.0  # The frequency of a reference that has only one; zero for others [Hz]
-    #: What the motion adds, see `Motion.diagnostics`
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
-    sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
-    aligned: bool = False  # The differences between them that can be taken out are
-    used_s: float = np.inf  # Time used of all flights [s]
-    past_inputs: bool = False  # The instruments are past inputs, which a controller computes
-
-
 # -- Motion --
 
 P = TypeVar("P", bound=SeparableProblem)
@@ -357,8 +305,6 @@ class Abilities:
     known: Callable[[Flights], Mapping[str, float]] | None = None
     excitation: Callable[[Flights], str] | None = None  # How much flights moved, a sentence
     findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] | None = None
-    #: A title and a sentence for each of the motion's own diagnostics that reports show
-    checks: Callable[[Mapping[str, float]], tuple[tuple[str, str], ...]] | None = None
     whitened: bool = False  # Direct methods need whitened rows
     lag_from: tuple[str, ...] = ()  # Motions that the same actuators make: they may identify the lag
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
@@ -383,6 +329,10 @@ class Motion(ABC, Generic[P]):
     """The equation in one line, and what its symbols are."""
     quantities: QuantityTable
     """Every quantity; each joint parameter of the estimate is among them."""
+    rules: tuple[Rule, ...]
+    """When a sentence speaks against quantities: the table of its verdicts."""
+    parts: tuple[SystematicPart, ...] = ()
+    """What the scatter within flights cannot show: the table of the systematic parts of intervals."""
     channels: LogChannels
     """What it reads of a log."""
     abilities: Abilities = Abilities()
@@ -400,21 +350,9 @@ class Motion(ABC, Generic[P]):
     def derive(self, problem: P, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Return every quantity that the estimate gives."""
 
-    def diagnostics(self, _problem: P, _estimate: Estimate, _flights: Flights, /) -> Mapping[str, float]:
-        """Numbers behind the verdict that this motion alone has."""
-        return {}
-
-    @abstractmethod
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """Reasons against each quantity."""
-
-    def systematic_uncertainties(
-        self, _flights: Flights, _quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
-    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
-        """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""
-        return {}
+    def checks(self, _problem: P, _estimate: Estimate, _flights: Flights, /) -> MotionChecks:
+        """What this motion alone finds out about an estimate, for its rules and reports."""
+        return MotionChecks()
 
     @abstractmethod
     def traces(self, problem: P, estimate: Estimate) -> tuple[Trace, ...]:

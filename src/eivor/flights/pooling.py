@@ -25,7 +25,7 @@ from eivor.flights.estimate import (
     with_fit,
 )
 from eivor.flights.lag_prior import EFFECTIVE_LAG, with_lag_prior
-from eivor.flights.motion import Motion, VerdictInputs
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Drawn
@@ -39,6 +39,7 @@ from eivor.flights.result import (
     flight_findings,
     pooled_traces,
 )
+from eivor.flights.verdict import VerdictInputs
 from eivor.inference.bootstrap import Bootstrap, check_draws
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import OverIdentification
@@ -300,14 +301,14 @@ class _Pool:
             self.chosen.rule.label,
             self._checks(pool),
             given,
-            {name: sets[name] for name in motion.quantities.headline if name in sets},
+            sets,
             sensors,
             without_prior,
             pool,
             {**{name: item.profile for name, item in sets.items()}, **_of_lags(pool)},
+            motion.checks(problem, estimate, shortened),
         )
-        numbers = motion.diagnostics(problem, estimate, shortened)
-        inputs = verdict_inputs(motion, flights, self.chosen, numbers, fit, aligned=aligned)
+        inputs = verdict_inputs(motion, flights, self.chosen, fit, aligned=aligned)
         whole = with_fit(motion, flights, self.options, fit, inputs)
         tests = {
             "pool_own_p_value": pool.agreement_p_value,
@@ -353,19 +354,16 @@ class _Pool:
             flight = (member.flight,)
             problem = pool.problems[number].with_nuisances(pool.nuisances)
             estimate = pool.member(number)
+            checks = motion.checks(problem, estimate, (member.flight.shortened,))
             here = replace(
                 inputs,
-                flights=1,
+                flights=flight,
                 command_rate_hz=member.flight.rates_hz["command"],
                 excitation="" if excitation is None else excitation(flight),
-                numbers=motion.diagnostics(problem, estimate, (member.flight.shortened,)),
+                checks=checks,
             )
             of_flight = _known({name: each[number] for name, each in of_own.items()})
-            sets = {
-                name: item
-                for name, item in {**fit.sets, **of_flight}.items()
-                if name in motion.quantities.headline
-            }
+            sets = {**fit.sets, **of_flight}
             flight_fit = Fit(
                 problem,
                 estimate,
@@ -374,6 +372,7 @@ class _Pool:
                 fit.lag_prior,
                 sets,
                 profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
+                motion_checks=checks,
             )
             name, result = (
                 member.flight.recording.name,

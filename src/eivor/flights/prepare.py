@@ -98,6 +98,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         (*log.findings, *selected.findings, *by_clock, *reset, *noise_findings(listed)),
         grid,
         selected.estimated,
+        selected.declared_measured,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
         noise=listed,

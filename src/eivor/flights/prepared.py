@@ -15,6 +15,7 @@ from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, c
 from eivor.flights.references import NoiseLevel, Reference
 from eivor.flights.timestamps import CommandClock
 from eivor.inference.covariance import Classical, EqualWeightedCosines
+from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT
 from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
 from eivor.models.lagged_runs import LaggedRuns
@@ -62,13 +63,18 @@ class SensorAgreement:
     """In which ways two measurements of one response differ."""
 
     differences: Mapping[str, Difference]
-    p_value: float
+    agreement: OverIdentification  # Of the instruments, when all differences are taken out
     either: Mapping[str, Difference] = field(default_factory=dict)
 
     @property
     def significant(self) -> dict[str, Difference]:
         """Differences that are there, and matter."""
         return {name: difference for name, difference in self.differences.items() if difference.matters}
+
+    @property
+    def p_value(self) -> float:
+        """Of the test that they differ in no other way."""
+        return self.agreement.p_value
 
     @property
     def otherwise(self) -> bool:
@@ -90,7 +96,7 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
         return None
     try:
         together = estimated(problem, least)
-        result = SensorAgreement(together.differences, together.p_value)
+        result = SensorAgreement(together.differences, together.agreement)
         if result.significant or together.none_p_value > BEYOND_DOUBT:
             return result
         return replace(result, either=_alone(problem, least))
@@ -104,13 +110,13 @@ class Estimated:
 
     differences: dict[str, Difference]
     none_p_value: float
-    p_value: float
+    agreement: OverIdentification
 
 
 def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
     """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
     estimate = identify(problem, reference_iv())
-    _, p_value = estimate.over_identification
+    J, p_value = estimate.over_identification
     parts = [
         part.matrix
         for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
@@ -130,7 +136,7 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
     return Estimated(
         {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named},
         chi_square_tail(wald, values.size),
-        1.0 if math.isnan(p_value) else p_value,
+        OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value, None),
     )
 
 
@@ -141,7 +147,11 @@ def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Differe
         columns = tuple(replace(column, fixed=column.fixed[:, [index]]) for column in problem.columns)
         alone = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
         difference = alone.differences[parameter.name]
-        if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+        if (
+            difference.matters
+            and difference.p_value < BEYOND_DOUBT
+            and alone.agreement.p_value >= SIGNIFICANT
+        ):
             differences[parameter.name] = difference
     return differences
 
@@ -222,6 +232,14 @@ class Selection:
         """Roles of what was measured whose channel comes from an estimator."""
         measured = {**self.states, **self.responses}
         return tuple(role for role, channel in measured.items() if channel is not None and channel.estimated)
+
+    @property
+    def declared_measured(self) -> tuple[str, ...]:
+        """Roles whose channel is declared to come from a sensor, not from an estimator."""
+        roles = {**self.states, **self.responses}
+        return tuple(
+            role for role, channel in roles.items() if channel is not None and channel.estimated is False
+        )
 
     @property
     def rates_hz(self) -> dict[str, float]:
@@ -333,6 +351,7 @@ class PreparedFlight:
     findings: tuple[Finding, ...]  # Named diagnostics
     grid: Grid  # Times of the samples
     estimated: tuple[str, ...] = ()  # Roles of the selection whose channel comes from an estimator
+    measured: tuple[str, ...] = ()  # Those whose channel is declared to come from a sensor
     #: What the command may be late or early by throughout, see `CommandClock` [s]
     command_slack_s: float = 0.0
     #: Time between two commands where the log holds but some of them; zero where it holds every one [s]

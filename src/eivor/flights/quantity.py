@@ -51,8 +51,8 @@ class Counts(Enum):
     """The interval reaches at least so far to both sides: no model of the vehicle is truer than that."""
     INDEPENDENT = "independent"
     """It is an error of its own, of which this is the half of a 95 % interval: squares of halves add up."""
-    RESERVED = "reserved"
-    """The interval is that of the effective value and stays; the verdict keeps the part in reserve."""
+    FACTOR = "factor"
+    """The interval is so many times as long, to either side, before anything else is added."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class SystematicUncertainty:
     """What one systematic cause may do to a quantity."""
 
     counts: Counts
-    below: float
+    below: float  # In the unit of the quantity; a factor is a number
     above: float
     sentence: str
 
@@ -76,6 +76,9 @@ def widened(
     for item in systematic_uncertainties:
         by_kind[item.counts].append(item)
     independent = by_kind[Counts.INDEPENDENT]
+    for item in by_kind[Counts.FACTOR]:
+        low = value + (low - value) * (item.below if low < value else 1.0)
+        high = value + (high - value) * (item.above if high > value else 1.0)
     if independent and low <= value <= high:
         low = value - math.hypot(value - low, *(item.below for item in independent))
         high = value + math.hypot(high - value, *(item.above for item in independent))
@@ -84,17 +87,6 @@ def widened(
     for item in by_kind[Counts.AT_LEAST]:
         low, high = min(low, value - item.below), max(high, value + item.above)
     return low, high
-
-
-def clock_uncertainty(slack_s: float) -> tuple[SystematicUncertainty, ...]:
-    """What commands that may have been issued between those that are logged leave open of a lag."""
-    if not slack_s:
-        return ()
-    sentence = (
-        "The log does not show how often its command was issued: the lag may be "
-        f"{1e3 * slack_s:.2g} ms longer or shorter than the data say."
-    )
-    return (SystematicUncertainty(Counts.ADDED, slack_s, slack_s, sentence),)
 
 
 # -- Coupled axis --
@@ -367,12 +359,6 @@ class QuantityEstimate:
     def half_width(self) -> float:
         """Half the interval's width."""
         return 0.5 * (self.interval[1] - self.interval[0])
-
-    @property
-    def reserved_uncertainty(self) -> float:
-        """What a verdict is to allow for beyond the interval."""
-        parts = [item for item in self.systematic_uncertainties if item.counts is Counts.RESERVED]
-        return sum((max(part.below, part.above) for part in parts), 0.0)
 
     def times(self, factor: float) -> QuantityEstimate:
         """Return a multiple of the number, by a factor above zero that is known."""

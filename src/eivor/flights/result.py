@@ -22,6 +22,7 @@ from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words
+from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
@@ -326,6 +327,9 @@ class Fit:
     pooled: Pooled | None = None  # Behind a pool some of whose parameters belong to the flight
     #: 95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
+    motion_checks: MotionChecks = field(
+        default_factory=MotionChecks
+    )  # What the motion alone finds out about the estimate
 
     @property
     def estimates_without_prior(self) -> WithoutPrior:

@@ -234,7 +234,8 @@ class ChannelRule:
     optional: bool = False
     angles: tuple[str, ...] = ()  # Columns of roll and pitch, when the channel is computed from these
     angle_unit: str = ""  # Their unit, "rad" or "deg"
-    estimated: bool = False  # True when an estimator makes the values
+    #: True when an estimator makes the values, False when a sensor does; None where nothing is said
+    estimated: bool | None = None
     delay_s: float = 0.0
     noise: float | DataSheet | None = None  # Measurement noise of a sample in SI units, see `Channel`
     curve_side: CurveSide = CurveSide.UNKNOWN
@@ -299,7 +300,7 @@ class _MapFile(msgspec.Struct, forbid_unknown_fields=True):
     description: str = ""
     airframe: str | None = None
     frame: str = "z_up"
-    source: str = SOURCES[0]
+    source: str | None = None
     input_map: str = ""
     columns: dict[str, Any] = {}
     channels: dict[str, Any] = {}
@@ -334,7 +335,7 @@ def _channel_map(top: TomlTable) -> ChannelMap:
     given = top.convert(_MapFile)
     frame = _FRAMES[top.choose("frame", given.frame, tuple(_FRAMES))]
     time_unit = top.part("time").choose("unit", given.time.unit, tuple(TIME_UNITS))
-    source = top.choose("source", given.source, SOURCES)
+    source = given.source and top.choose("source", given.source, SOURCES)
     ranges = {key: _range(section) for key, section in top.parts("columns").items()}
     rules = tuple(_rule(key, section, source) for key, section in top.parts("channels").items())
     if not rules:
@@ -364,7 +365,7 @@ def _range(section: TomlTable) -> ValidRange:
     return ValidRange(bounds[0], bounds[1], section.choose("saturates", saturates, SATURATING))
 
 
-def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
+def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
     given = section.convert(_ChannelTable)
     channel, known = canonical_channel(name), canonical_channels()
     if channel is None:
@@ -394,6 +395,7 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
     _require(section, abs(given.sign) == 1.0, "sign", "1 or -1", f"{given.sign:g}", remedy)
     remedy = "Leave the channel out instead."
     _require(section, given.scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
+    declared = given.source or source
     return ChannelRule(
         name,
         expression,
@@ -402,7 +404,7 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         given.optional,
         expression.columns if is_turned else (),
         unit if is_turned else "",
-        section.choose("source", given.source or source, SOURCES) == ESTIMATOR,
+        section.choose("source", declared, SOURCES) == ESTIMATOR if declared else None,
         _delay_s(section, given),
         _noise(section, given, to_si),
         _curve_side(name, section, given),

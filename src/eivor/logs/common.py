@@ -514,7 +514,7 @@ def logged_channel(
     values: Float[np.ndarray, " n"],
     source: str,
     *,
-    estimated: bool = False,
+    estimated: bool | None = None,
     delay_s: float = 0.0,
     curve_side: CurveSide = CurveSide.UNKNOWN,
 ) -> Channel:

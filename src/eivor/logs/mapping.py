@@ -375,6 +375,6 @@ def recording_from_columns(
     unknown = [item for item in estimated if item not in names]
     if unknown:
         raise UsageError(f"channels out of {', '.join(names)}", f"{unknown[0]!r}", "Correct the name.")
-    rules = tuple(replace(rule, estimated=rule.name in estimated) for rule in chosen.rules)
+    rules = tuple(replace(rule, estimated=True if rule.name in estimated else None) for rule in chosen.rules)
     recording = mapped_recording(chosen, rules, Columns(arrays), name=name, log_format="frame")
     return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))

@@ -25,13 +25,11 @@ from eivor.flights.motion import (
     Flights,
     FlightView,
     HorizonErrors,
-    InstrumentStrength,
     LogChannels,
     Motion,
     MultiStepPrediction,
     Prediction,
     Starts,
-    VerdictInputs,
     multi_step_predictions,
     starts_of,
     trim,
@@ -51,16 +49,13 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
-    disagreement_reasons,
-    instrument_reasons,
-    lag_prior_reasons,
-    longest_lag_reasons,
-    moved,
-    refused,
-    weak,
-    wide_lag_reasons,
+    FlightWords,
+    Limit,
+    Rule,
+    flight_rules,
+    longest_lag_rule,
 )
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.regression import Parameter
@@ -324,7 +319,7 @@ def _propagated(
 #: The interval of a quantity that is identified is no wider than this share of it to either side.
 HALF_WIDTH = 0.2
 #: The same of the lag [s].
-LAG_HALF_WIDTH_S = 0.02
+LAG_LIMIT = Limit(identified_within=0.02, narrower="Move it in quicker steps.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -480,39 +475,28 @@ class Machine(Motion[LaggedRuns]):
         ratios = {r.name: ratio_quantity(estimate, r.above, r.below, r.unit) for r in self.derived}
         return equation_quantities(self.quantities, problem, estimate) | ratios
 
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """Reasons of the instruments, and of the width of each interval."""
-        shared = (
-            *instrument_reasons(
-                strength, inputs, fly=self.move, log_reference=self.log, log_planned=self.log
-            ),
-            *disagreement_reasons(strength, moves="moves", remedy="Keep disturbances away."),
-            *lag_prior_reasons(inputs),
+    @property
+    def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
+        """Rows of the instruments, and of the width of each interval."""
+        words = FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")
+        lags, terms = (ACTUATOR_LAG.name, DELAY.name), [term for axis in self.axes for term in axis.terms]
+        stages = (*(term.name for term in terms), *lags)
+        lag = LAG_LIMIT.rules(EFFECTIVE_LAG, self.quantities[EFFECTIVE_LAG], *lags)
+        rows = [*flight_rules(words, (*lags, EFFECTIVE_LAG), stages, EFFECTIVE_LAG), *lag]
+        limit = Limit(
+            self.half_width,
+            zero=Status.REFUSED,
+            narrower="Log for longer, or give several logs.",
+            away_from_zero=self.move,
         )
-        results = {
-            term.name: (
-                *shared,
-                *self._without_set(term.name, strength),
-                *self._width(term.name, quantities[term.name], inputs),
-            )
-            for axis in self.axes
-            for term in axis.terms
-            if term.name in quantities
-        }
-        for ratio in self.derived:
-            known = [*results.get(str(ratio.above), ()), *results[ratio.below]]
-            own = self._without_set(ratio.name, strength) if isinstance(ratio.above, str) else ()
-            results[ratio.name] = tuple(dict.fromkeys((*known, *own)))
-        half_width = quantities[EFFECTIVE_LAG].half_width
-        quicker = "Move it in quicker steps."
-        of_lag = (
-            *shared,
-            *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuators'", remedy=quicker),
-            *longest_lag_reasons(strength, remedy="Check that the command is that of this machine."),
-        )
-        return results | dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), of_lag)
+        for term in terms:
+            following = [ratio.name for ratio in self.derived if term.name in (ratio.above, ratio.below)]
+            rows += flight_rules(words, (term.name, *following), stages, term.name)
+            rows += limit.rules(term.name, self.quantities[term.name], *following)
+        both = [ratio.name for ratio in self.derived if isinstance(ratio.above, str)]
+        for name in both:
+            rows += flight_rules(words, (name,), stages, name)
+        return (*rows, longest_lag_rule((), "Check that the command is that of this machine."))
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Response of each axis within the band."""
@@ -540,22 +524,6 @@ class Machine(Motion[LaggedRuns]):
                 spread = np.concatenate(parts).std()
                 words.append(f"{channel.name.replace('_', ' ')} by {spread:.2g} {channel.unit}")
         return f"{', '.join(words)} (standard deviations)."
-
-    def _without_set(self, name: str, strength: InstrumentStrength) -> Iterator[Reason]:
-        """Reason of weak instruments against a quantity without a set that holds all the same."""
-        if strength.robust and name not in strength.robust:
-            words = self.quantities[name].words
-            yield refused(f"The {words} has no interval that holds for instruments so weak.", self.move)
-
-    def _width(self, name: str, item: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
-        (low, high), words = item.interval, f"The {self.quantities[name].words}"
-        if low <= 0.0 <= high:
-            zero = f"{words} cannot be distinguished from zero: its interval is [{low:.2g}, {high:.2g}]."
-            yield refused(f"{zero}{moved(inputs)}", self.move)
-        elif np.inf > item.half_width > self.half_width * abs(item.value):
-            share = f"{item.half_width / abs(item.value):.0%}"
-            wide = f"{words}'s interval is +-{share} wide; identified asks for +-{self.half_width:.0%}."
-            yield weak(f"{wide}{moved(inputs)}", "Log for longer, or give several logs.")
 
 
 def _throughout(_log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:

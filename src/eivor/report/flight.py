@@ -138,8 +138,7 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
         return ()
     makers = (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares)
     shared = tuple(check for maker in makers for check in maker(result, result.fit))
-    checks = result.motion.abilities.checks
-    return (*shared, *([] if checks is None else checks(result.diagnostics)))
+    return (*shared, *result.fit.motion_checks.report)
 
 
 def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:

@@ -147,7 +147,8 @@ class Channel:
     source: str = ""
     held: bool = False  # True when the value holds until the next stamp (commands, setpoints, states)
     quality: ChannelQuality = field(default_factory=ChannelQuality)
-    estimated: bool = False
+    #: True for what an estimator makes, False for what a sensor measures; None where nothing is said
+    estimated: bool | None = None
     delay_s: float = 0.0
     noise: float | DataSheet | None = None
     curve_side: CurveSide = CurveSide.UNKNOWN
@@ -197,7 +198,7 @@ def clean_channel(
     held: bool = False,
     overflowed: int = 0,
     saturated: int = 0,
-    estimated: bool = False,
+    estimated: bool | None = None,
     delay_s: float = 0.0,
     noise: float | DataSheet | None = None,
     curve_side: CurveSide = CurveSide.UNKNOWN,

@@ -104,7 +104,9 @@ def simulated_recording(
 ) -> Recording:
     """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
     channels = {
-        key: Channel(key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held)
+        key: Channel(
+            key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held, estimated=False
+        )
         for key, values in (dict(held) | dict(sampled)).items()
     }
     rate_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])

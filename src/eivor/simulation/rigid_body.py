@@ -274,7 +274,9 @@ def recording_of(
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
                 held, unit = held_by_default(name), unit_of(name)
-                channels[name] = Channel(name, time_s, values[rows], unit, source=SIMULATOR, held=held)
+                channels[name] = Channel(
+                    name, time_s, values[rows], unit, source=SIMULATOR, held=held, estimated=False
+                )
 
     for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)

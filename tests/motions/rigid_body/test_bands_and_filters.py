@@ -64,12 +64,9 @@ CUTOFF_HZ = 80.0
 )
 def test_they_are_told_by_the_numbers_of_a_result(without, said):
     filters_not_passed = FiltersNotPassed(281.2, without)
-    again = FiltersNotPassed.of_numbers({**filters_not_passed.numbers, "other": 1.0})
-    assert again == filters_not_passed
     assert said in filters_not_passed.sentence
     assert "instead of 281" in filters_not_passed.sentence
     assert all(key in filters_not_passed.remedy for key in without)
-    assert FiltersNotPassed.of_numbers({"other": 1.0}) is None
 
 
 @pytest.mark.thorough
@@ -115,10 +112,10 @@ def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypat
     monkeypatch.setattr("eivor.motions.rigid_body.verdict.identify", identified)
     for other in ("observed_order", "steady_wind"):
         monkeypatch.setattr(f"eivor.motions.rigid_body.motion.{other}", lambda *_: None)
-    numbers = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))
-    assert numbers == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
+    found = motion.checks(problem, stub(300.0), flights).filters
+    assert found == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
     assert requested == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone
-    assert motion.diagnostics(problem, stub(300.0), flights[:1]) == {}
+    assert motion.checks(problem, stub(300.0), flights[:1]).numbers == {}
     assert len(requested) == 2
 
 
@@ -230,7 +227,7 @@ def calm():
 
 def test_axes_agree_in_calm_air(calm, monkeypatch):
     assert lag_consistency_test(calm.fit.estimate) is None
-    assert LagConsistencyTest.of_numbers(calm.diagnostics) is None
+    assert calm.fit.motion_checks.lags is None
     monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
     result = lag_consistency_test(calm.fit.estimate)
     assert result.p_value > 0.01
@@ -255,18 +252,16 @@ def test_a_delay_that_was_given_wrong_is_said():
     )
     vehicle = replace(KNOWN, delay=KnownNumber(0.0))
     flight = identify_flight(flown(late), model=RigidBody(vehicle), method=DIRECT)
-    numbers = LagConsistencyTest.of_numbers(flight.diagnostics)
+    numbers = flight.fit.motion_checks.lags
     assert numbers.p_value < 1e-3
     assert numbers.sentence in " ".join(flight.verdict.sentences)
     assert flight.verdict.status is Status.PROVISIONAL
     flight = identify_flight(flown(late), model=RigidBody(KNOWN), method=DIRECT)
-    assert LagConsistencyTest.of_numbers(flight.diagnostics) is None
+    assert flight.fit.motion_checks.lags is None
 
 
 def test_numbers_and_sentences():
     reported = LagConsistencyTest(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
-    assert LagConsistencyTest.of_numbers(reported.numbers) == reported
-    assert LagConsistencyTest.of_numbers({}) is None
     assert reported.sentence == (
         "The axes disagree about the lag (p-value 1e-12). For all of them it is 50 ms; by itself "
         "roll asks for 52 ms, yaw for a much shorter one, thrust for a much longer one."

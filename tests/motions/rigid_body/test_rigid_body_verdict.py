@@ -11,6 +11,7 @@ from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Counts, QuantityEstimate
+from eivor.flights.verdict import VerdictInputs, systematic_uncertainties
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
@@ -19,9 +20,12 @@ from eivor.motions.rigid_body.regression import body_velocity
 from eivor.motions.rigid_body.select import refuse_other_turns
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import (
+    PARTS as TABLE,
+)
+from eivor.motions.rigid_body.verdict import (
     POINT_WITHIN,
-    SteadyWind,
-    all_systematic_uncertainties,
+    RigidBodyChecks,
+    filter_early_s,
     steady_wind,
 )
 from eivor.signals.noise import WhiteNoise
@@ -49,11 +53,18 @@ def prepared(command_hz: float):
     return prepare(flight.recording, MOTION, FlightOptions())
 
 
+def open_parts(flight, cutoff_hz=None):
+    """Systematic parts of a flight with the filter of a gyroscope."""
+    checks = RigidBodyChecks(filter_early_s=filter_early_s(cutoff_hz, flight.rates_hz["roll"]))
+    of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=TOLD)
+    return systematic_uncertainties(TABLE, of_flight)
+
+
 def test_every_fourth_command_may_be_another_throughout():
     """How often commands were issued is not told: one millisecond is assumed of at most two."""
     flight = prepared(125.0)
     assert flight.unlogged_step_s == pytest.approx(0.001)
-    allowances = all_systematic_uncertainties((flight,), TOLD, VEHICLE)
+    allowances = open_parts(flight)
     (gain,) = allowances["roll_gain"]
     share = 0.701e-3 / 0.05
     assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
@@ -66,9 +77,9 @@ def test_every_fourth_command_may_be_another_throughout():
 
 def test_where_stamps_tell_how_often_only_the_point_is_open():
     reported = replace(prepared(125.0), command_slack_s=0.0)
-    (gain,) = all_systematic_uncertainties((reported,), TOLD, VEHICLE)["roll_gain"]
+    (gain,) = open_parts(reported)["roll_gain"]
     assert gain.above == pytest.approx(200.0 * 0.5e-3 / 0.05)
-    (late,) = all_systematic_uncertainties((reported,), TOLD, VEHICLE)["effective_lag"]
+    (late,) = open_parts(reported)["effective_lag"]
     assert late.above == pytest.approx(0.5e-3)
 
 
@@ -81,7 +92,7 @@ def test_the_point_is_a_twentieth_beyond():
 
 
 def test_a_log_of_every_command_leaves_nothing_open():
-    assert not all_systematic_uncertainties((prepared(0.0),), TOLD, VEHICLE)
+    assert not open_parts(prepared(0.0))
 
 
 @pytest.mark.thorough
@@ -90,7 +101,7 @@ def test_a_digital_filter_is_less_late_than_a_continuous_one():
         np.sqrt(2.0) / (2.0 * np.pi * 80.0),
         np.sqrt(2.0) / (1000.0 * np.tan(np.pi * 80.0 / 500.0)),
     )
-    allowances = all_systematic_uncertainties((prepared(0.0),), TOLD, replace(VEHICLE, gyro_cutoff_hz=80.0))
+    allowances = open_parts(prepared(0.0), 80.0)
     (lag,) = allowances["effective_lag"]
     assert (lag.below, lag.above) == (0.0, pytest.approx(own_s - digital_s))
     (gain,) = allowances["roll_gain"]
@@ -202,8 +213,6 @@ def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
     assert told(through_the_air(log_wind)) is None
     windy = told(log_wind)
     assert (windy.x, windy.y) == pytest.approx(WIND[:2], abs=0.5)
-    assert SteadyWind.of_numbers(windy.numbers) == windy
-    assert SteadyWind.of_numbers({}) is None
 
 
 def test_without_velocity_nothing_is_said_of_the_wind(log_wind):

@@ -64,7 +64,7 @@ def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(log):
     share = 0.02 * 60.0 / numbers["thrust_drift_duration_s"]
     assert numbers["hover_drift"] == pytest.approx(share, abs=numbers["hover_drift_half_width"])
     assert numbers["hover_drift_half_width"] < 0.4 * share
-    assert "thrust of one command fell by 0.3" in dict(Vertical().abilities.checks(numbers))["drift"]
+    assert "thrust of one command fell by 0.3" in dict(fit.fit.motion_checks.report)["drift"]
     short = identify_flight(log, FlightOptions(window=(5.0, 18.0)))
     assert "thrust_drift" not in short.diagnostics
 

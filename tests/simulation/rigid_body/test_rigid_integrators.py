@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.dynamics import Coefficients, coefficients_of
+from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, coefficients_of, side_by_side
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, RotorCourse, RungeKutta4
@@ -91,6 +91,31 @@ def test_axisymmetric_body_precesses():
     momentum = np.array([1.4 * 2.0, 0.0, 2.6 * 5.0])
     axis = Rotation.from_rotvec(np.outer(time, momentum / 1.4)).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(rotations(bodies).apply([0.0, 0.0, 1.0]), axis, atol=1e-7)
+
+
+def test_euler_angles_do_not_couple_as_printed():
+    """At zero tilt phi'' answers theta' psi' by +.43; (1) as printed says -.57, which p' answers q r by."""
+    inertia, step_s = (1.4, 1.4, 2.2), 1e-3
+    coefficients = coefficients_of(replace(SMALL, inertia=inertia))
+    rolls = []
+    for turned in (1.0, -1.0):  # with rates reversed it goes back in time, and angles are those of -t
+        bodies, _ = flown(
+            coefficients, turning((0.0, turned, turned)), [0.0] * 4, STILL, step_s=step_s, seconds=step_s
+        )
+        rolls.append(float(rotations(bodies).as_euler("ZYX")[1, 2]))
+    slope = body_derivative(coefficients, turning((0.0, 1.0, 1.0)), [0.0] * 4, (), (0.0,) * 3, (0.0,) * 3)
+    assert sum(rolls) / step_s**2 == pytest.approx((1.4 - 2.2) / 1.4 + 1.0, abs=1e-3)
+    assert sum(rolls) / step_s**2 == pytest.approx(0.43, abs=0.005)
+    assert slope[10] == pytest.approx(-0.57, abs=0.005)
+
+
+def test_hover_stays():
+    hover = [DRAGGED.hover_speed] * 4
+    bodies, rotors = flown(
+        coefficients_of(DRAGGED), LEVEL, hover, HeldInputs(hover), step_s=0.002, seconds=0.5
+    )
+    np.testing.assert_allclose(bodies, np.tile(LEVEL, (bodies.shape[0], 1)), atol=1e-9)
+    np.testing.assert_array_equal(rotors[-1], hover)
 
 
 def test_climb_is_an_exponential():
@@ -191,6 +216,23 @@ def test_rotors_and_body_exchange_momentum():
 
 
 # ------------------------------------------------------------------------------------ side by side
+
+
+def test_flights_side_by_side_are_those_alone():
+    heavy = replace(DRAGGED, mass=0.05, inertia=(2e-5, 2e-5, 4e-5, 1e-6, 0.0, 0.0))
+    vehicles = [DRAGGED, heavy]
+    starts = [turning((1.0, 0.0, 2.0)), turning((-1.0, 3.0, 0.0))]
+    commands = [[1500.0, 1600.0, 1400.0, 1550.0], [2000.0, 1900.0, 2100.0, 2000.0]]
+    wind = (np.ones(2), np.zeros(2), np.zeros(2))
+    body, (speeds,) = RungeKutta4().stepper(side_by_side(vehicles), 0.01)(
+        np.array(starts).T, [np.full((4, 2), 1500.0)], HeldInputs([np.array(commands).T], wind)
+    )
+    for k, vehicle in enumerate(vehicles):
+        alone = RungeKutta4().stepper(coefficients_of(vehicle), 0.01)(
+            starts[k], [1500.0] * 4, HeldInputs(commands[k], wind=(1.0, 0.0, 0.0))
+        )
+        np.testing.assert_allclose(body[:, k], alone[0], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(speeds[:, k], alone[1], rtol=1e-12)
 
 
 def test_rotors_follow_with_the_lag_of_their_direction():

@@ -15,21 +15,17 @@ from eivor.flights.motion import (
     Abilities,
     Flights,
     FlightView,
-    InstrumentStrength,
     LogChannels,
     Motion,
     Prediction,
-    VerdictInputs,
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
     PlotData,
     QuantityEstimate,
-    SystematicUncertainty,
     Trace,
 )
-from eivor.inference.verdict import Reason
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import InstrumentRule
 from eivor.motions.equation import (
@@ -44,15 +40,15 @@ from eivor.motions.equation import (
 from eivor.motions.rates.verdict import (
     AXES,
     EQUATION,
+    PARTS,
     PITCH,
     QUANTITIES,
     ROLL,
+    RULES,
     THRUST,
     TORQUE,
     WORDS,
     Axis,
-    all_reasons,
-    all_systematic_uncertainties,
 )
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
 from eivor.tools import Float
@@ -215,6 +211,8 @@ class Rates(Motion[LaggedRuns]):
     words = WORDS
     equation = EQUATION
     quantities = QUANTITIES
+    rules = RULES
+    parts = PARTS
     channels = LogChannels(
         INPUTS,
         (ROLL.rate, PITCH.rate),
@@ -249,18 +247,6 @@ class Rates(Motion[LaggedRuns]):
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the axes that are logged, and the lag."""
         return equation_quantities(QUANTITIES, problem, estimate)
-
-    def systematic_uncertainties(
-        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
-    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
-        """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.verdict`."""
-        return all_systematic_uncertainties(flights, quantities)
-
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.rates.verdict`."""
-        return all_reasons(quantities, strength, inputs)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis within the band."""

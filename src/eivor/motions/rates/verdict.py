@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import inf
 
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
-from eivor.flights.motion import InstrumentStrength, VerdictInputs
-from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import (
     CardSection,
     Counts,
     CoupledAxis,
-    QuantityEstimate,
     QuantitySpec,
     QuantityTable,
-    SystematicUncertainty,
     Words,
-    clock_uncertainty,
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
-    FlightRule,
-    has_no_bounds,
-    longest_lag_reasons,
-    moved,
-    refused,
-    strength_of,
-    weak,
-    wide_lag_reasons,
+    FlightWords,
+    Limit,
+    Rule,
+    SystematicPart,
+    VerdictInputs,
+    clock_part,
+    disagreement_part,
+    flight_rules,
+    longest_lag_rule,
 )
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Status
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
@@ -96,124 +90,104 @@ TORQUE = "torque_setpoint"
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
+LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 
 
-def all_systematic_uncertainties(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate]
-) -> dict[str, tuple[SystematicUncertainty, ...]]:
-    """Systematic parts of effectiveness and lag."""
-    sizes = {
-        axis.effectiveness.name: ROTOR_SHARE * abs(quantities[axis.effectiveness.name].value)
-        for axis in AXES
-        if axis.effectiveness.name in quantities
-    }
-    by_rotors = SystematicUncertainty(Counts.ADDED, ROTOR_LAG_S, ROTOR_LAG_S, f"{ROTORS}lag by 1 ms.")
-    slack_s = max(flight.command_slack_s for flight in flights)
-    of_lag = (*clock_uncertainty(slack_s), by_rotors)
-    return {
-        **{
-            name: (SystematicUncertainty(Counts.ADDED, size, size, f"{ROTORS}effectiveness by 2 %."),)
-            for name, size in sizes.items()
-        },
-        **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), of_lag),
-    }
+def _by_rotors(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+    size = ROTOR_SHARE * abs(inputs.quantities[name].value)
+    return size, size
 
+
+PARTS = (
+    disagreement_part(
+        (*LAGS, *(item.name for axis in AXES for item in (axis.effectiveness, axis.damping, axis.reaction)))
+    ),
+    clock_part(LAGS),
+    SystematicPart(
+        LAGS, Counts.ADDED, lambda *_: (ROTOR_LAG_S, ROTOR_LAG_S), lambda _: f"{ROTORS}lag by 1 ms."
+    ),
+    SystematicPart(
+        tuple(axis.effectiveness.name for axis in AXES),
+        Counts.ADDED,
+        _by_rotors,
+        lambda _: f"{ROTORS}effectiveness by 2 %.",
+    ),
+)
 
 # -- Rule --
-
-EFFECTIVENESS_SHARE = 0.25
-DAMPING_SHARE = 0.5
-LAG_HALF_WIDTH_S = 0.02
 
 FLY = (
     "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
     "sticks set the attitude."
 )
 TURN_LONGER = "Fly turns that last longer."
-OF_FLIGHT = FlightRule(
+QUICKER = "Fly quicker steps, and log setpoints and rates faster."
+COMMAND_RATE_HZ, LEAST_S = 45.0, 15.0
+FLIGHT_WORDS = FlightWords(
     fly=FLY,
     log_reference="Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more.",
     log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
     moves="turns",
     undisturbed="Fly slowly and away from walls and ground; keep the motors from their limits.",
-    command_rate_hz=45.0,
-    slow_command="The torque setpoints are logged at {rate:.0f} Hz; below {least:.0f} Hz the intervals do "
-    "not hold.",
-    log_faster="Log them at 50 Hz or more.",
-    least_s=15.0,
 )
+EFFECTIVENESS = Limit(0.1, 0.25, zero=Status.REFUSED, narrower="Fly larger and quicker steps, or longer.")
+DAMPING = Limit(0.5, zero=Status.WEAK, narrower=TURN_LONGER)
+LAG = Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 
-def all_reasons(
-    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-) -> dict[str, tuple[Reason, ...]]:
-    """Reasons against every quantity that there is."""
-
-    def reasons(own: Iterable[Reason], *names: str) -> tuple[Reason, ...]:
-        shared = OF_FLIGHT.reasons(strength_of(strength, *names), inputs)
-        return (*shared, *own, *rough_lag_reasons(quantities, strength))
-
-    results = dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), reasons(()))
-    for axis in AXES:
-        effect, damping = axis.effectiveness.name, axis.damping.name
-        if effect in quantities:
-            own = (
-                ()
-                if has_no_bounds(effect, strength)
-                else effectiveness_reasons(axis, quantities[effect], inputs)
-            )
-            results[effect] = reasons(own, effect)
-            results[damping] = reasons(damping_reasons(axis, quantities[damping], inputs), effect, damping)
-            if axis.reacts:
-                results[axis.reaction.name] = reasons((), effect, axis.reaction.name)
-    return results
-
-
-def effectiveness_reasons(axis: Axis, effect: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
-    """Reasons that the interval of an axis' effectiveness gives."""
-    (low, high), words = effect.interval, f"The {axis.name} effectiveness"
-    if high < 0.0:
-        yield refused(
-            f"{words} came out at {effect.value:.3g} rad/s^2, below zero: setpoint and rate of {axis.name} "
-            "have opposite signs.",
+def axis_rules(axis: Axis) -> tuple[Rule, ...]:
+    """Rows of the quantities of an axis."""
+    effect, damping, reaction = axis.effectiveness.name, axis.damping.name, axis.reaction.name
+    shown, turns = QUANTITIES[effect], QUANTITIES[damping]
+    return (
+        *flight_rules(FLIGHT_WORDS, (effect,), (effect, ACTUATOR_LAG.name), effect),
+        *flight_rules(FLIGHT_WORDS, (damping,), (effect, damping, ACTUATOR_LAG.name), damping),
+        *flight_rules(FLIGHT_WORDS, (reaction,), (effect, reaction, ACTUATOR_LAG.name), reaction),
+        Rule(
+            (effect,),
+            lambda inputs: inputs.quantities[effect].interval[1] < 0.0,
+            Status.REFUSED,
+            lambda inputs: (
+                f"The {shown.words} came out at {inputs.quantities[effect].value:.3g} rad/s^2, below zero: "
+                f"setpoint and rate of {axis.name} have opposite signs."
+            ),
             f"Check the axes and signs of {axis.torque} and {axis.rate}.",
-        )
-    elif effect.value <= 0.0 or low <= 0.0:
-        zero = f"{words} cannot be distinguished from zero: its interval is [{low:.2g}, {high:.2g}] rad/s^2."
-        yield refused(f"{zero}{moved(inputs)}", FLY)
-    elif inf > effect.half_width > EFFECTIVENESS_SHARE * effect.value:
-        yield weak(
-            f"{words}' interval is +-{effect.half_width / effect.value:.1%} wide; identified asks for "
-            f"+-{EFFECTIVENESS_SHARE:.0%}.{moved(inputs)}",
-            "Fly larger and quicker steps, or longer.",
-        )
+        ),
+        Rule(
+            (damping,),
+            lambda inputs: inputs.quantities[damping].interval[1] < 0.0,
+            Status.WEAK,
+            lambda inputs: (
+                f"The {turns.words} came out at {inputs.quantities[damping].value:.3g} 1/s, below zero: a "
+                "torque of the air moved with the references."
+            ),
+            "Fly in calm air.",
+        ),
+        *EFFECTIVENESS.rules(effect, shown),
+        *DAMPING.rules(damping, turns),
+    )
 
 
-def damping_reasons(axis: Axis, damping: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
-    """Reasons that the interval of an axis' damping gives."""
-    (low, high), words = damping.interval, f"The {axis.name} damping"
-    if high < 0.0:
-        below = f"{words} came out at {damping.value:.3g} 1/s, below zero: a torque of the air moved with "
-        yield weak(f"{below}the references.", "Fly in calm air.")
-    elif low <= 0.0:
-        yield weak(f"{words} cannot be distinguished from zero.{moved(inputs)}", TURN_LONGER)
-    elif inf > damping.half_width > DAMPING_SHARE * damping.value:
-        share = damping.half_width / damping.value
-        wide = f"{words}'s interval is +-{share:.0%} wide; identified asks for +-{DAMPING_SHARE:.0%}."
-        yield weak(wide, TURN_LONGER)
-
-
-def rough_lag_reasons(
-    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength
-) -> Iterator[Reason]:
-    """Reasons that a lag gives that is not well known."""
-    if ACTUATOR_LAG.name in strength.searched:
-        half_width = quantities[EFFECTIVE_LAG].half_width
-        quicker = "Fly quicker steps, and log setpoints and rates faster."
-        yield from wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuators'", remedy=quicker)
-        remedy = "Check that the setpoints are those of this vehicle, and their time stamps."
-        yield from longest_lag_reasons(strength, remedy=remedy)
-
+#: Columns of turning are known to their published widths within these only.
+_RECORD = (
+    Rule(
+        (),
+        lambda inputs: inputs.command_rate_hz < COMMAND_RATE_HZ,
+        Status.WEAK,
+        lambda inputs: (
+            f"The torque setpoints are logged at {inputs.command_rate_hz:.0f} Hz; below "
+            f"{COMMAND_RATE_HZ:.0f} Hz the intervals do not hold."
+        ),
+        "Log them at 50 Hz or more.",
+    ),
+    Rule(
+        (),
+        lambda inputs: inputs.used_s < LEAST_S,
+        Status.WEAK,
+        lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {LEAST_S:.0f} s are needed.",
+        "Fly longer, or pool several flights.",
+    ),
+)
 
 # -- Thrust --
 
@@ -263,6 +237,14 @@ QUANTITIES = QuantityTable(
         ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
         DELAY.name: LAG_QUANTITIES[DELAY.name],
     }
+)
+#: When a sentence speaks against quantities.
+RULES = (
+    *_RECORD,
+    *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+    longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
+    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name),
+    *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 
 _MANOEUVRES = (

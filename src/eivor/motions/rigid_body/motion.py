@@ -16,7 +16,6 @@ from eivor.flights.motion import (
     Abilities,
     Flights,
     FlightView,
-    InstrumentStrength,
     LogChannels,
     Motion,
     OptionSupport,
@@ -24,7 +23,6 @@ from eivor.flights.motion import (
     Refinement,
     Solver,
     VehicleSupport,
-    VerdictInputs,
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
@@ -36,11 +34,10 @@ from eivor.flights.quantity import (
     QuantityEstimate,
     QuantitySpec,
     QuantityTable,
-    SystematicUncertainty,
     Trace,
     Words,
 )
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Status
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter
@@ -86,8 +83,10 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.motions.rigid_body.verdict import (
     FLY,
-    all_reasons,
-    all_systematic_uncertainties,
+    PARTS,
+    RigidBodyChecks,
+    all_rules,
+    filter_early_s,
     filters_not_passed,
     gyroscopic_moments,
     lag_consistency_test,
@@ -363,6 +362,8 @@ class RigidBody(Motion[LaggedRuns]):
     words = WORDS
     equation = EQUATION
     quantities = QUANTITIES
+    rules = all_rules(QUANTITIES)
+    parts = PARTS
     channels = LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
 
     @cached_property
@@ -428,38 +429,24 @@ class RigidBody(Motion[LaggedRuns]):
         }
         return {name: results[name] for name in QUANTITIES if name in results}
 
-    def systematic_uncertainties(
-        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
-    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
-        """What the log does not say of commands and filters, see `eivor.motions.rigid_body.verdict`."""
-        return all_systematic_uncertainties(flights, quantities, self.layout.vehicle)
-
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.rigid_body.verdict`."""
-        return all_reasons(quantities, strength, inputs)
-
     def _implications(self, estimate: Estimate) -> Implications:
         if self.vehicle is None:
             return Implications()
         parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
         return Implications(tuple(map(_implied, parameters.rows)), parameters.contradictions)
 
-    def diagnostics(
-        self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /
-    ) -> Mapping[str, float]:
-        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`."""
+    def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> RigidBodyChecks:
+        """Where a flight contradicts the vehicle file: its rotors' order, and the filters it names."""
+        cutoff_hz = self.layout.vehicle.gyro_cutoff_hz
+        early_s = max(filter_early_s(cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
         order = observed_order(flights, self.layout)
         if order is not None:
-            return order.numbers
-        wind = steady_wind(problem, estimate.nuisances, flights)
-        lags = lag_consistency_test(estimate)
-        results = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}
-        if self.pooled and len(flights) == 1:
-            return results  # the whole pool is asked about filters
-        filters = filters_not_passed(problem, estimate, flights, self.layout)
-        return results if filters is None else results | filters.numbers
+            return RigidBodyChecks(order, filter_early_s=early_s)
+        wind, lags = steady_wind(problem, estimate.nuisances, flights), lag_consistency_test(estimate)
+        # of a pool's flight the whole pool is asked about filters
+        of_pool = self.pooled and len(flights) == 1
+        filters = None if of_pool else filters_not_passed(problem, estimate, flights, self.layout)
+        return RigidBodyChecks(None, wind, lags, filters, early_s)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis and force along it, within the bands."""

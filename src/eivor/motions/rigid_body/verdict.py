@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import combinations, permutations
-from math import inf
 
 import numpy as np
 
@@ -16,27 +15,22 @@ from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.flights.lag_prior import EFFECTIVE_LAG
-from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import (
-    Counts,
-    QuantityEstimate,
-    SimpleModel,
-    SystematicUncertainty,
-    clock_uncertainty,
-)
+from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
 from eivor.flights.verdict import (
-    FlightRule,
-    has_no_bounds,
-    moved,
-    refused,
-    strength_of,
-    weak,
-    wide_lag_reasons,
+    FlightWords,
+    Limit,
+    MotionChecks,
+    Rule,
+    SystematicPart,
+    VerdictInputs,
+    clock_part,
+    disagreement_part,
+    flight_rules,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.verdict import Reason
+from eivor.inference.verdict import Status
 from eivor.logs.common import low_pass_delay_s
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.regression import Parameter
@@ -63,7 +57,6 @@ from eivor.motions.rigid_body.vehicle import (
     THRUST,
     YAW_EQUATION,
     InertiaRatios,
-    KnownVehicle,
     RotorLayout,
     by_pitch_coupling,
     by_roll_coupling,
@@ -80,45 +73,56 @@ POINT_WITHIN = 0.701
 STEPS_OF_FILTER = 4.0
 
 
-def all_systematic_uncertainties(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate], vehicle: KnownVehicle
-) -> dict[str, tuple[SystematicUncertainty, ...]]:
-    """Systematic parts of the gains of turning and of the lag."""
-    by_stamps = clock_uncertainty(max(flight.command_slack_s for flight in flights))
-    half_s = max(_point_s(flight) for flight in flights)
-    early_s = max(filter_early_s(vehicle.gyro_cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
-    unlogged = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
-    filtered = "How often the gyroscope's filter runs is not known: "
-    results: dict[str, tuple[SystematicUncertainty, ...]] = {}
-    for name, part in (
-        *((name, replace(item, counts=Counts.INDEPENDENT)) for item in by_stamps for name in _LAGS),
-        *_of_shift(half_s, quantities, Counts.INDEPENDENT, unlogged),
-        *_of_shift(early_s, quantities, Counts.ADDED, filtered),
-    ):
-        results[name] = (*results.get(name, ()), part)
-    return results
+LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+_UNLOGGED = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
+_FILTERED = "How often the gyroscope's filter runs is not known: "
 
 
-_LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+def _point(inputs: VerdictInputs) -> float:
+    """How far from the middle of a tooth the logs' commands may lie throughout [s]."""
+    return max(
+        POINT_WITHIN * flight.unlogged_step_s if flight.command_slack_s else 0.5 * flight.unlogged_step_s
+        for flight in inputs.flights
+    )
 
 
-def _of_shift(
-    shift_s: float, quantities: Mapping[str, QuantityEstimate], counts: Counts, why: str
-) -> Iterator[tuple[str, SystematicUncertainty]]:
-    """What a lag that is wrong by so much does to it and to the gains; one that is added, to one side."""
-    lag = quantities.get(EFFECTIVE_LAG)
-    if not shift_s or lag is None or not lag.value > shift_s:
-        return
+def _early(inputs: VerdictInputs) -> float:
+    early_s: float = inputs.checks.filter_early_s
+    return early_s
+
+
+def _shift_parts(
+    shift: Callable[[VerdictInputs], float], counts: Counts, why: str
+) -> tuple[SystematicPart, SystematicPart]:
+    """What a lag that is wrong by a shift does to it and to the gains; one that is added, to one side."""
     both = counts is Counts.INDEPENDENT
-    text = f"{why}the lag may be {1e3 * shift_s:.2g} ms longer{' or shorter' if both else ''}."
-    for name in _LAGS:
-        yield name, SystematicUncertainty(counts, shift_s if both else 0.0, shift_s, text)
-    share = shift_s / lag.value
-    text = f"{why}the gain may be {100.0 * share:.2g} % {'larger or ' if both else ''}smaller."
-    for parameter in GAIN:
-        if parameter.name in quantities:
-            part = share * abs(quantities[parameter.name].value)
-            yield parameter.name, SystematicUncertainty(counts, part, part if both else 0.0, text)
+
+    def within(inputs: VerdictInputs) -> float:
+        shift_s = shift(inputs)
+        return shift_s if inputs.quantities[EFFECTIVE_LAG].value > shift_s else 0.0
+
+    def of_lag(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
+        return (within(inputs) if both else 0.0), within(inputs)
+
+    def of_gain(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+        part = share(inputs) * abs(inputs.quantities[name].value)
+        return part, part if both else 0.0
+
+    def share(inputs: VerdictInputs) -> float:
+        shift_s = within(inputs)
+        return shift_s / inputs.quantities[EFFECTIVE_LAG].value if shift_s else 0.0
+
+    def lag_sentence(inputs: VerdictInputs) -> str:
+        longer = " or shorter" if both else ""
+        return f"{why}the lag may be {1e3 * within(inputs):.2g} ms longer{longer}."
+
+    def gain_sentence(inputs: VerdictInputs) -> str:
+        return f"{why}the gain may be {100.0 * share(inputs):.2g} % {'larger or ' if both else ''}smaller."
+
+    return (
+        SystematicPart(LAGS, counts, of_lag, lag_sentence),
+        SystematicPart(tuple(item.name for item in GAIN), counts, of_gain, gain_sentence),
+    )
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -127,12 +131,6 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
         return 0.0
     x = math.pi * cutoff_hz / max(logged_hz, STEPS_OF_FILTER * cutoff_hz)
     return low_pass_delay_s(cutoff_hz) * (1.0 - x / math.tan(x))
-
-
-def _point_s(flight: PreparedFlight) -> float:
-    """How far from the middle of a tooth a log's commands may lie throughout [s]."""
-    step_s = flight.unlogged_step_s
-    return POINT_WITHIN * step_s if flight.command_slack_s else 0.5 * step_s
 
 
 # -- Common rotor inertia --
@@ -256,12 +254,6 @@ class FiltersNotPassed:
     with_all: float  # J of the references with the filters of the vehicle file
     without: Mapping[str, float]
 
-    @classmethod
-    def of_numbers(cls, numbers: Mapping[str, float]) -> FiltersNotPassed | None:
-        """Those of the numbers of a result; None where there are none in them."""
-        without = {key: numbers[key + _WITHOUT] for key in FILTERS if key + _WITHOUT in numbers}
-        return cls(numbers[_WITH], without) if without else None
-
     @property
     def numbers(self) -> dict[str, float]:
         """The same as numbers of a result."""
@@ -352,14 +344,6 @@ class LagConsistencyTest:
     lag_s: float
     changes_s: Mapping[str, float]
     p_value: float
-
-    @classmethod
-    def of_numbers(cls, numbers: Mapping[str, float]) -> LagConsistencyTest | None:
-        """Those of the numbers of a result; None where there are none in them."""
-        if _P_VALUE not in numbers:
-            return None
-        names = (name for name in DRIVEN.values() if name + _CHANGE in numbers)
-        return cls(numbers[_COMMON], {name: numbers[name + _CHANGE] for name in names}, numbers[_P_VALUE])
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -456,14 +440,6 @@ class Order:
     axis: int  # Number of the axis that this explains so much better
     explained: float
     before: float
-
-    @classmethod
-    def of_numbers(cls, numbers: Mapping[str, float]) -> Order | None:
-        """That of the numbers of a result; None where there is none in them."""
-        acts_as = [int(value) for name, value in numbers.items() if name.endswith(_ACTS_AS)]
-        if not acts_as:
-            return None
-        return cls(tuple(acts_as), int(numbers[_AXIS]), numbers[_EXPLAINED], numbers[_BEFORE])
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -628,9 +604,6 @@ def _without(
 
 #: Level of the interval that has to exclude that no wind blew, and the least speed that is identified [m/s].
 SURE, LEAST_SPEED = 0.999, 0.5
-#: What it makes wrong: the drags across.
-ACROSS = (*DRAG[:2], *QUADRATIC_DRAG[:2])
-
 _WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
 
 
@@ -640,13 +613,6 @@ class SteadyWind:
 
     x: float  # [m/s]
     y: float  # [m/s]
-
-    @classmethod
-    def of_numbers(cls, numbers: Mapping[str, float]) -> SteadyWind | None:
-        """That of the numbers of a result; None where there is none in them."""
-        if "steady_wind_x" not in numbers:
-            return None
-        return cls(numbers["steady_wind_x"], numbers["steady_wind_y"])
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -715,88 +681,140 @@ def _of_flight(
     return wind if wind.speed >= LEAST_SPEED else None
 
 
+# -- Checks --
+
+
+@dataclass(frozen=True, slots=True)
+class RigidBodyChecks(MotionChecks):
+    """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
+
+    order: Order | None = None
+    wind: SteadyWind | None = None
+    lags: LagConsistencyTest | None = None
+    filters: FiltersNotPassed | None = None
+    filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Diagnostics by name."""
+        parts = (self.order, self.wind, self.lags, self.filters)
+        return {name: value for part in parts if part is not None for name, value in part.numbers.items()}
+
+
 # -- Rule --
 
-GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
 FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
-OF_FLIGHT = FlightRule(
+FLIGHT_WORDS = FlightWords(
     fly=FLY,
     log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
     log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
     moves="moves",
     undisturbed="Fly in calm air and away from the ground, and keep the motors from their limits.",
-    command_rate_hz=45.0,
-    slow_command="The rotors are logged at {rate:.0f} Hz; {least:.0f} Hz are needed.",
-    log_faster="Log them at 100 Hz or more.",
-    least_s=10.0,
+)
+COMMAND_RATE_HZ, LEAST_S = 45.0, 10.0
+LONGER = "Fly larger and quicker steps, or longer."
+GAIN_LIMIT = Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY)
+SLOW_LIMIT = Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLY)
+COUPLING_LIMIT = Limit(identified_within=0.1, narrower=LONGER)
+LAG_LIMIT = Limit(0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster.")
+
+_GAINS = [item.name for item in (THRUST, *GAIN)]
+LIMITS = {
+    **dict.fromkeys(_GAINS, GAIN_LIMIT),
+    **dict.fromkeys([item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)], SLOW_LIMIT),
+    **dict.fromkeys([item.name for item in COUPLING], COUPLING_LIMIT),
+}
+#: What a steady wind makes wrong: the drags across.
+ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
+
+PARTS = (
+    disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
+    clock_part(LAGS, Counts.INDEPENDENT),
+    *_shift_parts(_point, Counts.INDEPENDENT, _UNLOGGED),
+    *_shift_parts(_early, Counts.ADDED, _FILTERED),
 )
 
-_GAINS = {item.name for item in (*GAIN, THRUST)}
-_SLOW = {item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)}
-_COUPLINGS = {item.name for item in COUPLING}
-#: Share of a quantity that half its interval may be.
-_SHARES = dict.fromkeys(_GAINS, GAIN_SHARE) | dict.fromkeys(_SLOW, SLOW_SHARE)
 
-
-def all_reasons(
-    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-) -> dict[str, tuple[Reason, ...]]:
-    """Reasons against every quantity that there is."""
-    half_width = quantities[EFFECTIVE_LAG].half_width
-    quicker = "Fly quicker steps, and log rotors and rates faster."
-    of_lag = tuple(wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=quicker))
-    of_model = tuple(_of_model(inputs.numbers))
-
-    def shared(*names: str) -> tuple[Reason, ...]:
-        return (*OF_FLIGHT.reasons(strength_of(strength, *names), inputs), *of_model, *of_lag)
-
-    results = dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), shared())
-    wind = SteadyWind.of_numbers(inputs.numbers)
-    for name, quantity in quantities.items():
-        if name in results:
+def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
+    """Rows of every quantity of the rigid body."""
+    rules = [
+        Rule(
+            (),
+            lambda inputs: inputs.command_rate_hz < COMMAND_RATE_HZ,
+            Status.WEAK,
+            lambda inputs: (
+                f"The rotors are logged at {inputs.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz are "
+                "needed."
+            ),
+            "Log them at 100 Hz or more.",
+        ),
+        Rule(
+            (),
+            lambda inputs: inputs.used_s < LEAST_S,
+            Status.WEAK,
+            lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {LEAST_S:.0f} s are needed.",
+            "Fly longer, or pool several flights.",
+        ),
+        Rule(
+            (),
+            lambda inputs: inputs.checks.order is not None,
+            Status.REFUSED,
+            lambda inputs: inputs.checks.order.sentence,
+            CORRECT_ROTORS,
+        ),
+        Rule(
+            (),
+            lambda inputs: inputs.checks.lags is not None,
+            Status.WEAK,
+            lambda inputs: inputs.checks.lags.sentence,
+            lambda inputs: inputs.checks.lags.remedy,
+        ),
+        Rule(
+            (),
+            lambda inputs: inputs.checks.filters is not None,
+            Status.WEAK,
+            lambda inputs: inputs.checks.filters.sentence,
+            lambda inputs: inputs.checks.filters.remedy,
+        ),
+        Rule(
+            ACROSS,
+            lambda inputs: inputs.checks.wind is not None,
+            Status.WEAK,
+            lambda inputs: inputs.checks.wind.sentence,
+            lambda inputs: inputs.checks.wind.remedy,
+        ),
+        *LAG_LIMIT.rules(EFFECTIVE_LAG, wording[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name),
+        *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+    ]
+    for name in wording:
+        if name in (*LAGS, DELAY.name):
             continue
         # what trades is reported together
-        reasons = list(shared(THRUST.name if name == FRICTION.name else name))
-        if not has_no_bounds(name, strength):
-            reasons += _interval_reasons(name, quantity, inputs)
-        if wind is not None and name in {item.name for item in ACROSS}:
-            reasons.append(weak(wind.sentence, wind.remedy))
-        results[name] = tuple(reasons)
-    return results
+        stage = THRUST.name if name == FRICTION.name else name
+        rules += flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
+        if name in _GAINS:
+            rules.append(_sign_rule(name, wording[name]))
+        if name in LIMITS:
+            rules += LIMITS[name].rules(name, wording[name])
+    return tuple(rules)
 
 
-def _of_model(numbers: Mapping[str, float]) -> Iterator[Reason]:
-    """Reasons of a flight that contradicts the vehicle file, or whose axes contradict each other."""
-    order = Order.of_numbers(numbers)
-    if order is not None:
-        yield refused(order.sentence, CORRECT_ROTORS)
-    for item in (LagConsistencyTest.of_numbers(numbers), FiltersNotPassed.of_numbers(numbers)):
-        if item is not None:
-            yield weak(item.sentence, item.remedy)
-
-
-def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
-    words = f"The {name.replace('_', ' ')}"
-    zero = f"{words} cannot be distinguished from zero.{moved(inputs)}"
-    low, high = quantity.interval
-    share = _SHARES.get(name, 0.0)
-    allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
-    if name in _GAINS and high < 0.0:
-        sentence = f"{words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}."
-        yield refused(sentence, CORRECT_ROTORS)
-    elif name in _GAINS and low <= 0.0:
-        yield refused(zero, FLY)
-    elif name in _SLOW and low <= 0.0:
-        yield weak(zero, FLY)
-    elif inf > quantity.half_width > allowed:
-        sentence = (
-            f"{words} is known to +-{quantity.half_width:.2g} only; identified asks for +-{allowed:.2g}."
-        )
-        yield weak(sentence, "Fly larger and quicker steps, or longer.")
+def _sign_rule(name: str, wording: QuantitySpec) -> Rule:
+    """Row of a gain below zero."""
+    return Rule(
+        (name,),
+        lambda inputs: inputs.quantities[name].interval[1] < 0.0,
+        Status.REFUSED,
+        lambda inputs: (
+            f"The {wording.words} came out at {inputs.quantities[name].value:.3g}, below zero: "
+            f"{_what_is_wrong(name)}."
+        ),
+        CORRECT_ROTORS,
+    )
 
 
 def _what_is_wrong(name: str) -> str:

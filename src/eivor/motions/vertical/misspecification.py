@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import on_grid
+from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
-from eivor.flights.quantity import Counts, QuantityEstimate, SystematicUncertainty
-from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
 from eivor.models.separable import Values
 from eivor.motions.vertical.model import GRAVITY
@@ -34,17 +35,14 @@ from eivor.tools import Float
 
 #: What their numbers are called.
 PREFIX = "left_out_"
-#: A term is missed below this p-value.
-MISSED = 0.005
+#: A term is missed below this p-value; a change with the supply widens intervals below the other.
+MISSED, DOUBTFUL = 0.005, 0.05
 #: Name of the test of the thrust curve's bend.
 CURVATURE = "thrust_curvature"
 #: Terms whose coefficients are reported as shares of the gain.
 SHARES = (CURVATURE, SUPPLY)
 #: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST_TERM = {SUPPLY: 0.02}
-#: What the voltage changed by over the time used, in the mean over the flights, as a share: the supply's
-#: coefficient is then the power of the voltage that thrust goes with, and else what thrust changes by.
-VOLTAGE_CHANGE = f"{PREFIX}{SUPPLY}_voltage_change"
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
@@ -153,65 +151,183 @@ def _linear(
     return np.column_stack([axis_columns.fixed, moving, *slopes])
 
 
-def voltage_numbers(flights: Sequence[PreparedFlight]) -> dict[str, float]:
-    """`VOLTAGE_CHANGE`; nothing unless all flights have a voltage."""
+@dataclass(frozen=True, slots=True)
+class OmittedTerms:
+    """Tests of the terms that the model leaves out."""
+
+    differences: Mapping[str, Difference] = field(default_factory=dict)
+    #: What the voltage changed by over the time used, in the mean over the flights, as a share: the supply's
+    #: coefficient is then the power of the voltage that thrust goes with, and else what thrust changes by
+    voltage_change: float | None = None
+
+    def missed(self, name: str) -> bool:
+        """Whether a term is missed, by so much that it matters."""
+        difference = self.differences.get(name)
+        if difference is None or not difference.p_value < MISSED:
+            return False
+        return abs(difference.value * self._times(name)) >= LEAST_TERM.get(name, 0.0)
+
+    @property
+    def supply_change(self) -> float:
+        """Share that the thrust of one command changed by over the flight; zero where nothing says so."""
+        difference = self.differences.get(SUPPLY)
+        if difference is None or not difference.p_value < DOUBTFUL:
+            return 0.0
+        return abs(difference.value * self._times(SUPPLY))
+
+    @property
+    def supply_sentence(self) -> str:
+        """The same in words, and what to do."""
+        by_voltage = self.voltage_change is not None
+        text = self.sentence(SUPPLY)
+        first = "Add the term with --term voltage" if by_voltage else "Log battery_voltage"
+        return f"{text[0].upper()}{text[1:]}. {first}, or identify a part of the flight with --window."
+
+    def _times(self, name: str) -> float:
+        return 1.0 if name != SUPPLY or self.voltage_change is None else self.voltage_change
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Coefficients, half-widths and p-values by name."""
+        results = {
+            f"{PREFIX}{name}{of}": number
+            for name, item in self.differences.items()
+            for of, number in (("", item.value), ("_half_width", item.half_width), ("_p_value", item.p_value))
+        }
+        if SUPPLY in self.differences and self.voltage_change is not None:
+            results[f"{PREFIX}{SUPPLY}_voltage_change"] = self.voltage_change
+        return results
+
+    @property
+    def report(self) -> tuple[tuple[str, str], ...]:
+        """Terms that are missed, and the tests of the others."""
+        message = [self.sentence(name) for name in self.differences if self.missed(name)]
+        quiet = [
+            f"{name.replace('_', ' ')} (p {item.p_value:.2g})"
+            for name, item in self.differences.items()
+            if not self.missed(name)
+        ]
+        if quiet:
+            message.append(f"not missed: {', '.join(quiet)}")
+        return (("left out", "; ".join(message)),) if message else ()
+
+    def sentence(self, name: str) -> str:
+        """What is missed, with number and unit."""
+        value, half = self.differences[name].value, self.differences[name].half_width
+        if name == DRAG:
+            drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
+            return f"{drag} is missed: K is that of these speeds"
+        if name == GROUND:
+            grows = "grows" if value > 0.0 else "falls"
+            return f"thrust {grows} towards the ground, as if the ground were near"
+        if name == CURVATURE:
+            bends = "more" if value > 0.0 else "less"
+            by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
+            return f"thrust bends {bends} than the input map: {by}"
+        changed = self.voltage_change
+        if changed is not None:
+            return (
+                f"the thrust of one command went as the battery's voltage to the power {value:.2g} ± "
+                f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
+                f"{abs(value * changed):.0%} (± {half * changed:.0%})"
+            )
+        moved = "rose" if value > 0.0 else "fell"
+        share = f"{abs(value):.0%} (± {half:.0%})"
+        return f"the thrust of one command {moved} by {share} with the supply or the time"
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySpectrum:
+    """Power of the velocity that the references explain, at the frequencies of the runs."""
+
+    frequency_hz: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
+    power: Float[np.ndarray, " n"] = field(
+        default_factory=lambda: np.zeros(0)
+    )  # Sums to the mean square [m^2/s^2]
+
+    def coherent(self, frequency_hz: float, used_s: float) -> float:
+        """Friction that a unit of force at a frequency looks like where the velocity there answers it [s/m].
+
+        The worst case of all phases: with all power at that frequency one over the root mean square.
+        """
+        whole = float(self.power.sum())
+        near = float(self.power[np.abs(self.frequency_hz - frequency_hz) <= 1.0 / used_s].sum())
+        return float(np.sqrt(near) / whole) if whole > 0.0 else 0.0
+
+
+def velocity_spectrum(problem: VerticalFlights) -> VelocitySpectrum:
+    """Power of what the instruments explain of the velocity."""
+    frequencies, powers, count = [], [], 0
+    for item, flight in zip(problem.runs.columns, problem.flights, strict=True):
+        if not item.instruments.shape[1]:
+            return VelocitySpectrum()
+        velocity = explained(item.instruments, item.runs, flight.velocity[:, None])[:, 0]
+        for run in item.runs:
+            values = velocity[run] - velocity[run].mean()
+            frequencies.append(np.fft.rfftfreq(values.size, item.step_s))
+            powers.append(2.0 * np.abs(np.fft.rfft(values)) ** 2 / values.size)
+            count += values.size
+    return VelocitySpectrum(np.concatenate(frequencies), np.concatenate(powers) / count)
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivities:
+    """What joint parameters change by where a cause adds so much to the response."""
+
+    by_cause: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def to(self, cause: str, name: str) -> float:
+        """Size of the change of a parameter for a unit of a cause; zero where it does not act."""
+        known = self.by_cause.get(cause, {})
+        return abs(known.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0))
+
+
+def sensitivities(
+    problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
+) -> Sensitivities:
+    """Two-stage least squares of each cause's column on the flights' own, with their weights and instruments.
+
+    Causes are an offset between sensors, whose column is the rate of change of the acceleration, and a tilt,
+    whose column is the horizontal acceleration. What is known of the lag counts as in the estimate.
+    """
+    columns = problem.runs.columns
+    if not all(item.instruments.shape[1] for item in columns):
+        return Sensitivities()
+    sideways = [_sideways(flight) for flight in flights]
+    tilts = [name for name in sideways[0] if all(name in other for other in sideways)]
+    causes = (OFFSET.name, *(TILTS[name].name for name in tilts))
+    extended = []
+    for item, moving in zip(columns, sideways, strict=True):
+        change = np.gradient(item.responses.mean(axis=1), item.step_s)
+        added = [change, *(np.gradient(moving[name], item.step_s) for name in tilts)]
+        fixed = np.column_stack([_linear(problem, item, estimate), *added])
+        extended.append(replace(item, fixed=fixed, moving=nothing_moves(len(fixed))))
+    count = extended[0].fixed.shape[1]
+    theta = np.zeros(count)
+    theta[: estimate.theta.size] = estimate.theta
+    names = tuple(Parameter(f"column {index}", "") for index in range(count))
+    rows = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {}).rows({})
+    products = rows.instruments.T @ rows.regressors
+    own = count - len(causes)
+    known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
+    left = np.vstack([products[:, :own], known])
+    right = np.vstack([products[:, own:], np.zeros((len(known), len(causes)))])
+    moved = np.linalg.lstsq(left, right, rcond=None)[0]
+    return Sensitivities(
+        {
+            cause: dict(zip(estimate.names, moved[:, at].tolist(), strict=True))
+            for at, cause in enumerate(causes)
+        }
+    )
+
+
+def omitted_terms(
+    problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
+) -> OmittedTerms:
+    """Tests of the terms, and the change of the voltage where all flights have one."""
     changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
-    return {VOLTAGE_CHANGE: float(np.mean(changes))} if 0 < len(changes) == len(flights) else {}
-
-
-def omitted_variable_numbers(differences: Mapping[str, Difference]) -> dict[str, float]:
-    """Coefficients, half-widths and p-values by name."""
-    return {
-        f"{PREFIX}{name}{of}": number
-        for name, item in differences.items()
-        for of, number in (("", item.value), ("_half_width", item.half_width), ("_p_value", item.p_value))
-    }
-
-
-def missed(numbers: Mapping[str, float], name: str) -> bool:
-    """Whether the test of a term says that it is missed, by so much that it matters."""
-    if not numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED:
-        return False
-    changed = numbers.get(VOLTAGE_CHANGE, 1.0) if name == SUPPLY else 1.0
-    return abs(numbers[f"{PREFIX}{name}"] * changed) >= LEAST_TERM.get(name, 0.0)
-
-
-def report_omitted(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
-    """Terms that are missed, and the tests of the others."""
-    tested = [name for name in _TERMS if f"{PREFIX}{name}" in numbers]
-    message = [omitted_variable_sentence(numbers, name) for name in tested if missed(numbers, name)]
-    quiet = [
-        f"{name.replace('_', ' ')} (p {numbers[f'{PREFIX}{name}_p_value']:.2g})"
-        for name in tested
-        if not missed(numbers, name)
-    ]
-    if quiet:
-        message.append(f"not missed: {', '.join(quiet)}")
-    return (("left out", "; ".join(message)),) if message else ()
-
-
-def omitted_variable_sentence(numbers: Mapping[str, float], name: str) -> str:
-    """What is missed, with number and unit."""
-    value, half = numbers[f"{PREFIX}{name}"], numbers[f"{PREFIX}{name}_half_width"]
-    if name == DRAG:
-        drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
-        return f"{drag} is missed: K is that of these speeds"
-    if name == GROUND:
-        grows = "grows" if value > 0.0 else "falls"
-        return f"thrust {grows} towards the ground, as if the ground were near"
-    if name == CURVATURE:
-        bends = "more" if value > 0.0 else "less"
-        by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
-        return f"thrust bends {bends} than the input map: {by}"
-    if VOLTAGE_CHANGE in numbers:
-        changed = numbers[VOLTAGE_CHANGE]
-        return (
-            f"the thrust of one command went as the battery's voltage to the power {value:.2g} ± {half:.2g}: "
-            f"the voltage changed by {changed:.0%}, and the thrust by {abs(value * changed):.0%} "
-            f"(± {half * changed:.0%})"
-        )
-    moved = "rose" if value > 0.0 else "fell"
-    return f"the thrust of one command {moved} by {abs(value):.0%} (± {half:.0%}) with the supply or the time"
+    known = float(np.mean(changes)) if 0 < len(changes) == len(flights) else None
+    return OmittedTerms(omitted_variable_tests(problem, estimate, flights), known)
 
 
 # -- Sensors --
@@ -224,7 +340,7 @@ LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
     tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
 }
 #: One sensor that reads so many times what the other does is in another unit.
-OTHER_UNIT_TIMES = 2.0
+OTHER_UNIT_TIMES = 3.0
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
 #: The vehicle moved sideways when its horizontal speed varied by so much [m/s].
@@ -375,30 +491,6 @@ def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
         f"{1e3 * offset.half_width:.1f} ms, scale {100 * scale.value:+.1f} ± "
         f"{100 * scale.half_width:.1f} %{leaning}"
     )
-
-
-def sensor_uncertainties(
-    agreement: SensorAgreement | None, quantities: Mapping[str, QuantityEstimate], *, aligned: bool
-) -> dict[str, list[SystematicUncertainty]]:
-    """What disagreeing sensors add to intervals; of aligned ones, what is not known of the alignment."""
-    results: dict[str, list[SystematicUncertainty]] = {}
-    if agreement is None:
-        return results
-    right = "It was aligned, as well as that is known." if aligned else "Which of them is right is not known."
-    for name, difference in agreement.significant.items():
-        why, size = f"{sentence(name, difference)} {right}", abs(difference.value)
-        if name == OFFSET.name:
-            below, above = (difference.half_width,) * 2 if aligned else (size, 0.0)
-            part = SystematicUncertainty(Counts.ADDED, below, above, why)
-            results |= {"actuator_lag": [part], "effective_lag": [part]}
-        elif name == SCALE.name:
-            for quantity in ("viscous_friction", "input_gain"):
-                both = (difference.half_width if aligned else size) * abs(quantities[quantity].value)
-                below, above = both, both
-                if quantity == "viscous_friction" and not aligned:
-                    below, above = (0.0, both) if difference.value > 0.0 else (both, 0.0)
-                results[quantity] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
-    return results
 
 
 def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> tuple[PreparedFlight, ...]:

@@ -23,7 +23,6 @@ from eivor.flights.motion import (
     Abilities,
     Flights,
     FlightView,
-    InstrumentStrength,
     LogChannels,
     Motion,
     OptionSupport,
@@ -33,7 +32,6 @@ from eivor.flights.motion import (
     SensorComparison,
     Solver,
     VehicleSupport,
-    VerdictInputs,
 )
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor_agreement
@@ -43,26 +41,25 @@ from eivor.flights.quantity import (
     PlotData,
     Quantity,
     QuantityEstimate,
-    SystematicUncertainty,
     Trace,
     TrackedParameter,
 )
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior
 from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical.misspecification import (
     CURVATURE,
     LEAST_SENSOR_DIFFERENCE,
+    OmittedTerms,
     aligned,
     difference_problem,
-    omitted_variable_numbers,
-    omitted_variable_tests,
-    report_omitted,
+    omitted_terms,
+    sensitivities,
     sensor_agreement_sentence,
     sideways_speed,
-    voltage_numbers,
+    velocity_spectrum,
 )
 from eivor.motions.vertical.model import (
     CURVE_PARAMETERS,
@@ -79,7 +76,6 @@ from eivor.motions.vertical.model import (
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
     GROUND_EFFECT,
-    SUPPLY,
     TERMS,
     VOLTAGE,
     OptionalTerm,
@@ -95,7 +91,6 @@ from eivor.motions.vertical.regression import (
     input_variance,
     intercepts_by_run,
     mean_voltage,
-    report_drift,
     thrust_drift,
     with_surroundings,
 )
@@ -119,17 +114,11 @@ from eivor.motions.vertical.thrust_curve import (
     refined_curve,
 )
 from eivor.motions.vertical.verdict import (
-    APPARENT_GRAVITY,
     CLEAR_INTERCEPT,
     HOVER_PARAMETERS,
-    IS_THRUST,
-    LEAST_INTERCEPT,
-    MAP_EXPONENT,
-    MAP_P_VALUE,
-    SIDEWAYS,
-    THRUST_EXPONENT,
-    all_reasons,
-    all_systematic_uncertainties,
+    PARTS,
+    RULES,
+    VerticalChecks,
     hover_findings,
     near_ground,
 )
@@ -218,10 +207,8 @@ LEAST_HALF_WIDTH = 1e-9
 PerDelay = Float[np.ndarray, " k"]
 
 
-def map_numbers(
-    problem: VerticalFlights, estimate: Estimate, differences: Mapping[str, Difference]
-) -> dict[str, float]:
-    """Least intercept, and the p-value of the test that the input map fits."""
+def map_checks(problem: VerticalFlights, estimate: Estimate, omitted: OmittedTerms) -> VerticalChecks:
+    """P-value of the test that the input map fits; exponents at hover of thrust, m K_u U_h / g, and map."""
     results = []
     for candidate in estimate.candidates:
         value, gradient, variance = linear_intercept(problem, candidate, balance(problem, candidate))
@@ -229,18 +216,17 @@ def map_numbers(
     values, halves = np.array(results).T
     excesses = np.array(estimate.excesses)
     best = float(values[np.argmin(excesses)])
-    return {
-        LEAST_INTERCEPT: least_in_set(values, halves, excesses),
-        MAP_P_VALUE: fitting_p_value(beyond(values, halves, excesses), best, differences.get(CURVATURE)),
-    }
-
-
-def least_in_set(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
-    """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it."""
-    quantile = chi_square_quantile(SET_LEVEL, 1)
-    fits = excesses <= quantile
-    left = halves[fits] * np.sqrt(1.0 - excesses[fits] / quantile)
-    return max(float(np.min(values[fits] - left)), -float(np.max(values[fits] + left)), 0.0)
+    linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, estimate.nuisances).items()}
+    mapped, chosen = hover_of_sums(linear, sums), problem.motion.input_map
+    hover = chosen.inverse(mapped)
+    of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
+    return VerticalChecks(
+        fitting_p_value(beyond(values, halves, excesses), best, omitted.differences.get(CURVATURE)),
+        thrust_exponent=of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
+        map_exponent=of_map,
+        thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
+    )
 
 
 def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
@@ -278,22 +264,6 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balances) -> Qua
     slope = chosen.slope(value)
     std_error = item.std_error / slope if slope > 0.0 else NAN
     return QuantityEstimate(value, "", std_error, (chosen.inverse(low), chosen.inverse(high)))
-
-
-def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
-    """Exponents at hover: of thrust, m K_u U_h / g, see `map_rule`, and of the input map."""
-    best = estimate
-    linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.nuisances).items()}
-    mapped = hover_of_sums(linear, sums)
-    chosen = problem.motion.input_map
-    hover = chosen.inverse(mapped)
-    of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
-    return {
-        THRUST_EXPONENT: of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
-        MAP_EXPONENT: of_map,
-        IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
-    }
 
 
 # -- Supply --
@@ -485,7 +455,6 @@ ABILITIES = Abilities(
     known=mean_input,
     excitation=excitation,
     findings=flight_findings,
-    checks=lambda numbers: (*report_drift(numbers), *report_omitted(numbers)),
     lag_from=("rates",),
 )
 
@@ -501,6 +470,8 @@ class Vertical(Motion[VerticalFlights]):
     name = "vertical"
     words = WORDS
     quantities = QUANTITIES
+    rules = RULES
+    parts = PARTS
     channels = CHANNELS
 
     @property
@@ -557,34 +528,20 @@ class Vertical(Motion[VerticalFlights]):
         moved["intercept"] = replace(moved["intercept"], by_run=by_run)
         return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
-    def diagnostics(
-        self, problem: VerticalFlights, estimate: Estimate, flights: Flights
-    ) -> Mapping[str, float]:
+    def checks(self, problem: VerticalFlights, estimate: Estimate, flights: Flights) -> VerticalChecks:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
-        missed = omitted_variable_tests(problem, estimate, flights)
-        curve, drift = thrust_curve(problem, estimate), thrust_drift(problem, estimate)
-        return {
-            **map_numbers(problem, estimate, missed),
-            **curve,
-            **({} if drift is None else drift.numbers(curve[THRUST_EXPONENT])),
-            APPARENT_GRAVITY: apparent_gravity(problem),
-            SIDEWAYS: sideways_speed(flights),
-            **near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
-            **omitted_variable_numbers(missed),
-            **(voltage_numbers(flights) if SUPPLY in missed else {}),
-        }
-
-    def systematic_uncertainties(
-        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs
-    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
-        """Systematic parts, see `eivor.motions.vertical.verdict`."""
-        return all_systematic_uncertainties(flights, quantities, inputs)
-
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.vertical.verdict`."""
-        return all_reasons(quantities, strength, inputs)
+        omitted = omitted_terms(problem, estimate, flights)
+        checks = map_checks(problem, estimate, omitted)
+        return replace(
+            checks,
+            apparent_gravity=apparent_gravity(problem),
+            sideways_speed=sideways_speed(flights),
+            near_ground=near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
+            omitted=omitted,
+            drift=thrust_drift(problem, estimate, checks.thrust_exponent),
+            sensitivities=sensitivities(problem, estimate, flights),
+            velocity=velocity_spectrum(problem),
+        )
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration without mean and line of each run."""

@@ -474,34 +474,46 @@ class ThrustDrift:
     rate: float  # Change of the thrust over mass in a second [m/s^3]
     half_width: float  # [m/s^3]
     duration_s: float  # Of the runs that have it
+    exponent: float  # Of thrust near hover
 
-    def numbers(self, exponent: float) -> dict[str, float]:
+    @property
+    def change(self) -> float:
+        """Change of the thrust over mass over the runs [m/s^2]."""
+        return self.rate * self.duration_s
+
+    @property
+    def hover_rate(self) -> float:
+        """Change of the hover input in a second, as a share of it."""
+        return -self.rate / (GRAVITY * self.exponent)
+
+    @property
+    def numbers(self) -> dict[str, float]:
         """Change over the runs [m/s^2], and of the hover input [a minute] by the exponent of thrust."""
-        hover = 60.0 / (GRAVITY * exponent)
         return {
-            DRIFT: self.rate * self.duration_s,
+            DRIFT: self.change,
             f"{DRIFT}_half_width": self.half_width * self.duration_s,
             f"{DRIFT}_duration_s": self.duration_s,
-            HOVER_DRIFT: -self.rate * hover,
-            f"{HOVER_DRIFT}_half_width": self.half_width * abs(hover),
+            HOVER_DRIFT: 60.0 * self.hover_rate,
+            f"{HOVER_DRIFT}_half_width": 60.0 * self._hover_half_width,
         }
 
+    @property
+    def _hover_half_width(self) -> float:
+        return self.half_width / (GRAVITY * abs(self.exponent))
 
-def report_drift(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
-    """The line that rows lose, as a check; none without one."""
-    if DRIFT not in numbers:
-        return ()
-    change, hover = numbers[DRIFT], numbers[HOVER_DRIFT]
-    half, width = (numbers[f"{name}_half_width"] for name in (DRIFT, HOVER_DRIFT))
-    moved, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
-    sentence = (
-        f"thrust of one command {moved} by {abs(change):.2f} ± {half:.2f} m/s² ({share:.1%}) in "
-        f"{numbers[f'{DRIFT}_duration_s']:.0f} s; hover input {hover:+.1%} ± {width:.1%} a minute"
-    )
-    return (("drift", sentence),)
+    @property
+    def sentence(self) -> str:
+        """The line that rows lose."""
+        change, half = self.change, self.half_width * self.duration_s
+        moved, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
+        return (
+            f"thrust of one command {moved} by {abs(change):.2f} ± {half:.2f} m/s² ({share:.1%}) in "
+            f"{self.duration_s:.0f} s; hover input {60.0 * self.hover_rate:+.1%} ± "
+            f"{60.0 * self._hover_half_width:.1%} a minute"
+        )
 
 
-def thrust_drift(problem: VerticalFlights, estimate: Estimate) -> ThrustDrift | None:
+def thrust_drift(problem: VerticalFlights, estimate: Estimate, exponent: float) -> ThrustDrift | None:
     """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
 
     The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
@@ -518,9 +530,8 @@ def thrust_drift(problem: VerticalFlights, estimate: Estimate) -> ThrustDrift | 
     gradient = np.zeros(estimate.values.size)
     gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
     duration_s = sum(float(np.ptp(item)) for flight in problem.flights for item in flight.lines)
-    return ThrustDrift(
-        rate, estimate.joint_covariance.half_width(gradient, extra_variance=variance), duration_s
-    )
+    half_width = estimate.joint_covariance.half_width(gradient, extra_variance=variance)
+    return ThrustDrift(rate, half_width, duration_s, exponent)
 
 
 def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np.ndarray, "_ m"]]:
