@@ -13,8 +13,8 @@ from types import ModuleType
 
 # -- Late modules --
 
-#: The reader of Fortran, and what tests are written with, which brings the standard library's own.
-LATE = frozenset({"numpy.f2py", "numpy.testing"})
+#: The reader of Fortran, what tests are written with, and rotations, which SciPy's searches bring.
+LATE = frozenset({"numpy.f2py", "numpy.testing", "scipy.spatial.transform"})
 
 
 class _Late(MetaPathFinder):

@@ -76,6 +76,11 @@ def _replaced_characters(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(ERRORS, _replaced_characters)
 
 
+def printable(text: str) -> str:
+    """`text` with what a terminal or a figure would act on as backslash escapes; letters stay."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 # -- Stages --
 
 

@@ -27,9 +27,8 @@ from typer.core import TyperCommand
 
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
-from eivor.report.document import printable
 from eivor.strict_toml import TomlTable, read_toml
-from eivor.tools import plain_text
+from eivor.tools import plain_text, printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -48,10 +48,10 @@ from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
 from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, begun_in_advance, useful_workers
-from eivor.report.document import printable
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text
 from eivor.report.terminal import on_terminal
+from eivor.tools import printable
 
 if TYPE_CHECKING:
     import polars as pl

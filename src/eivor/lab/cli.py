@@ -77,12 +77,12 @@ from eivor.lab.study import (
 )
 from eivor.logs.table.columnar import write_recording
 from eivor.process_pool import local_executor
-from eivor.report.document import printable
 from eivor.report.json_document import json_text, number
 from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import TomlTable, read_toml
+from eivor.tools import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

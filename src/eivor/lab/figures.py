@@ -33,7 +33,6 @@ from eivor.lab.paper import (
 )
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions.table import wording_of
-from eivor.report.document import printable
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
@@ -52,7 +51,7 @@ from eivor.report.figures import save_figure, signals_figure
 from eivor.report.json_document import Json, number
 from eivor.report.terminal import heading
 from eivor.signals.signals import Signals
-from eivor.tools import Float
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,11 +17,6 @@ from eivor.inference.verdict import Status
 LONGEST_NAME = 48
 
 
-def printable(text: str) -> str:
-    """`text` with what a terminal or a figure would act on as backslash escapes; letters stay."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
-
-
 def short_name(name: str) -> str:
     """Name of a log, cut where it is too long for a title."""
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"

@@ -18,8 +18,8 @@ from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of
-from eivor.report.document import TableOf, printable
-from eivor.tools import Float
+from eivor.report.document import TableOf
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,6 @@ from eivor.errors import NonFiniteError, TooFewSamplesError
 from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
-from eivor.report.document import printable
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
@@ -39,7 +38,7 @@ from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

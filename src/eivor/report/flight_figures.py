@@ -26,7 +26,6 @@ from eivor.report.document import (
     capitalised,
     number_table,
     plain_numbers,
-    printable,
     short_name,
 )
 from eivor.report.figure_panels import (
@@ -55,7 +54,7 @@ from eivor.report.figure_panels import (
     page,
     without_abscissa,
 )
-from eivor.tools import Bool, Complex, Float
+from eivor.tools import Bool, Complex, Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -34,7 +34,6 @@ from eivor.report.document import (
     axis_of,
     capitalised,
     number_table,
-    printable,
 )
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
@@ -49,7 +48,7 @@ from eivor.report.flight_figures import (
 )
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, number, plain
-from eivor.tools import Float
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup, escape
 
 from eivor.inference.verdict import Status
-from eivor.report.document import Section, printable
+from eivor.report.document import Section
+from eivor.tools import printable
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -25,7 +25,6 @@ from eivor.report.document import (
     TableOf,
     Tone,
     plain_numbers,
-    printable,
 )
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import section
@@ -33,6 +32,7 @@ from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.signals import stretches
+from eivor.tools import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

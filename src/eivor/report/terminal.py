@@ -24,8 +24,8 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
-    printable,
 )
+from eivor.tools import printable
 
 COLOURS = {
     Status.IDENTIFIED: "bold green",

@@ -32,7 +32,6 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
-    printable,
     short_name,
 )
 from eivor.report.document import Figure as DocumentFigure
@@ -59,7 +58,7 @@ from eivor.report.json_document import Json, JsonPrediction, document, json_text
 from eivor.report.outputs import saved_of
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
-from eivor.tools import Float, html_table
+from eivor.tools import Float, html_table, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
