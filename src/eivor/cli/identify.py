@@ -1,4 +1,4 @@
-"""Declarations of the commands that identify a log; `eivor.cli.results` does their work."""
+"""Declarations of the commands that identify a log; their work is done elsewhere."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from eivor.cli.outputs import (
 
 def _work(command: str, **given: Any) -> ExitCode:
     """Do the work of a command, whose module is named, since help loads nothing of the library."""
-    done: ExitCode = resolve_name(f"eivor.cli.results:{command}")(**given)
+    home = "other_results" if command in {"track", "validate"} else "results"
+    done: ExitCode = resolve_name(f"eivor.cli.{home}:{command}")(**given)
     return done
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from eivor.cli.options import FlightWords, parse_pair
@@ -26,10 +27,7 @@ from eivor.logs.common import UNITS, unit_fits
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import motion_by_name
-from eivor.planning.plan import Location
-from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
-from eivor.report.saved_fit import load_fit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, no_stage_callback
@@ -314,7 +312,8 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
         return parse_lag(text)
     if not file:
         return None
-    result = load_fit(file).quantities.get(EFFECTIVE_LAG)
+    # an entry point of the report: most flights are identified without another's result
+    result = resolve_name("eivor.report.saved_fit:load_fit")(file).quantities.get(EFFECTIVE_LAG)
     if result is None or result.verdict is Status.REFUSED or not 0.0 < result.half_width < math.inf:
         raise UsageError(
             f"a result in '{file}' that identifies the effective lag",
@@ -323,37 +322,3 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
         )
     # half a 95 % interval, the choice of the delay included, is two standard deviations at most
     return Prior(result.value, max(result.half_width / 2.0, result.std_error))
-
-
-# -- Options of a plan --
-
-
-def check_mission(qgc: str, home: str, shape: str) -> None:
-    """Refuse a mission without a place, a place without a mission."""
-    if bool(qgc) != bool(home):
-        raise UsageError(
-            "--qgc FILE.plan together with --home LAT,LON",
-            "one without the other",
-            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
-        )
-    if qgc and shape not in ("", "steps"):
-        raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
-
-
-def position_of(text: str) -> Location:
-    """Place of ``LAT,LON`` [deg]."""
-    place = parse_pair(text, ",", (math.nan, math.nan))
-    if any(map(math.isnan, place)):
-        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
-    return place
-
-
-def flight_limits(
-    height: str = "3:8", speed: float = 2.0, acceleration: float = 3.0, tilt: float = 20.0, time: float = 60.0
-) -> FlightLimits:
-    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
-    low, high = parse_pair(height)
-    if not -math.inf < low < high < math.inf:
-        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
-        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
-    return FlightLimits((low, high), speed, acceleration, tilt, time)

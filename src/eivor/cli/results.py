@@ -1,4 +1,4 @@
-"""Work of the commands that identify a log: identify, report, track and validate."""
+"""Work of the commands identify and report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eivor.cli.options import DEFAULT_MODEL, LogWords
+from eivor.cli.options import LogWords
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -27,14 +27,12 @@ from eivor.cli.parsing import (
     log_argument,
     named,
     named_motion,
-    parse_window,
     with_distinct_names,
 )
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.flights.track import track as tracked_parameter
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.logs.read import example_flight
@@ -44,11 +42,7 @@ from eivor.report.flight import flight_document
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_document, json_text
-from eivor.report.other_results import track_document, track_figure, track_json
-from eivor.report.saved_fit import load_fit
 from eivor.report.terminal import on_terminal
-from eivor.report.validation import validate as validated
-from eivor.report.validation import validation_document
 from eivor.signals.recording import Recording
 
 # -- Results --
@@ -160,58 +154,3 @@ def report(*, out: str, **given: Any) -> ExitCode:
         where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
         show(on_terminal(replace(flight_document(result), sections=(where,))))
     return exit_code(result)
-
-
-# -- Track --
-
-
-def track(
-    *,
-    log: str,
-    memory: float | None,
-    accelerometer_bias: float | None,
-    method: str,
-    json: str,
-    figure: str,
-    example: bool,
-    channel_map: str,
-    **given: Any,
-) -> ExitCode:
-    """Do what `eivor.cli.identify.track` declares."""
-    motion = named_motion(DEFAULT_MODEL)
-    picture = figure_file(figure)
-    options = flight_options(motion, method=method, **given)
-    if accelerometer_bias is not None:
-        options = replace(options, accelerometer_bias=accelerometer_bias)
-    result = pooled_result(motion, options, [log] if log else None, example=example, channel_map=channel_map)
-    with step("Following it over the flight"):
-        tracked = tracked_parameter(result, memory)
-    deliver_result(
-        lambda: on_terminal(track_document(tracked)),
-        lambda: json_text(track_json(tracked)),
-        json,
-        *figure_parts(picture, lambda: track_figure(tracked)),
-    )
-    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
-
-
-# -- Validate --
-
-
-def validate(
-    *, fit: Path, log: str, json: str, figure: str, window: str, max_tilt: float | None, channel_map: str
-) -> ExitCode:
-    """Do what `eivor.cli.identify.validate` declares."""
-    picture = figure_file(figure)
-    options = FlightOptions(window=parse_window(window) if window else None)
-    result = load_fit(fit)
-    (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)
-    with step(f"Predicting {recording.name}"):
-        validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
-    deliver_result(
-        lambda: on_terminal(validation_document(validation)),
-        validation.to_json,
-        json,
-        *figure_parts(picture, validation.plot),
-    )
-    return ExitCode.IDENTIFIED if validation.predicts else ExitCode.NOT_IDENTIFIED

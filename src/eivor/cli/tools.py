@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from eivor.cli.options import FlightWords, LogWords
+from eivor.cli.other_results import check_mission, flight_limits, position_of
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -33,11 +34,8 @@ from eivor.cli.outputs import (
     write_out,
 )
 from eivor.cli.parsing import (
-    check_mission,
-    flight_limits,
     flight_options,
     named_motion,
-    position_of,
 )
 from eivor.cli.results import read_logs
 from eivor.errors import CorruptLogError, InputError, UsageError

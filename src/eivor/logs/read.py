@@ -176,14 +176,14 @@ EIGHT_BIT = _in_encoding(
 #: when the file is of no format before it.
 READERS = (
     "eivor.logs.ulog.reader:FORMATS",
-    "eivor.logs.table.formats:PARQUETS",
+    "eivor.logs.table.columnar:PARQUETS",
     "eivor.logs.crazyflie.reader:FORMATS",
     "eivor.logs.dataflash.reader:FORMATS",
     "eivor.logs.rosbag.channels:FORMATS",
-    "eivor.logs.table.formats:ARRAYS",
+    "eivor.logs.table.columnar:ARRAYS",
 )
 #: Formats of text, which has no first bytes of its own, are compared last; this module has that of tables.
-TABLES = "eivor.logs.table.formats:TEXTS"
+TABLES = "eivor.logs.table.columnar:TEXTS"
 
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
 FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
