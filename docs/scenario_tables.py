@@ -25,7 +25,6 @@ from eivor.lab.scenario_files import (
     DISTURBANCES,
     EXCITATIONS,
     FLIGHT_KIND,
-    INTEGRATORS,
     NOISES,
     parameters_of,
     shipped_scenarios,
@@ -88,7 +87,6 @@ def parts() -> dict[str, str]:
         "rigid bodies": markdown(
             ("table", "keys"), [(name, keys(maker, {"seed"})) for name, maker in whole.items()]
         ),
-        "integrators": kinds(INTEGRATORS),
         "shipped": shipped(),
     }
 

@@ -21,15 +21,13 @@ from eivor.lab.records import (
     OpenLoop,
     Scenario,
     VelocityControl,
-    driven_motion,
-    misled_motion,
     pushed_motion,
     sampled_vehicle,
     simulate,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.excitation import GivenSeries, SteppedExcitation, WhiteDisturbance, WhiteExcitation
+from eivor.simulation.excitation import SteppedExcitation, WhiteDisturbance, WhiteExcitation
 from eivor.simulation.vertical import (
     THRUST_RANGE,
     AltitudeController,
@@ -94,20 +92,6 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
         velocity, altitude, _ = flow @ [velocity, altitude, push]
 
 
-def test_altitude_is_the_integrators():
-    """Adaptive integration of position and velocity over every step, with the input that was held."""
-    truth = simulate(NOISY, rng()).truth
-    u, e = truth.channel("input"), truth.channel("disturbance")
-    state = np.zeros(2)
-    for k in range(40):
-        assert truth.channel("position_z")[k] == pytest.approx(state[0], abs=1e-10)
-        assert truth.channel("velocity_z")[k] == pytest.approx(state[1], abs=1e-10)
-        push = K_U * u[k] + e[k]
-        state = solve_ivp(
-            lambda _, x, push=push: [x[1], -K * x[1] + push], (0.0, T), state, rtol=1e-11, atol=1e-13
-        ).y[:, -1]
-
-
 @pytest.mark.parametrize("friction", [0.0, 1e-9, 1e-4, 0.99 * SMALL / T, 1.01 * SMALL / T, K, 12.0])
 def test_step_is_the_matrix_exponentials(friction):
     vehicle = sampled_vehicle(friction, K_U, T)
@@ -115,45 +99,6 @@ def test_step_is_the_matrix_exponentials(friction):
     exact = cont2discrete(system, T, method="zoh")
     np.testing.assert_allclose([[vehicle.decay, 0.0], [vehicle.held, 1.0]], exact[0], rtol=1e-12)
     np.testing.assert_allclose([[vehicle.held], [vehicle.rise]], exact[1], rtol=1e-12)
-
-
-@pytest.mark.parametrize("control", CONTROLS, ids=str)
-def test_causes_add(control):
-    """The record is the sum of what reference, disturbance and measurement errors do alone."""
-    scenario = replace(
-        QUIET, control=control, disturbance=WhiteDisturbance(0.05), route=DisturbanceRoute.DYNAMICS
-    )
-    noise = {name: NOISY.noise[name] for name in scenario.measured}
-    scenario = replace(scenario, noise=noise)
-    result = simulate(scenario, rng())
-    truth = result.truth.channels
-    errors = {name: result.signals.channels[name] - truth[name] for name in scenario.measured}
-    feedback = control.feedback
-    assert feedback is not None
-    parts = [
-        driven_motion(scenario, truth[control.reference]),
-        pushed_motion(scenario, truth["disturbance"]),
-        misled_motion(scenario, feedback, errors),
-    ]
-    for part in parts:
-        assert np.std(part.velocity) > 1e-4
-    whole = sum(parts[1:], start=parts[0])
-    np.testing.assert_allclose(whole.input, truth["input"], atol=1e-10)
-    np.testing.assert_allclose(whole.velocity, truth["velocity_z"], atol=1e-12)
-    if "position_z" in truth:
-        assert whole.altitude is not None
-        np.testing.assert_allclose(whole.altitude, truth["position_z"], atol=1e-12)
-
-
-@pytest.mark.parametrize("channel", NOISY_CHANNELS)
-def test_noise_of_what_is_fed_back_moves_the_vehicle(channel):
-    calm = simulate(QUIET, rng()).truth
-    misled = simulate(replace(QUIET, noise={channel: WhiteNoise(0.05)}), rng()).truth
-    moved = [np.std(misled.channel(name) - calm.channel(name)) for name in ("position_z", "velocity_z")]
-    if channel in ("velocity_z", "position_z"):
-        assert min(moved) > 1e-4
-    else:
-        assert max(moved) == 0.0
 
 
 def test_altitude_noise_is_declared_and_of_its_own_stream():
@@ -170,12 +115,6 @@ def test_altitude_noise_is_declared_and_of_its_own_stream():
     assert with_altitude.signals.noise["position_z"] == NOISY.noise["position_z"]
     assert without.signals.noise["position_z"] == WhiteNoise(0.0)
     assert with_altitude.signals.noise["reference_position_z"] == WhiteNoise(0.0)
-
-
-def test_altitude_noise_by_ratio():
-    scenario = replace(QUIET, noise_to_signal={"position_z": 0.1})
-    spread = float(simulate(QUIET, rng()).truth.channel("position_z").std())
-    assert simulate(scenario, rng()).signals.noise["position_z"].std == pytest.approx(0.1 * spread, rel=1e-12)
 
 
 def test_altitude_follows_its_reference():
@@ -204,17 +143,6 @@ def test_records_have_what_their_control_needs(control, channels):
     assert set(result.signals.channels) == set(channels)
     assert set(result.truth.channels) == {*channels, "disturbance"}
     assert set(result.signals.noise) == set(channels)
-
-
-def test_velocity_control_is_altitude_control_that_does_not_look():
-    """An altitude gain that is next to nothing, and a reference as much larger, is velocity control."""
-    given = GivenSeries(tuple(rng(3).standard_normal(150).tolist()))
-    far = GivenSeries(tuple((1e12 * np.array(given.values)).tolist()))
-    velocity = simulate(replace(QUIET, control=VELOCITY, excitation=given), rng()).truth
-    altitude = simulate(
-        replace(QUIET, control=AltitudeControl(1e-12, 15.0, 4.0), excitation=far), rng()
-    ).truth
-    np.testing.assert_allclose(altitude.channel("input"), velocity.channel("input"), atol=1e-8)
 
 
 def loop_by_columns(control: Control) -> np.ndarray:
@@ -398,14 +326,6 @@ def test_batch_is_its_flights_one_by_one(index):
         np.testing.assert_allclose(
             getattr(alone, part.name)[:, 0], getattr(together, part.name)[:, index], rtol=1e-12, atol=1e-12
         )
-
-
-def test_vehicle_in_equilibrium_stays_there():
-    still = np.zeros((200, 4))
-    met = VerticalEnvironment(still, still, still, still, still + 1.0, still, still, still)
-    motion = simulate_vertical(VEHICLES, met, step_s=STEP_S, controller=CONTROLLER)
-    np.testing.assert_allclose(motion.position, 0.0, atol=1e-12)
-    np.testing.assert_allclose(motion.specific_force, GRAVITY, rtol=1e-12)
 
 
 def test_thrust_stays_in_its_range():

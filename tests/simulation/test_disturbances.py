@@ -115,14 +115,6 @@ def test_arma_has_the_autocovariance_of_the_textbook():
     assert_autocovariance(process, {0: variance, 1: first, 2: a * first, 5: a**4 * first})
 
 
-def test_autoregression_of_second_order():
-    """Yule and Walker: rho_1 = a_1 / (1 - a_2), rho_2 = a_2 + a_1 rho_1."""
-    process = Arma(1.0, (1.2, -0.5))
-    rho = 1.2 / 1.5
-    variance = 1.5 / (0.5 * 0.81)
-    assert_autocovariance(process, {1: variance * rho, 2: variance * (-0.5 + 1.2 * rho)}, runs=600)
-
-
 def test_arma_is_the_filter_of_scipy_after_its_start():
     series = Arma(1.0, (1.2, -0.5), (0.3,)).sample(400, STEP_S, rng())
     stream = rng()
@@ -176,11 +168,6 @@ def test_threshold_chooses_the_regime():
         assert_mean(squares, 0.8**2 * (1 + b**2))
 
 
-def test_equal_regimes_are_a_moving_average():
-    process = ThresholdMovingAverage((0.0, 1.0), ((0.6, 0.3),) * 3, std=0.5)
-    assert_autocovariance(process, {0: 0.25 * 1.45, 1: 0.25 * 0.78, 2: 0.25 * 0.3, 3: 0.0})
-
-
 def test_threshold_is_its_recursion():
     process = ThresholdMovingAverage((-0.5, 0.5), ((0.9,), (0.0,), (-0.9,)), delay=1)
     shocks = rng().standard_normal(1 + 10 + 50)
@@ -216,13 +203,6 @@ def test_several_bilinear_terms_follow_their_recursion():
         series.append(x + shocks[k])
     np.testing.assert_allclose(process.sample(60, STEP_S, rng()), series[-60:], atol=1e-6)
     assert_autocovariance(process, {1: 0.0, 2: 0.0, 5: 0.0})
-
-
-def test_one_bilinear_term_of_a_sum_is_bilinear():
-    alone, summed = Bilinear(0.5, 3, 1, 0.8), BilinearSum((BilinearTerm(0.5, 3, 1),), 0.8)
-    item, other = (np.mean(realisations(each, 300, 300) ** 2) for each in (alone, summed))
-    assert item == pytest.approx(other, rel=0.05)
-    assert item == pytest.approx(0.64 / (1.0 - 0.16), rel=0.05)
 
 
 def test_a_series_of_ones_own_is_taken_as_it_is():
@@ -272,13 +252,6 @@ def test_garch_is_its_recursion_limited_or_not(shocks, persistence):
     first = int(np.argmax(series**2 > limit)) + 1
     np.testing.assert_allclose(near[:first], series[:first], rtol=1e-10)
     assert not np.allclose(near[first:], series[first:], rtol=1e-6)
-
-
-def test_limited_squares_bound_the_variance():
-    """Floor + sum of coefficients times the limit is the most that h can be."""
-    series = Garch(0.1, (0.85,), largest_square=0.2).sample(50_000, STEP_S, rng())
-    white = rng().standard_normal(50_000)
-    assert np.max(np.abs(series / white)) <= np.sqrt(0.1 + 0.85 * 0.2) + 1e-12
 
 
 def test_variance_switches_where_it_is_told():
@@ -359,26 +332,6 @@ def test_dryden_has_its_correlation():
 def test_ornstein_uhlenbeck_forgets_exponentially():
     expected = {lag: 0.64 * np.exp(-lag * STEP_S / 0.5) for lag in (0, 1, 3)}
     assert_autocovariance(OrnsteinUhlenbeck(0.8, 0.5), expected, runs=1000)
-
-
-def test_dryden_has_its_spectrum():
-    """Level and slope: S(w) = std^2 tau (1 + 3 (tau w)^2) / (1 + (tau w)^2)^2, per unit of w / pi."""
-    step, tau, count = 0.01, 0.5, 4096
-    process = DrydenGust(1.0, 2.0, 4.0)
-    power = np.mean(
-        [
-            np.abs(np.fft.rfft(process.sample(count, step, stream) * np.hanning(count))) ** 2
-            for stream in rng(3).spawn(300)
-        ],
-        axis=0,
-    ) * (step / np.sum(np.hanning(count) ** 2))
-    w = 2.0 * np.pi * np.fft.rfftfreq(count, step)
-    expected = tau * (1 + 3 * (tau * w) ** 2) / (1 + (tau * w) ** 2) ** 2
-    for low, high in ((0.5, 1.5), (3.0, 5.0), (15.0, 25.0)):
-        band = (w > low) & (w < high)
-        # Bins of a Hann window share some of their scatter; two in three count as independent.
-        error = 1.5 / np.sqrt(300 * band.sum())
-        assert np.mean(power[band] / expected[band]) == pytest.approx(1.0, abs=WITHIN * error + 0.01)
 
 
 @pytest.mark.parametrize("tiny", [1e-3, 1e-6])

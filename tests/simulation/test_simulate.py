@@ -39,14 +39,10 @@ from eivor.simulation.environment import (
 from eivor.simulation.excitation import (
     GivenSeries,
     PaperInput,
-    PseudoRandomBinary,
-    SteppedExcitation,
     WhiteDisturbance,
     WhiteExcitation,
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
-from eivor.simulation.vertical import STEP_S as VERTICAL_STEP_S
-from simulation.rotor_states import actual_state_recording
 from validation.effective_parameters import effective_parameters
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
 
@@ -108,21 +104,6 @@ def test_velocity_is_the_integrators(friction, intersample):
     np.testing.assert_allclose(truth.channel("velocity_z"), expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("friction", [1e-6, 0.0499, 0.0501])
-def test_series_and_closed_form_of_the_step_agree(friction):
-    """At K T = 0.01 the one takes over from the other; a ramp shows both of its parts."""
-    ramp = GivenSeries(tuple(np.arange(50.0)))
-    scenario = replace(
-        OPEN, viscous_friction=friction, samples=50, excitation=ramp, intersample=Intersample.LINEAR
-    )
-    channel = simulate(scenario, rng()).truth.channel("velocity_z")
-    t, K = 0.2 * np.arange(50), friction
-    with np.errstate(all="ignore"):
-        exact = 0.021 * 5.0 * (t / K - (1.0 - np.exp(-K * t)) / K**2)
-    close = 0.021 * 5.0 * (t**2 / 2 - K * t**3 / 6 + K**2 * t**4 / 24 - K**3 * t**5 / 120)
-    np.testing.assert_allclose(channel, close if friction < 1e-3 else exact, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     "scenario", [FULL, replace(FULL, route=DisturbanceRoute.DYNAMICS), replace(FULL, **CONTROL)]
 )
@@ -130,28 +111,6 @@ def test_truth_obeys_the_equation(scenario):
     truth = simulate(scenario, rng()).truth
     v, u, e = (truth.channel(name) for name in ("velocity_z", "input", "disturbance"))
     np.testing.assert_allclose(truth.channel("acceleration_z"), 0.021 * u - 0.293 * v + e, atol=1e-13)
-
-
-def test_constant_input_ends_in_steady_state():
-    """Work in equals work lost: z'' = 0 and z' = K_u u / K."""
-    truth = simulate(replace(OPEN, excitation=SteppedExcitation((2.0,), 1e6), samples=600), rng()).truth
-    assert truth.channel("velocity_z")[-1] == pytest.approx(0.021 * 2.0 / 0.293, rel=1e-9)
-    assert abs(truth.channel("acceleration_z")[-1]) < 1e-9
-    assert truth.channel("velocity_z")[0] == 0.0
-
-
-def test_energy_is_conserved():
-    """Kinetic energy at the end is the work of the input less that of friction, both in closed form."""
-    scenario = replace(OPEN, excitation=PseudoRandomBinary(1.0, 7), samples=120)
-    truth = simulate(scenario, rng()).truth
-    v, u = truth.channel("velocity_z"), 0.021 * truth.channel("input")
-    K, T = 0.293, 0.2
-    # Within a step v = s + (v_k - s) exp(-K t), s = u / K.
-    s, d = u[:-1] / K, v[:-1] - u[:-1] / K
-    E1, E2 = (1 - np.exp(-K * T)) / K, (1 - np.exp(-2 * K * T)) / (2 * K)
-    travelled = s * T + d * E1
-    squared = s**2 * T + 2 * s * d * E1 + d**2 * E2
-    assert np.sum(u[:-1] * travelled) - K * np.sum(squared) == pytest.approx(0.5 * v[-1] ** 2, rel=1e-10)
 
 
 def test_routes_differ_as_they_should():
@@ -256,33 +215,6 @@ def test_same_generator_same_record_and_the_next_another():
         assert not np.array_equal(signals.channel(name), following.channel(name))
 
 
-@pytest.mark.parametrize("route", list(DisturbanceRoute))
-def test_control_is_its_recursion(route):
-    """Sample by sample: u = P d + I T sum(d), d = r - measured velocity."""
-    result = simulate(replace(FULL, route=route, **CONTROL), rng())
-    truth, signals = result.truth, result.signals
-    r, e = truth.channel("reference_velocity_z"), truth.channel("disturbance")
-    error = signals.channel("velocity_z") - truth.channel("velocity_z")
-    a = np.exp(-0.293 * 0.2)
-    H = (1.0 - a) / 0.293
-    v, total = 0.0, 0.0
-    for k in range(200):
-        assert truth.channel("velocity_z")[k] == pytest.approx(v, abs=1e-12)
-        d = r[k] - v - error[k]
-        total += d
-        u = 15.0 * d + 4.0 * 0.2 * total
-        assert truth.channel("input")[k] == pytest.approx(u, abs=1e-10)
-        v = a * v + H * (0.021 * u + (e[k] if route is DisturbanceRoute.DYNAMICS else 0.0))
-
-
-def test_control_follows_its_reference():
-    scenario = replace(OPEN, excitation=SteppedExcitation((1.0,), 1e6), samples=400, **CONTROL)
-    result = simulate(scenario, rng())
-    assert result.truth.channel("velocity_z")[-1] == pytest.approx(1.0, abs=1e-6)
-    np.testing.assert_array_equal(result.signals.channel("reference_velocity_z"), 1.0)
-    assert result.signals.noise["reference_velocity_z"] == WhiteNoise(0.0)
-
-
 def test_record_without_noise_gives_its_parameters_back():
     signals = simulate(replace(OPEN, excitation=PaperInput()), rng()).signals
     rows = VerticalMotion(intercept=False).regression(signals).rows()
@@ -369,15 +301,6 @@ def test_own_height_is_never_scaled_up(kind):
     heights = [np.ptp(reference(kind, seed=seed).position) for seed in range(5)]
     assert max(heights) <= {TrajectoryKind.CLIMBS: 4.0, TrajectoryKind.HOVER_STEPS: 0.1}[kind] + 1e-9
     assert min(heights) >= {TrajectoryKind.CLIMBS: 1.5, TrajectoryKind.HOVER_STEPS: 0.04}[kind]
-
-
-def test_wind_is_stationary_and_forgets():
-    wind = gusts(count=200_000, axes=2, step_s=0.01, rms=0.7, correlation_s=0.2, rng=np.random.default_rng(3))
-    # 200,000 samples of correlation .2 s are about 5,000 independent ones.
-    np.testing.assert_allclose(wind.std(axis=0), 0.7, rtol=0.05)
-    for column in wind.T:
-        assert np.corrcoef(column[20:], column[:-20])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.06)
-    assert abs(np.corrcoef(wind.T)[0, 1]) < 0.06
 
 
 def test_wind_is_the_recursion_it_is_said_to_be():
@@ -504,17 +427,6 @@ def test_effective_parameters_are_the_nominal_ones():
     )
 
 
-def test_rotor_is_the_lag_of_the_delayed_command():
-    flight = fly(LOUD)
-    late = round(LOUD.delay / VERTICAL_STEP_S)
-    reported = np.concatenate([np.full(late, LOUD.hover_input), values(flight, "rotor_command_1")])
-    decay = np.exp(-VERTICAL_STEP_S / LOUD.actuator_lag)
-    state = LOUD.hover_input
-    for k, actual in enumerate(flight.truth.rotor_state[:, 0]):
-        assert actual == pytest.approx(state, rel=1e-9)
-        state = decay * state + (1.0 - decay) * reported[k]
-
-
 def test_bias_and_noise_are_on_the_logged_force_alone():
     quiet = replace(LOUD, noise=SensorNoise(NoiseKind.FRACTIONAL, acceleration=0.0), accelerometer_bias=0.0)
     loud, quiet_flight = fly(LOUD), fly(quiet)
@@ -558,14 +470,6 @@ def test_recording_is_what_the_recipe_reads():
     }
 
 
-def test_actual_state_takes_the_commands_place():
-    flight = fly(LOUD)
-    recording = actual_state_recording(flight)
-    np.testing.assert_array_equal(recording.channel("rotor_speed_1").values, flight.truth.rotor_state[:, 0])
-    assert not recording.channel("rotor_speed_1").held
-    assert set(recording.channels) ^ set(flight.recording.channels) == {"rotor_speed_1", "rotor_command_1"}
-
-
 # ------------------------------------------------------------------------- a flight is its specification
 
 
@@ -577,13 +481,6 @@ def test_flight_does_not_depend_on_its_batch():
     identical(batch[-2], fly(LOUD))
     identical(next(simulate_vertical_flights([LOUD, *others[:3]])), batch[-2])
     identical(batch[0], fly(others[0]))
-
-
-@pytest.mark.thorough
-def test_same_specification_gives_the_same_bytes():
-    first, second = fly(LOUD), fly(LOUD)
-    for name in first.recording.channels:
-        assert values(first, name).tobytes() == values(second, name).tobytes()
 
 
 @pytest.mark.thorough

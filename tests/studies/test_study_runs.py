@@ -126,14 +126,6 @@ def of_another_version(folder: Path) -> dict[str, object]:
     return document
 
 
-def test_other_versions_do_not_finish_it(tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        run_study(small_study(), tmp_path, executor=Recorder(stop_after=1))
-    of_another_version(tmp_path)
-    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*; received eivor .*--out"):
-        run_study(small_study(), tmp_path)
-
-
 def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tmp_path):
     """The folder goes on saying who made it, so that more runs are refused the second time as well."""
     shutil.copytree(finished.folder, tmp_path, dirs_exist_ok=True)

@@ -18,13 +18,11 @@ from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageEr
 from eivor.motions.rigid_body.dynamics import (
     BODY,
     body_derivative,
-    coefficients_of,
     side_by_side,
     speed_derivative,
 )
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
-from eivor.simulation.rigid_body_spec import HeldInputs, Integrator, RungeKutta4
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import (
@@ -32,7 +30,6 @@ from validation.flight_recipe.rotorpy_flight import (
     STEP_S,
     RotorpyFlightSpec,
     Vehicle,
-    hover_speed,
     rigid_body,
     simulate_rotorpy_flight,
     vehicle_parameters,
@@ -168,10 +165,6 @@ def test_example_agrees_with_its_truth_file():
     assert np.std(residual) == pytest.approx(record["noise"]["acceleration"], rel=0.05)
 
 
-#: RotorPy's own default is off by .33 m after five seconds of this flight.
-TOLERANCE = {"rtol": 1e-8, "atol": 1e-10}
-
-
 def every_effect() -> dict[str, Any]:
     """A vehicle with all that RotorPy knows: a hub above the centre of mass, flapping, a full inertia."""
     parameters = vehicle_parameters(Vehicle.HUMMINGBIRD, None)
@@ -221,38 +214,3 @@ def test_derivatives_at_random_states(vehicle):
         slope = theirs._s_dot_fn(0.0, packed, command[k])
         expected = np.concatenate([slope[:6], np.roll(slope[6:10], 1), slope[10:13], slope[16:]])
         np.testing.assert_allclose(ours[k], expected, rtol=1e-11, atol=1e-11)
-
-
-def replayed(parameters: dict[str, Any], integrator: Integrator, seconds: float) -> tuple[Any, Any]:
-    """Positions in both simulators after each step of 2 ms, under commands that tumble the vehicle."""
-    rng, step = np.random.default_rng(2), 0.002
-    hover = np.full(4, hover_speed(parameters))
-    count = round(seconds / step)
-    held = np.repeat(rng.normal(0.0, 0.04, (count // 50 + 1, 4)), 50, axis=0)[:count]
-    commands = hover * (1.0 + held)
-    state = {
-        "x": np.zeros(3),
-        "v": np.zeros(3),
-        "q": np.array([0.0, 0.0, 0.0, 1.0]),
-        "w": np.zeros(3),
-        "wind": np.zeros(3),
-        "rotor_speeds": hover,
-    }
-    theirs = multirotor(parameters, integrator_kwargs=TOLERANCE)
-    ours = integrator.stepper(coefficients_of(rigid_body(parameters), GRAVITY), step)
-    body, speeds = [0.0] * 6 + [1.0] + [0.0] * 6, hover.tolist()
-    positions = []
-    for command in commands:
-        state = theirs.step(state, {"cmd_motor_speeds": command}, step)
-        body, speeds = ours(body, speeds, HeldInputs(command.tolist()))
-        positions.append((state["x"], body[:3]))
-    return tuple(np.array(column) for column in zip(*positions, strict=True))
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("unchecked_shapes")  # of five seconds and of a third of one they are the same
-@pytest.mark.parametrize(("vehicle", "bound"), [(Vehicle.CRAZYFLIE, 1e-6), (Vehicle.HUMMINGBIRD, 1e-4)])
-def test_open_loop_replay_of_five_seconds(vehicle, bound):
-    theirs, ours = replayed(vehicle_parameters(vehicle, None), RungeKutta4(), 5.0)
-    assert np.ptp(theirs, axis=0).min() > 8.0
-    assert np.abs(theirs - ours).max() < bound

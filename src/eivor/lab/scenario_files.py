@@ -64,7 +64,7 @@ from eivor.simulation.excitation import (
     WhiteDisturbance,
     WhiteExcitation,
 )
-from eivor.simulation.rigid_body_spec import AdaptiveSteps, Integrator, RigidBodyFlightSpec, RungeKutta4
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
 
@@ -199,14 +199,12 @@ EXCITATIONS: Mapping[str, Maker] = {
     "scaled": ScaledExcitation,
 }
 CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
-INTEGRATORS: Mapping[str, Maker] = {"runge_kutta_4": RungeKutta4, "adaptive": AdaptiveSteps}
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
     Disturbance: DISTURBANCES,
     Excitation: EXCITATIONS,
     Control: CONTROLS,
-    Integrator: INTEGRATORS,
     CoefficientPath: COURSES,
 }
 #: Kinds that are meant where a table names none.

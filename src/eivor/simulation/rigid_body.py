@@ -46,6 +46,7 @@ from eivor.simulation.rigid_body_spec import (
     RigidBodyFlightSpec,
     Stepper,
     Surroundings,
+    runge_kutta,
     stamping_stream,
     surroundings_of,
 )
@@ -80,7 +81,7 @@ def shared_settings(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
     """What flights that are simulated side by side have in common."""
     c = spec.controller
     loops = (c.rate_hz, c.attitude_hz, c.height_hz)
-    return (spec.rate_hz, spec.count, spec.vehicle.rotors.count, loops, spec.integrator)
+    return (spec.rate_hz, spec.count, spec.vehicle.rotors.count, loops)
 
 
 #: Steps for which what is read is laid out at a time.
@@ -198,7 +199,7 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarra
     senses = tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES)
     gains = gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)
     line = DelayLine(round(vehicle.rotors.delay / step_s), hover)
-    stepper = spec.integrator.stepper(coefficients_of(vehicle), step_s)
+    stepper = runge_kutta(coefficients_of(vehicle), step_s)
     body = _start(met).tolist()
     return _collected(_Loop([spec], read, senses, gains, mixer_of(vehicle), line, stepper, body, hover))
 
@@ -218,7 +219,7 @@ def _together(
     senses = tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
     line = DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover])
-    stepper = first.integrator.stepper(side_by_side(vehicles), step_s)
+    stepper = runge_kutta(side_by_side(vehicles), step_s)
     body, mixer = np.stack([_start(item) for item in met], axis=1), mixers_side_by_side(vehicles)
     together = gains_side_by_side(gains)
     return _collected(_Loop(specs, read, senses, together, mixer, line, stepper, body, [hover]))
@@ -393,7 +394,7 @@ def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterato
     for _, group in groupby(specs, shared_settings):
         together = list(group)
         first = together[0]
-        most = max(BATCH_STEPS // first.count, 1) if first.integrator.side_by_side else 1
+        most = max(BATCH_STEPS // first.count, 1)
         for start in range(0, len(together), most):
             batch = together[start : start + most]
             met = [surroundings_of(spec) for spec in batch]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from eivor.simulation.environment import TrajectoryKind, altitude_reference
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.tools import Float
 
-# -- Integrators --
+# -- Integrator --
 
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]
@@ -46,87 +45,28 @@ class HeldInputs:
 Stepper: TypeAlias = Callable[[Body, Sequence[Value], HeldInputs], Moved]
 
 
-class Integrator(ABC):
-    """A way to move on in time."""
+def runge_kutta(coefficients: Coefficients, step_s: float) -> Stepper:
+    """Return steps of this length [s] by the classical method of the fourth order."""
+    c, h = coefficients, step_s
+    half = RotorCourse(c, h / 2.0)
 
-    #: Whether several flights may be moved on together without a difference to any of them.
-    side_by_side: ClassVar[bool]
+    def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
+        return speed_derivative(c, speeds, command) if c.gyroscopic else ()
 
-    @abstractmethod
-    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        """Return what makes steps of this length [s] for vehicles with these coefficients."""
+    def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+        command, wind, disturbance = held.command, held.wind, held.disturbance
+        middle = half.after(speeds, command)
+        end = half.after(middle, command)
+        change = spin_up(middle, command)
+        k1 = body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
+        k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
+        k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
+        k4 = body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
+        # Six times the mean slope.
+        slope = [p + 2.0 * (q + r) + s for p, q, r, s in zip(k1, k2, k3, k4, strict=True)]
+        return _unit_attitude(_stepped(body, slope, h / 6.0)), end
 
-
-@dataclass(frozen=True, slots=True)
-class RungeKutta4(Integrator):
-    """The classical method of the fourth order, one step at a time."""
-
-    side_by_side: ClassVar[bool] = True
-
-    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        c, h = coefficients, step_s
-        half = RotorCourse(c, h / 2.0)
-
-        def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
-            return speed_derivative(c, speeds, command) if c.gyroscopic else ()
-
-        def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
-            command, wind, disturbance = held.command, held.wind, held.disturbance
-            middle = half.after(speeds, command)
-            end = half.after(middle, command)
-            change = spin_up(middle, command)
-            k1 = body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
-            k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
-            k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
-            k4 = body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
-            # Six times the mean slope.
-            slope = [p + 2.0 * (q + r) + s for p, q, r, s in zip(k1, k2, k3, k4, strict=True)]
-            return unit_attitude(_stepped(body, slope, h / 6.0)), end
-
-        return step
-
-
-@dataclass(frozen=True, slots=True)
-class AdaptiveSteps(Integrator):
-    """SciPy's integrators, which divide each step by the error that they estimate: thirty times slower."""
-
-    side_by_side: ClassVar[bool] = False
-    rtol: float = 1e-8  # Relative and absolute tolerance of every component
-    atol: float = 1e-10
-    method: str = "DOP853"  # Of `scipy.integrate.solve_ivp`
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < math.inf):
-            expected = "tolerances above zero, the relative one below one"
-            raise ParameterError(expected, f"rtol={self.rtol}, atol={self.atol}", "Correct the integrator.")
-        methods = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
-        if self.method not in methods:
-            raise ParameterError(f"a method out of {', '.join(methods)}", f"{self.method!r}", "Choose one.")
-
-    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        from scipy.integrate import solve_ivp
-
-        def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
-            def slope(time: float, state: Float[np.ndarray, " 13"]) -> list[Value]:
-                now = RotorCourse(coefficients, time).after(speeds, held.command)
-                change = speed_derivative(coefficients, now, held.command)
-                return body_derivative(coefficients, state.tolist(), now, change, held.wind, held.disturbance)
-
-            # A first step that is given, not guessed: most of these steps need no other.
-            first = 1.0 / max(1.0 / step_s, coefficients.rate_up, coefficients.rate_down)
-            solved = solve_ivp(
-                slope,
-                (0.0, step_s),
-                np.array(body),
-                method=self.method,
-                rtol=self.rtol,
-                atol=self.atol,
-                first_step=first,
-            )
-            end = RotorCourse(coefficients, step_s).after(speeds, held.command)
-            return unit_attitude(solved.y[:, -1].tolist()), end
-
-        return step
+    return step
 
 
 class RotorCourse:
@@ -154,7 +94,7 @@ def _stepped(state: Body, slope: Sequence[Value], time_s: float) -> Body:
     return [x + time_s * k for x, k in zip(state, slope, strict=True)]
 
 
-def unit_attitude(body: Body) -> Body:
+def _unit_attitude(body: Body) -> Body:
     """State with an attitude of length 1."""
     w, x, y, z = body[6:10]
     short = (w * w + x * x + y * y + z * z) ** -0.5
@@ -267,7 +207,6 @@ class RigidBodyFlightSpec:
     torque_disturbance: TorqueDisturbance = field(default_factory=TorqueDisturbance)  # From outside
     sensors: Sensors = field(default_factory=Sensors)  # What is measured, and how
     logged: Logged = field(default_factory=Logged)  # How often the rest is logged
-    integrator: Integrator = field(default_factory=RungeKutta4)  # Of the motion
     seed: int = 0  # Of the random streams
 
     def __post_init__(self) -> None:

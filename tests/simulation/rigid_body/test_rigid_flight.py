@@ -13,7 +13,6 @@ from eivor.errors import ParameterError
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.rigid_body.dynamics import coefficients_of, turned, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import (
@@ -23,7 +22,6 @@ from eivor.simulation.controller import (
     Sensor,
     gains_of,
     mixer_of,
-    mixers_side_by_side,
     torque_limits,
 )
 from eivor.simulation.environment import TrajectoryKind
@@ -31,7 +29,6 @@ from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitati
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
-    AdaptiveSteps,
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
@@ -118,21 +115,6 @@ def test_log_of_exact_sensors_is_the_truth():
         for name in flight.recording.channels
         if name.startswith(("rotor_command", "reference", "feedback", "torque")) or name == "input"
     }
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_truth_agrees_with_itself():
-    """Velocity, attitude and specific force are those of one motion."""
-    truth = fly(QUIET).truth
-    turn = Rotation.from_quat(truth.attitude, scalar_first=True)
-    step = QUIET.step_s
-    # over two steps, by Simpson's rule
-    acceleration = turn.apply(truth.specific_force) - [0.0, 0.0, GRAVITY]
-    gained = step / 3.0 * (acceleration[:-2] + 4.0 * acceleration[1:-1] + acceleration[2:])
-    np.testing.assert_allclose(np.diff(truth.velocity[::2], axis=0), gained[::2], atol=1e-4)
-    turned = (turn[:-2].inv() * turn[2:]).as_rotvec()
-    mean = (truth.angular_rate[:-2] + 4.0 * truth.angular_rate[1:-1] + truth.angular_rate[2:]) / 6.0
-    np.testing.assert_allclose(turned, 2.0 * step * mean, atol=5e-5)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -341,17 +323,6 @@ def test_streams_are_apart():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_adaptive_integrator_flies_the_same():
-    short = replace(QUIET, duration=0.2)
-    adaptive = replace(short, integrator=AdaptiveSteps(rtol=1e-9))
-    for simulate_rigid_body_flight, other in zip(
-        simulate_rigid_body_flights([adaptive, adaptive]), [fly(short)] * 2, strict=True
-    ):
-        np.testing.assert_allclose(simulate_rigid_body_flight.truth.position, other.truth.position, atol=1e-8)
-        np.testing.assert_allclose(simulate_rigid_body_flight.truth.attitude, other.truth.attitude, atol=1e-7)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_wind_and_torques_from_outside_have_their_size():
     flight = fly(replace(LOUD, rate_hz=250.0, duration=2.0, vehicle=VEHICLE))
     np.testing.assert_allclose(flight.truth.velocity[:, 0] - flight.truth.air_velocity[:, 0], 1.0)
@@ -500,14 +471,6 @@ def test_commands_stay_within_the_rotors_limits():
     assert 0.0 < max(idle) < 80.0
 
 
-def test_mixers_side_by_side_are_each_of_them():
-    light = replace(HEXACOPTER, mass=1.0, rotors=replace(HEXACOPTER.rotors, torque_ratio=0.01))
-    (speeds,) = mixers_side_by_side([HEXACOPTER, light]).commands(
-        np.array([0.4, 0.5]), (np.array([0.1, 0.2]), np.zeros(2), np.array([0.0, 0.1]))
-    )
-    np.testing.assert_allclose(speeds[:, 1], mixer_of(light).commands(0.5, (0.2, 0.0, 0.1)))
-
-
 def test_attitude_loop_turns_the_shorter_way():
     gains = gains_of(FlightController(), HEXACOPTER, 0.0)
     cascade = Cascade(gains, 0.002, 0.02)
@@ -564,9 +527,3 @@ def test_values_arrive_later():
     assert DelayLine(0).pass_on([5.0]) == [5.0]
     first = DelayLine(1)
     assert [first.pass_on([float(k)])[0] for k in range(1, 4)] == [1.0, 1.0, 2.0]
-
-
-def test_each_flight_has_its_own_delay():
-    line = DelayLine(np.array([0, 2, 1]), [np.zeros((4, 3))])
-    arrived = [line.pass_on([np.full((4, 3), float(k))])[0][0].tolist() for k in range(1, 5)]
-    assert arrived == [[1.0, 0.0, 0.0], [2.0, 0.0, 1.0], [3.0, 1.0, 2.0], [4.0, 2.0, 3.0]]
