@@ -9,7 +9,7 @@ import numpy as np
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.models.separable import LaggedReferences
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights, vertical_problem
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import Power
@@ -91,4 +91,4 @@ def problem(
     """The separable problem of flights, by default with a coarse grid of lags."""
     grid = np.geomspace(0.01, 0.2, 6) if lags is None else lags
     rule = LaggedReferences(("reference_position_z", "reference_acceleration_z"))
-    return VerticalFlights(which, VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))
+    return vertical_problem(which, VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))

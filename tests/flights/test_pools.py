@@ -23,7 +23,7 @@ from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import LAG_GRID_S, lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
 from eivor.report.flight import summary
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
@@ -219,7 +219,10 @@ def pair() -> FlightEstimate:
 def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     """Return what `identify_flight` makes of a pool, without each flight's own result."""
     prepared = tuple(prepare(log, pair.motion, pair.options) for log in recordings)
-    problem = replace(problem_of(pair), flights=tuple(vertical_flight(flight) for flight in prepared))
+    made = problem_of(pair)
+    problem = vertical_problem(
+        tuple(vertical_flight(flight) for flight in prepared), made.motion, made.rule, made.nuisances
+    )
     estimate = identify(problem, reference_iv())
     quantities = {
         name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.quantities[name])
@@ -278,7 +281,7 @@ def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightE
     for replicate in fast.replicates:
         drawn = random.integers(0, 10, 10)
         flights = tuple(problem_of(pool).flights[number] for number in drawn)
-        full = identify(VerticalFlights(flights, alone.motion, alone.rule, alone.nuisances), reference_iv())
+        full = identify(vertical_problem(flights, alone.motion, alone.rule, alone.nuisances), reference_iv())
         for name in ("viscous_friction", "input_gain", "actuator_lag"):
             away = replicate[fast.names.index(name)] - full.parameters[name]
             assert abs(away) < 0.25 * pool.quantities[name].std_error
@@ -324,7 +327,7 @@ def test_measured_states_have_a_delay_and_no_lag() -> None:
 @pytest.mark.thorough
 def test_what_cannot_be_resampled_is_refused(pool: FlightEstimate) -> None:
     assert pool.fit is not None
-    item = replace(problem_of(pool), flights=problem_of(pool).flights[:1])
+    item = replace(problem_of(pool), columns=problem_of(pool).columns[:1])
     alone = replace(pool, fit=replace(pool.fit, problem=item))
     with pytest.raises(UsageError, match="two flights or more"):
         bootstrap_flights(alone)

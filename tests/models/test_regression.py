@@ -20,7 +20,7 @@ from eivor.models.regression import SampleRows, check_covariance, regression
 from eivor.models.separable import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.models.signal_regression import BLOCKS, cross_fitted
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import Power
 
@@ -252,7 +252,7 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
         VerticalFlight(signals, "input", False, (slice(0, 300), slice(350, 800))),
         VerticalFlight(other, "input", False, (slice(100, 700),)),
     )
-    problem = VerticalFlights(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))
+    problem = vertical_problem(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))
     rows = problem.rows(AT)
     assert rows.response.size == 300 + 450 + 600
     np.testing.assert_array_equal(rows.layout.flight_of_row, np.repeat([0, 1], [750, 600]))
@@ -272,7 +272,7 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
         np.testing.assert_allclose(rows.regressors[here, 1], U - U.mean(), atol=1e-12)
     # In frequency: a run's block is what its own flight alone gives.
     bins = problem.bins(AT)
-    alone = VerticalFlights((flights[1],), VerticalMotion(), problem.rule).bins(AT)
+    alone = vertical_problem((flights[1],), VerticalMotion(), problem.rule).bins(AT)
     count = alone.layout.runs[0].count
     np.testing.assert_allclose(bins.regressors[-count:], alone.regressors, atol=1e-12)
     np.testing.assert_allclose(bins.instruments[-count:], alone.instruments, atol=1e-12)
@@ -282,7 +282,7 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
 def test_flights_that_cannot_share_a_problem_are_refused():
     runs = (slice(0, 800),)
     with pytest.raises(TooFewSamplesError, match="Expected at least one usable run of flight; received none"):
-        VerticalFlights((VerticalFlight(flight_signals(), "input", False, ()),), VerticalMotion())
+        vertical_problem((VerticalFlight(flight_signals(), "input", False, ()),), VerticalMotion())
 
     class Uneven(LaggedInputs):
         def columns(self, driven):
@@ -294,12 +294,12 @@ def test_flights_that_cannot_share_a_problem_are_refused():
         for sign in (1.0, -1.0)
     ]
     with pytest.raises(InstrumentError, match="same instruments in every flight"):
-        VerticalFlights(tuple(flights), VerticalMotion(), Uneven())
+        vertical_problem(tuple(flights), VerticalMotion(), Uneven())
 
 
 def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
     flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
-    problem = VerticalFlights((flight,), VerticalMotion())
+    problem = vertical_problem((flight,), VerticalMotion())
     np.testing.assert_array_equal(problem.lag.grid, [0.0])
     assert problem.delay.refined
     assert problem.delay.grid[0] < 0.0 < problem.delay.grid[-1]

@@ -17,7 +17,7 @@ from eivor.models.separable import InstrumentRule, LaggedInputs, LaggedReference
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import VerticalFlights
+from eivor.motions.vertical.regression import vertical_problem
 from eivor.signals.thrust_map import Power
 from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
 from eivor.simulation.excitation import (
@@ -223,7 +223,7 @@ def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
         "generalized_iv_tls": LaggedReferences(flight.usable_references),
     }.get(method, NoInstruments())
     nuisances = lag_and_delay(delays_s=[spec.delay])
-    problem = VerticalFlights((vertical_flight(flight),), VerticalMotion(Power(2.0)), rule, nuisances)
+    problem = vertical_problem((vertical_flight(flight),), VerticalMotion(Power(2.0)), rule, nuisances)
     return identify(problem, by_name(method)).parameters
 
 

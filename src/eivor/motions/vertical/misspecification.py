@@ -74,7 +74,7 @@ def omitted_variable_tests(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, Difference]:
     """Coefficient of each term as if it alone were added; none without instruments."""
-    columns = problem.runs.columns
+    columns = problem.columns
     if not all(item.instruments.shape[1] for item in columns):
         return {}
     nuisances = estimate.nuisances
@@ -116,7 +116,7 @@ def omitted_variable_tests(
 def _measured(
     problem: VerticalFlights, position: int, flight: PreparedFlight, nuisance_values: Values
 ) -> _Flight:
-    mapped = problem.runs.columns[position].moving(nuisance_values)[:, 0]
+    mapped = problem.columns[position].moving(nuisance_values)[:, 0]
     used = np.flatnonzero(flight.used)
     time = flight.grid.time_s
     span = time[used[-1]] - time[used[0]]
@@ -351,7 +351,7 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
     """Regression of D - A on what each kind of disagreement would leave of it."""
-    axis_columns = problem.runs.columns
+    axis_columns = problem.columns
     if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in axis_columns):
         return None
     sideways = [_sideways(flight) for flight in flights]

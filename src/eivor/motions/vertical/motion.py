@@ -92,6 +92,7 @@ from eivor.motions.vertical.regression import (
     intercepts_by_run,
     mean_voltage,
     thrust_drift,
+    vertical_problem,
     with_surroundings,
 )
 from eivor.motions.vertical.select import (
@@ -330,7 +331,7 @@ def tracked_gain(
         )
     known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
     friction_prior = {"viscous_friction": friction}
-    return TrackedParameter("input_gain", problem.runs, friction_prior, intercept, (known, level))
+    return TrackedParameter("input_gain", problem, friction_prior, intercept, (known, level))
 
 
 # -- Flights --
@@ -504,7 +505,7 @@ class Vertical(Motion[VerticalFlights]):
         if self.added:
             pairs = zip(cut, flights, strict=True)
             cut = tuple(with_surroundings(*pair, self.rotor_radius, self.mean_voltage) for pair in pairs)
-        return VerticalFlights(cut, model, rule, terms=self.added)
+        return vertical_problem(cut, model, rule, terms=self.added)
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant."""

@@ -15,7 +15,13 @@ from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
-from eivor.motions.vertical.regression import QUADRATIC_DRAG, VerticalFlights, balance_sums, hover_of_sums
+from eivor.motions.vertical.regression import (
+    QUADRATIC_DRAG,
+    MovingColumns,
+    VerticalFlights,
+    balance_sums,
+    hover_of_sums,
+)
 from eivor.signals.recording import LARGEST_VALUE
 from eivor.tools import Bool, Complex, Float
 
@@ -269,7 +275,7 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
     weights = np.array([0.0 if name == QUADRATIC_DRAG.parameter.name else values[name] for name in names])
     results: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
-        driven = problem.moving(flight)(values) @ weights
+        driven = MovingColumns(flight, problem.motion, problem.terms)(values) @ weights
         step_s = flight.signals.step_s
         for run in flight.runs:
             counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]

@@ -25,7 +25,7 @@ from eivor.models.lagged_runs import (
     lag_and_delay,
     measured_state,
 )
-from eivor.models.regression import Parameter, Regression
+from eivor.models.regression import Parameter
 from eivor.models.separable import (
     DrivenSignals,
     InstrumentRule,
@@ -33,10 +33,9 @@ from eivor.models.separable import (
     NoInstruments,
     Nuisance,
     SampledState,
-    SeparableProblem,
     Values,
 )
-from eivor.models.spectral import LINE_S, SpectralRegression
+from eivor.models.spectral import LINE_S
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import family_members
@@ -56,19 +55,29 @@ RESPONSE_SAMPLES = 1_500
 BEFORE = 50
 
 
-def row_noise(problem: VerticalFlights, nuisance_values: Values) -> RowNoise:
-    """Variances of the errors in z', U, the terms and z'', and what past inputs share with U."""
-    n, weights, selected, shared = len(problem.parameters), [], [], []
-    for flight in problem.flights:
+def row_noise(
+    flights: Sequence[VerticalFlight],
+    level: InputMap,
+    terms: int,
+    instruments: int,
+    rule: InstrumentRule,
+    nuisance_values: Values,
+) -> RowNoise:
+    """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
+    weights, selected, shared = [], [], []
+    for flight in flights:
         noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
         if "velocity_z" in noise and flight.acceleration is None:
             noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
-        variance = input_variance(flight, problem.motion.input_map)
+        variance = input_variance(flight, level)
         response = _response(flight, nuisance_values) if variance else np.zeros(1)
         velocity, force = (noise.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
-        of_terms = [0.0] * (n - 2)
-        selected.append([velocity, variance * float(response @ response), *of_terms, force])
-        shared.append(_shared(problem, response * variance))
+        selected.append([velocity, variance * float(response @ response), *[0.0] * terms, force])
+        # covariance of the instruments' noises with those of [Phi y]
+        covariance = np.zeros((instruments, terms + 3))
+        if isinstance(rule, LaggedInputs) and variance and response.any():
+            covariance[: rule.last - rule.first + 1, 1] = variance * response[rule.first : rule.last + 1]
+        shared.append(covariance)
         weights.append(float(flight.sample_count))
     mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
@@ -104,18 +113,6 @@ def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarr
     lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
     after: Float[np.ndarray, " lags"] = flight.state_of(impulse, lag_s, delay_s)[BEFORE:, 0]
     return after
-
-
-def _shared(
-    problem: VerticalFlights, response: Float[np.ndarray, " lags"]
-) -> Float[np.ndarray, "p n_plus_1"]:
-    """Covariance of the instruments' noises with those of [Phi y]."""
-    count = problem.runs.columns[0].instruments.shape[1]
-    shared = np.zeros((count, len(problem.parameters) + 1))
-    if isinstance(problem.rule, LaggedInputs) and response.any():
-        first, last = problem.rule.first, problem.rule.last
-        shared[: last - first + 1, 1] = response[first : last + 1]
-    return shared
 
 
 # -- Terms --
@@ -323,28 +320,14 @@ class MovingColumns:
 
 
 @dataclass(frozen=True)
-class VerticalFlights(SeparableProblem):
-    """Regressions of vertical motion for each actuator lag and delay."""
+class VerticalFlights(LaggedRuns):
+    """Regressions of vertical motion for each actuator lag and delay, made by `vertical_problem`."""
 
-    flights: tuple[VerticalFlight, ...]
-    motion: VerticalMotion
+    flights: tuple[VerticalFlight, ...] = ()
+    motion: VerticalMotion = field(default_factory=VerticalMotion)
     rule: InstrumentRule = field(default_factory=NoInstruments)
-    nuisances: tuple[Nuisance, ...] = ()  # Lag and delay of the actuators
-    curve: FittedCurve | None = None
     terms: tuple[OptionalTerm, ...] = ()
-    runs: LaggedRuns = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        if not self.nuisances:
-            measured = all(flight.measured for flight in self.flights)
-            step_s = max((flight.signals.step_s for flight in self.flights), default=0.0)
-            nuisances = measured_state() if measured else lag_and_delay(step_s=step_s)
-            object.__setattr__(self, "nuisances", nuisances)
-        columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
-        runs = LaggedRuns(
-            columns, self.parameters, self.nuisances, self.motion.intercept, partial(row_noise, self)
-        )
-        object.__setattr__(self, "runs", runs)
+    curve: FittedCurve | None = None
 
     @property
     def few_rows(self) -> bool:
@@ -361,44 +344,6 @@ class VerticalFlights(SeparableProblem):
         """The actuators' delay."""
         return next(nuisance for nuisance in self.nuisances if nuisance.parameter == DELAY)
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Linear parameters."""
-        return (*self.motion.parameters, *(term.parameter for term in self.terms))
-
-    def moving(self, flight: VerticalFlight) -> MovingColumns:
-        """Columns of one of the flights that are the input's and the terms'."""
-        return MovingColumns(flight, self.motion, self.terms)
-
-    def _columns(self, number: int, flight: VerticalFlight) -> AxisColumns:
-        """Columns of one flight: z'' measured and from the velocity, -z', the mapped input, terms."""
-        moving = self.moving(flight)
-        accelerations = (flight.acceleration, flight.velocity_derivative)
-        driven = DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))
-        return AxisColumns(
-            flight.signals.step_s,
-            flight.runs,
-            np.column_stack([item for item in accelerations if item is not None]),
-            -flight.velocity[:, None],
-            moving,
-            moving.instruments(self.rule.columns(driven)),
-            number,
-            band_hz=flight.band_hz,
-            valid=flight.signals.valid,
-        )
-
-    def rows(self, nuisance_values: Values) -> Regression:
-        """Rows (-z', U) and z'' in time, mean and line of each run removed when there is an intercept."""
-        return self.runs.rows(nuisance_values)
-
-    def bins(self, nuisance_values: Values) -> SpectralRegression:
-        """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
-        return self.runs.bins(nuisance_values)
-
-    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
-        """Rows in frequency at many lags and delays."""
-        return self.runs.many_bins(points)
-
     def sampled_state(self, _at: Values) -> SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""
         if any(flight.acceleration is None for flight in self.flights):
@@ -409,6 +354,51 @@ class VerticalFlights(SeparableProblem):
         driven = np.zeros(len(self.parameters))
         driven[1] = driving
         return SampledState(0, velocity, response, driven)
+
+
+def vertical_problem(
+    flights: tuple[VerticalFlight, ...],
+    motion: VerticalMotion,
+    rule: InstrumentRule | None = None,
+    nuisances: tuple[Nuisance, ...] = (),
+    terms: tuple[OptionalTerm, ...] = (),
+) -> VerticalFlights:
+    """Regressions of z'' = -K z' + K_u U + terms, for the usual lags and delays where none are given."""
+    rule = NoInstruments() if rule is None else rule
+    if not nuisances:
+        step_s = max((flight.signals.step_s for flight in flights), default=0.0)
+        measured = all(flight.measured for flight in flights)
+        nuisances = measured_state() if measured else lag_and_delay(step_s=step_s)
+    columns = []
+    for number, flight in enumerate(flights):
+        moving = MovingColumns(flight, motion, terms)
+        accelerations = (flight.acceleration, flight.velocity_derivative)
+        driven = DrivenSignals(flight.signals, flight.mapped_input(motion, 0.0, 0.0))
+        columns.append(
+            AxisColumns(
+                flight.signals.step_s,
+                flight.runs,
+                np.column_stack([item for item in accelerations if item is not None]),
+                -flight.velocity[:, None],
+                moving,
+                moving.instruments(rule.columns(driven)),
+                number,
+                band_hz=flight.band_hz,
+                valid=flight.signals.valid,
+            )
+        )
+    width = columns[0].instruments.shape[1] if columns else 0
+    return VerticalFlights(
+        tuple(columns),
+        (*motion.parameters, *(term.parameter for term in terms)),
+        nuisances,
+        motion.intercept,
+        partial(row_noise, flights, motion.input_map, len(terms), width, rule),
+        flights=flights,
+        motion=motion,
+        rule=rule,
+        terms=terms,
+    )
 
 
 # -- Balance --
@@ -542,7 +532,7 @@ def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np
 def _of_flight(
     problem: VerticalFlights, flight: VerticalFlight, nuisance_values: Values
 ) -> list[Float[np.ndarray, "_ m"]]:
-    moving = problem.moving(flight)(nuisance_values)
+    moving = MovingColumns(flight, problem.motion, problem.terms)(nuisance_values)
     return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
 
 

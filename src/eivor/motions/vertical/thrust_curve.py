@@ -15,7 +15,14 @@ from eivor.estimation.variable_projection import DECIMALS, with_values_tried
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
-from eivor.motions.vertical.regression import Balance, VerticalFlights, balance, hover_mapped, intercept
+from eivor.motions.vertical.regression import (
+    Balance,
+    VerticalFlights,
+    balance,
+    hover_mapped,
+    intercept,
+    vertical_problem,
+)
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.thrust_map import InputMap
 from eivor.tools import Float
@@ -34,7 +41,8 @@ Linear = tuple[float, Float[np.ndarray, " n"], float]
 
 def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
     """Return the same flights with another input map."""
-    return replace(problem, motion=replace(problem.motion, input_map=chosen), curve=None)
+    motion = replace(problem.motion, input_map=chosen)
+    return vertical_problem(problem.flights, motion, problem.rule, problem.nuisances, problem.terms)
 
 
 def hover_and_exponent(problem: VerticalFlights, candidate: Estimate) -> tuple[float, float]:
