@@ -258,7 +258,7 @@ class VelocitySpectrum:
 def velocity_spectrum(problem: VerticalFlights) -> VelocitySpectrum:
     """Power of what the instruments explain of the velocity."""
     frequencies, powers, count = [], [], 0
-    for item, flight in zip(problem.runs.columns, problem.flights, strict=True):
+    for item, flight in zip(problem.columns, problem.flights, strict=True):
         if not item.instruments.shape[1]:
             return VelocitySpectrum()
         velocity = explained(item.instruments, item.runs, flight.velocity[:, None])[:, 0]
@@ -290,7 +290,7 @@ def sensitivities(
     Causes are an offset between sensors, whose column is the rate of change of the acceleration, and a tilt,
     whose column is the horizontal acceleration. What is known of the lag counts as in the estimate.
     """
-    columns = problem.runs.columns
+    columns = problem.columns
     if not all(item.instruments.shape[1] for item in columns):
         return Sensitivities()
     sideways = [_sideways(flight) for flight in flights]
