@@ -17,7 +17,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.models.separable import Nuisance, SeparableProblem, combinations
+from eivor.models.separable import LaggedReferences, Nuisance, SeparableProblem, combinations
 from eivor.motions.rates.motion import Rates
 from eivor.motions.rigid_body.regression import searched_lag_and_delay
 from eivor.motions.vertical.motion import Vertical
@@ -80,29 +80,36 @@ def test_the_report_says_what_the_flight_alone_says(log):
 
 
 @pytest.mark.thorough
+def test_bounds_intersect_what_the_flight_says():
+    """Finding 20a: bounds around the truth made 8 identified flights weak or refused."""
+    good = flown(seconds=30.0)[0]
+    alone = ev.identify_flight(good)
+    around = ev.identify_flight(good, lag=ev.Bounds(LAG_S - 0.02, LAG_S + 0.02))
+    assert around.verdict.status is Status.IDENTIFIED
+    for name in ("viscous_friction", "input_gain", "hover_input"):
+        assert around.quantities[name].interval == alone.quantities[name].interval
+    middle = alone.quantities["effective_lag"].value
+    cut = ev.identify_flight(good, lag=ev.Bounds(middle, middle + 0.02))
+    low, high = cut.quantities["effective_lag"].interval
+    assert middle - 0.005 <= low <= high <= alone.quantities["effective_lag"].interval[1] + 0.005
+    width = alone.quantities["viscous_friction"].half_width
+    assert cut.quantities["viscous_friction"].half_width < 2.0 * width
+
+
 @pytest.mark.thorough
-def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
-    bounds = ev.Bounds(0.03, 0.08)
-    between = ev.identify_flight(log, lag=bounds)
+def test_a_given_lag_is_one_unknown_less(monkeypatch):
+    """Finding 3: two instruments were too few for friction, gain and a lag that was given."""
+    every = LaggedReferences.columns
+    monkeypatch.setattr(LaggedReferences, "columns", lambda rule, driven: every(rule, driven)[:, :2])
+    log = flown(seconds=30.0)[0]
     alone = ev.identify_flight(log)
-    known = [ev.identify_flight(log, lag=ev.Bounds(lag_s, lag_s)) for lag_s in (0.03, 0.055, 0.08)]
-    for name in ("viscous_friction", "input_gain", "intercept"):
-        low, high = between.quantities[name].interval
-        intervals = [at_one.quantities[name].interval for at_one in known]
-        assert low <= min(low for low, _ in intervals)
-        assert high >= max(high for _, high in intervals)
-    lag = between.quantities["effective_lag"]
-    assert lag.interval == (0.03, 0.08)
-    assert lag.value == pytest.approx(min(max(alone.quantities["effective_lag"].value, 0.03), 0.08))
-    assert "actuator_lag" not in between.estimate.names
-    assert all(
-        0.03 <= sum(candidate.nuisances.values()) <= 0.08 + 1e-9 for candidate in between.estimate.candidates
-    )
-    # the profile set is a union too, each lag having a least J of its own
-    sets = between.fit.sets["viscous_friction"]
-    ends = [at_one.fit.sets["viscous_friction"].profile.hull for at_one in known]
-    assert sets.profile.hull[0] == pytest.approx(min(low for low, _ in ends), rel=0.02)
-    assert sets.profile.hull[1] == pytest.approx(max(high for _, high in ends), rel=0.02)
+    assert alone.fit is None
+    assert "at least 3 independent instruments" in alone.verdict.sentences[0]
+    flight = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.005))
+    assert "the flight alone has too few instruments for a lag" in dict(checks(flight))["lag"]
+    assert flight.quantities["viscous_friction"].value == pytest.approx(0.4, rel=0.2)
+    low, high = flight.quantities["effective_lag"].interval
+    assert LAG_S - 0.0115 <= low <= high <= LAG_S + 0.0115  # never wider than what was given
 
 
 @pytest.mark.thorough

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewSamplesError
+from eivor.errors import EstimationError, InputError, InstrumentError, MissingNoiseError, TooFewSamplesError
 from eivor.estimation.derived import ParameterSets, nuisance_sets, parameter_sets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
@@ -221,10 +221,15 @@ def pose_problem(state: FlightState) -> FlightState:
 def estimate_parameters(state: FlightState) -> FlightState:
     """The estimate, and the problem with what the motion finds out by estimates."""
     solve, refinement = partial(identify, method=state.method), state.motion.abilities.refinement
-    if refinement is None:
-        return replace(state, estimate=solve(state.problem))
-    problem, estimate = refinement.estimate(state.problem, solve, state.options)
-    return replace(state, problem=problem, estimate=estimate)
+    try:
+        if refinement is None:
+            return replace(state, estimate=solve(state.problem))
+        problem, estimate = refinement.estimate(state.problem, solve, state.options)
+        return replace(state, problem=problem, estimate=estimate)
+    except InstrumentError:
+        if state.options.lag is None or state.lag_prior is not None:
+            raise
+        return state  # too few for the lag as well, which is given
 
 
 def apply_lag_prior(state: FlightState) -> FlightState:
@@ -234,9 +239,10 @@ def apply_lag_prior(state: FlightState) -> FlightState:
         motion, state.flying, state.options, problem, estimate, state.lag_measurements
     )
     state = replace(state, lag_prior=prior, findings=findings)
-    if prior is not None:
-        alone = WithoutPrior(problem, estimate)
-        problem = with_lag_prior(problem, prior.for_the_log, estimate.nuisances)
+    if prior is not None and not prior.closer_alone:
+        alone = None if estimate is None else WithoutPrior(problem, estimate)
+        values = problem.first_values if estimate is None else estimate.nuisances
+        problem = with_lag_prior(problem, prior.for_the_log, values)
         state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
     refinement = motion.abilities.refinement
     if refinement is None or refinement.flights is None:
@@ -334,15 +340,19 @@ def known_lag(
     flying: tuple[PreparedFlight, ...],
     options: FlightOptions,
     problem: SeparableProblem,
-    alone: Estimate,
+    alone: Estimate | None,
     lag_measurements: LagMeasurements = tuple,
 ) -> tuple[LagPrior | None, tuple[Finding, ...]]:
     """What is known of the lag beside the motion: what a user gave, else what the log gives most closely."""
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         check_lag_searched(problem)
-        return LagPrior(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
-    if not lag_searched(problem):
+        if alone is None:
+            return LagPrior(options.lag, QuantityEstimate(NAN, "s", NAN, NO_INTERVAL), slack_s), ()
+        strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
+        own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        return LagPrior(options.lag, own, slack_s, strong=strong), ()
+    if alone is None or not lag_searched(problem):
         return None, ()
     by_telemetry = telemetry_lag(flying, motion.channels.telemetry) if motion.channels.telemetry else None
     measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
@@ -421,6 +431,10 @@ def with_fit(
     inputs = replace(inputs, strength=strength, quantities=estimates)
     parts = systematic_uncertainties(motion.parts, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
+    if fit.lag_prior is not None and EFFECTIVE_LAG in estimates:
+        lag = estimates[EFFECTIVE_LAG]
+        within = fit.lag_prior.within(lag.interval, lag.value)
+        estimates = {**estimates, EFFECTIVE_LAG: replace(lag, interval=within)}
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), motion.quantities)
     # reasons of the estimate are each quantity's
     reasons = {name: [*own, *fit.estimate.reasons] for name, own in by_rules.items()}

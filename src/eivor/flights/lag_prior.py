@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot, sqrt
@@ -155,6 +156,8 @@ NO_LAG = Bounds(0.0, 0.0)
 TRIED_EVERY_S, MOST_TRIED = 0.005, 13
 #: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
 EVEN_STD = 3.0**-0.5
+#: Half of a normal 95 % interval, in standard deviations.
+NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -162,24 +165,30 @@ class LagPrior:
     """A lag that is known beside the flight, and the flight's own."""
 
     known: Prior | Bounds  # [s]
-    alone: QuantityEstimate  # [s]
+    alone: QuantityEstimate  # [s]; NaN where the instruments are too few for a lag
     slack_s: float = 0.0
     by: LagMeasurement | None = None
+    strong: bool = False  # The flight's own interval holds: its instruments are strong
 
     @property
     def for_the_log(self) -> Prior | Bounds:
         """What is known of the lag that makes up for the command's lateness, too."""
         known, slack = self.known, self.slack_s
-        if not slack or known == NO_LAG:
+        if known == NO_LAG:
             return known
         if isinstance(known, Prior):
             return replace(known, std=float(np.hypot(known.std, slack * EVEN_STD)))
-        return Bounds(max(known.low - slack, 0.0), known.high + slack)
+        low, high = max(known.low - slack, 0.0), known.high + slack
+        own_low, own_high = self.alone.interval if self.strong else (low, high)
+        within = max(low, own_low), min(high, own_high)
+        return Bounds(*within) if within[0] < within[1] else Bounds(low, high)
 
     @property
     def p_value(self) -> float:
         """Of the test that both are of one lag: how far they are apart, over the standard error of that."""
         known, alone = self.known, self.alone
+        if math.isnan(alone.value):
+            return 1.0
         if isinstance(known, Prior):
             separated, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
         else:
@@ -200,9 +209,21 @@ class LagPrior:
 
     @property
     def closer_alone(self) -> bool:
-        """Whether the flight identifies the lag within less than bounds that it agrees with."""
+        """Whether the flight identifies the lag within bounds, which then say nothing more."""
         known, (low, high) = self.known, self.alone.interval
-        return isinstance(known, Bounds) and known.low < low and high < known.high
+        return self.strong and isinstance(known, Bounds) and known.low < low and high < known.high
+
+    def within(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
+        """Interval of lag and delay, no wider to either side than what was known before the flight."""
+        known = self.for_the_log
+        if self.contradicted or known == NO_LAG:
+            return interval
+        low, high = (
+            (known.mean - NORMAL * known.std, known.mean + NORMAL * known.std)
+            if isinstance(known, Prior)
+            else (known.low, known.high)
+        )
+        return max(interval[0], min(low, value)), min(interval[1], max(high, value))
 
     @property
     def outcome(self) -> str:
@@ -225,10 +246,12 @@ class LagPrior:
     @property
     def sentence(self) -> str:
         """What was given, what the flight says, and whether they agree."""
+        who = "given" if self.by is None else f"{self.by.who} says"
+        if math.isnan(self.alone.value):
+            return f"{who} {self.given}; the flight alone has too few instruments for a lag"
         low, high = self.alone.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
-        closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
-        who = "given" if self.by is None else f"{self.by.who} says"
+        closer = ", and the flight alone is closer"
         return (
             f"{who} {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "

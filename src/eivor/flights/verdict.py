@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior
+from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, LagPrior
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty
 from eivor.inference.confidence_set import ConfidenceSet
@@ -125,7 +125,8 @@ class VerdictInputs:
     @property
     def half_hold_s(self) -> float:
         """Half a period of the logged command, or what its stamps leave open where that is more [s]."""
-        if any(flight.input.measured for flight in self.flights):
+        without_lag = self.lag_prior is not None and self.lag_prior.known == NO_LAG
+        if without_lag or any(flight.input.measured for flight in self.flights):
             return 0.0
         return max(0.5 / self.command_rate_hz, self.command_slack_s)
 
