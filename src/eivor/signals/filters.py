@@ -22,19 +22,18 @@ def actuator_state(
     decay = np.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
     tail = np.exp(-(1.0 - fraction) * step_s / lag_s) if lag_s > 0.0 else 0.0
     start = command[0]
-    delayed = delayed_by(command - start, whole + 1)
-    earlier = delayed_by(command - start, whole + 2)
-    driven = (1.0 - tail) * delayed + (tail - decay) * earlier
-    return _recursion(driven, float(decay)) + start
-
-
-def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.ndarray, "n rotors"]:
-    """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is."""
-    band = np.empty((2, driven.shape[0]))
+    moved = command - start
+    driven = np.zeros(command.shape, order="F")
+    driven[whole + 1 :] = (1.0 - tail) * moved[: -whole - 1]
+    if tail != decay:
+        driven[whole + 2 :] += (tail - decay) * moved[: -whole - 2]
+    # w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is
+    band = np.empty((2, command.shape[0]), order="F")
     band[0], band[1] = 1.0, -decay
     state: Float[np.ndarray, "n rotors"] = scipy.linalg.lapack.dtbtrs(
         band, driven, uplo="L", diag="U", overwrite_b=True
     )[0]
+    state += start
     return state
 
 

@@ -52,6 +52,8 @@ class Power(InputMap):
         """Signed power of each state."""
         if self.exponent == 1.0:
             return state
+        if self.exponent == 2.0:
+            return state * np.abs(state)
         mapped: Float[np.ndarray, "*shape"] = np.sign(state) * np.abs(state) ** self.exponent
         return mapped
 

@@ -249,6 +249,11 @@ class VerticalFlight:
             return None
         return self.signals.channel("specific_force_z") - GRAVITY
 
+    @cached_property
+    def logged(self) -> Float[np.ndarray, "n m"]:
+        """What is logged of the actuators."""
+        return self.signals.family(self.input)
+
     def state_of(self, logged: Float[np.ndarray, "n m"], lag_s: float, delay_s: float) -> np.ndarray:
         """State of actuators by what is logged of them."""
         if self.measured:
@@ -257,8 +262,8 @@ class VerticalFlight:
 
     def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
         """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
-        state = self.state_of(self.signals.family(self.input), lag_s, delay_s)
-        mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
+        states = motion.input_map(self.state_of(self.logged, lag_s, delay_s))
+        mapped: Float[np.ndarray, " n"] = states[:, 0] if states.shape[1] == 1 else states.mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
 
     @property
