@@ -203,7 +203,9 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
         return SimpleNamespace(quantities={"input_gain": gain})
 
     monkeypatch.setattr(identify, "identified", identified)
-    companions = with_coupled_axes(turning, MOTIONS, [logging("input", "acceleration_z")], [None])
+    lag = replace(turning.quantities["effective_lag"], verdict=Status.IDENTIFIED)
+    known = replace(turning, quantities={**turning.quantities, "effective_lag": lag})
+    companions = with_coupled_axes(known, MOTIONS, [logging("input", "acceleration_z")], [None])
     assert companions.quantities["thrust_gain"].value == 30.0
     assert companions.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
     assert companions.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]
@@ -289,6 +291,22 @@ def test_a_pool_of_drives_is_drawn_again(simulate):
             low, high = bootstrap_flights.interval(name)
             assert low <= value <= high
             assert high - low > 0.1 * pool.quantities[name].half_width
+
+
+@pytest.mark.usefixtures("simulate")
+@pytest.mark.parametrize(
+    ("of", "received"),
+    [
+        ("-forward_sped", "'-forward_sped' with 'forward_sped'.*Did you mean 'forward_speed'"),
+        ("ddt(reference_forward_speed)", "with 'reference_forward_speed'"),
+    ],
+)
+def test_a_declaration_knows_the_channels_of_its_expressions(of, received):
+    rover = motion_by_name("rover")
+    (axis,) = rover.axes
+    wrong = replace(axis, terms=(replace(axis.terms[0], of=of), *axis.terms[1:]))
+    with pytest.raises(UsageError, match=f"an expression over the channels forward_speed, .*{received}"):
+        replace(rover, axes=(wrong,))
 
 
 def test_other_motions_do_not_know_its_channels(simulate, tmp_path):

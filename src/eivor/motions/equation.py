@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
 import numpy as np
 
+from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity
 from eivor.flights.grid import Active, Grid
@@ -362,7 +363,7 @@ class Machine(Motion[LaggedRuns]):
         The command line's word.
     title : str
         A heading.
-    line : tuple of str
+    equation : tuple of str
         The equation in one line, and its symbols.
     logged : tuple of Channel
         Channels and their roles.
@@ -378,11 +379,16 @@ class Machine(Motion[LaggedRuns]):
         Largest half-width of an identified quantity, as a share of it.
     band_hz : tuple of float
         Band of the rows in frequency [Hz].
+
+    Raises
+    ------
+    UsageError
+        When an expression names no channel of the machine, or a reference.
     """
 
     name: str
     title: str
-    line: tuple[str, str]
+    equation: tuple[str, str]
     logged: tuple[Channel, ...]
     axes: tuple[AxisEquation, ...]
     headline: tuple[str, ...]
@@ -391,31 +397,38 @@ class Machine(Motion[LaggedRuns]):
     derived: tuple[Ratio, ...] = ()
     half_width: float = HALF_WIDTH
     band_hz: tuple[float, float] = (0.05, 5.0)
-    quantities: QuantityTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        terms = [(term.name, term.symbol, term.unit, Kind.PARAMETER) for a in self.axes for term in a.terms]
-        ratios = [(ratio.name, ratio.symbol, ratio.unit, Kind.DERIVED) for ratio in self.derived]
-        rows = {name for name, *_, kind in terms if kind is Kind.PARAMETER} | {EFFECTIVE_LAG}
-        specs = {
-            **{
-                name: QuantitySpec(
-                    name.replace("_", " "), symbol, unit, kind, shown_unit=unit.replace("^2", "²")
-                )
-                for name, symbol, unit, kind in (*terms, *ratios)
-            },
-            **LAG_QUANTITIES,
-        }
-        table = QuantityTable(
-            (name, replace(spec, headline=name in self.headline, in_rows=name in rows))
-            for name, spec in specs.items()
-        )
-        object.__setattr__(self, "quantities", table)
+        known = [channel.name for channel in self.logged if channel.role != "reference"]
+        for text in (text for axis in self.axes for text in (*axis.response, *(t.of for t in axis.terms))):
+            for name in parsed(text).columns:
+                channel = _DERIVATIVE.sub(r"\1", name)
+                if channel not in known:
+                    raise UsageError(
+                        f"an expression over the channels {', '.join(known)}",
+                        f"{text!r} with '{channel}'",
+                        did_you_mean(channel, known, "Declare the channel: its name, unit and role."),
+                    )
 
     @cached_property
-    def equation(self) -> tuple[str, str]:  # type: ignore[override]
-        """The equation in one line, and its symbols."""
-        return self.line
+    def quantities(self) -> QuantityTable:  # type: ignore[override]
+        """Parameters, what follows from them, and the lag."""
+        terms = [(term.name, term.symbol, term.unit, Kind.PARAMETER) for a in self.axes for term in a.terms]
+        ratios = [(ratio.name, ratio.symbol, ratio.unit, Kind.DERIVED) for ratio in self.derived]
+        specs = LAG_QUANTITIES | {
+            name: QuantitySpec(
+                name.replace("_", " "),
+                symbol,
+                unit,
+                kind,
+                shown_unit=unit.replace("^2", "²"),
+                in_rows=kind is Kind.PARAMETER,
+            )
+            for name, symbol, unit, kind in (*terms, *ratios)
+        }
+        specs[EFFECTIVE_LAG] = replace(specs[EFFECTIVE_LAG], in_rows=True)
+        order = (*(name for name, *_ in (*terms, *ratios)), *LAG_QUANTITIES)
+        return QuantityTable({name: replace(specs[name], headline=name in self.headline) for name in order})
 
     @cached_property
     def words(self) -> Words:  # type: ignore[override]
@@ -475,7 +488,7 @@ class Machine(Motion[LaggedRuns]):
         ratios = {r.name: ratio_quantity(estimate, r.above, r.below, r.unit) for r in self.derived}
         return equation_quantities(self.quantities, problem, estimate) | ratios
 
-    @property
+    @cached_property
     def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
         """Rows of the instruments, and of the width of each interval."""
         words = FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")

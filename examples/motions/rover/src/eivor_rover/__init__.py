@@ -9,7 +9,7 @@ FRICTION = Term("dry_friction", "-sign(forward_speed)", "d", "m/s^2")
 Rover = Machine(
     name="rover",
     title="Rover",
-    line=("v' = a u - c v - d sign(v) + b", "v forward speed; tau u' + u = command(t - d)"),
+    equation=("v' = a u - c v - d sign(v) + b", "v forward speed; tau u' + u = command(t - d)"),
     logged=(
         Channel("forward_speed", "m/s", "state"),
         Channel("forward_acceleration", "m/s^2", "response"),
