@@ -154,6 +154,13 @@ def test_the_nearest_name_is_proposed():
     both = ("velocity_z", "velocity_x", "input")
     assert did_you_mean("velocity", both, "", most=3) == "Did you mean 'velocity_z' or 'velocity_x'?"
     assert did_you_mean("battery", [], "Name one.") == "Name one."
+    methods = ("reference_iv", "total_least_squares", "generalized_iv", "spectral_giv", "quadratic-drag")
+    for short, meant in (
+        ("giv", "generalized_iv"),
+        ("TLS", "total_least_squares"),
+        ("drag", "quadratic-drag"),
+    ):
+        assert did_you_mean(short, methods, "Name one.") == f"Did you mean '{meant}'?"
 
 
 def test_errors_come_back_from_another_process():

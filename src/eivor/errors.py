@@ -47,10 +47,19 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str, *, most: int =
 
 
 def nearest_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """At most so many of the names that are known and written like `name`, the nearest first."""
+    """At most so many of the known names: written like `name`, abbreviated by it, or with it as a word."""
     from difflib import get_close_matches
 
-    return get_close_matches(name, list(known), n=most)
+    names = list(known)
+    words = {item: item.replace("-", "_").split("_") for item in names}
+    abbreviated = [
+        item
+        for item, (*first, last) in words.items()
+        if name.lower()
+        in ("".join(word[:1] for word in (*first, last)), "".join(w[:1] for w in first) + last)
+    ]
+    named = [item for item in names if name.lower() in words[item]]
+    return (get_close_matches(name, names, n=most) or abbreviated or named)[:most]
 
 
 class WeakInstrumentsWarning(UserWarning):

@@ -17,7 +17,7 @@ import pytest
 
 import eivor as ev
 from eivor.flights.result import FlightEstimate
-from eivor.report.flight import flight_document
+from eivor.report.flight import brief_rows, flight_document
 from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
@@ -112,7 +112,7 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
         tuple(item.locator(part).text_content() for part in (".value", ".interval", ".badge"))
         for item in page.locator(".reading").all()
     ]
-    assert readings == [(*row.texts, row.quantity.verdict.value) for row in flight.readings]
+    assert readings == [(*row.texts, row.quantity.verdict.value) for row in brief_rows(result)]
     page.evaluate(UNFOLD)
     page.locator('.files [data-refused="true"]').first.wait_for(timeout=A_WHILE)
     reasons = page.locator('.files [data-refused="true"] .why').all_text_contents()
@@ -159,7 +159,7 @@ def test_keys_alone_fit_another_window_again(served, server, log):
     assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
     assert page.locator(".panel > details").get_attribute("open") is None
     window = ev.identify_flight(ev.read_log(log), window=(3.0, 14.99))
-    displayed = [row.texts[0] for row in flight_document(window).readings]
+    displayed = [row.texts[0] for row in brief_rows(window)]
     assert page.locator(".reading .value").all_text_contents() == displayed
     nothing_went_wrong(page, server)
 
@@ -173,7 +173,7 @@ def test_flights_are_compared_and_one_may_be_cancelled(served, server, log, resu
     done(page, 2)
     rows = page.locator("#compared tbody th").all_text_contents()
     assert sorted(rows) == ["first.parquet", "second.parquet"]
-    assert page.locator("#compared .forest").count() == len(flight_document(result).readings)
+    assert page.locator("#compared .forest").count() == len(brief_rows(result))
     looks_right(page)
     nothing_stands_in_the_way(page)
     page.get_by_role("button", name="third.parquet", exact=True).click()

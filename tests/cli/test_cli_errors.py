@@ -105,7 +105,11 @@ def test_paragraphs_of_help_are_as_wide_as_the_terminal(eivor: Caller, command: 
 
 @pytest.mark.thorough
 def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) -> None:
-    for words, expected in (("eivor ide", "identify"), ("eivor identify --exa", "--example")):
+    for words, expected in (
+        ("eivor ide", "identify"),
+        ("eivor identify --exa", "--example"),
+        ("eivor identify --method spec", "spectral_giv"),
+    ):
         completed = shell(
             _EIVOR_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1)
         )

@@ -287,7 +287,9 @@ def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path, tmp_path: Path
     assert document["provenance"]["options"]["lag"] == {"mean": 0.07, "std": 0.015}
     assert document["given_lag"]["mean"] == 0.07
     assert "given 70 ± 15 ms" in run.out
-    document = json.loads(eivor("identify", log, "--lag", "50..90", "--json", "-").out)
+    document = json.loads(
+        eivor("identify", log, "--lag", "50..90", "--controller-rate", 100, "--json", "-").out
+    )
     assert document["provenance"]["options"]["lag"] == {"low": 0.05, "high": 0.09}
     given = document["given_lag"]
     assert [given[name] for name in ("mean", "std", "low", "high")] == [None, None, 0.05, 0.09]

@@ -16,10 +16,14 @@ from eivor.flights.quantity import Choice, Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import NO_NUMBER, Bullets, TableOf, numbers
+from eivor.report.document import (
+    Bullets,
+    TableOf,
+)
 from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
+from eivor.report.rows import NO_NUMBER, numbers
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import printable

@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import polars as pl
 import pytest
@@ -304,7 +305,7 @@ def test_what_cannot_be_validated_is_told(
         ev.validate(fit, recording, window=(10.0, 11.0))
     (tmp_path / "fit.json").write_text(fit.to_json())
     other = ev.load_fit(tmp_path / "fit.json")
-    other.document.model.name = "submarine"
+    other.document.model = msgspec.structs.replace(other.document.model, name="submarine")
     with pytest.raises(UsageError, match="'submarine'"):
         ev.validate(other, recording)
     monkeypatch.setattr(type(fit.motion), "abilities", Abilities())

@@ -16,8 +16,8 @@ import pytest
 from eivor.cli.main import application
 from eivor.inference.verdict import Status
 from eivor.report.html import report_sources
+from eivor.serve.app import PARTS, page_text
 from eivor.serve.jobs import File, KeptLog, Task, Work
-from eivor.serve.page import PARTS, page_text
 from eivor.serve.requests import RefusedError, parse_job
 from eivor.serve.worker import outcome_of
 from report.parsed_page import Element, parsed

@@ -18,8 +18,8 @@ import typer
 
 from eivor.cli.main import app as command_line
 from eivor.serve import app, jobs
+from eivor.serve.app import page_text
 from eivor.serve.jobs import Task, shown_name
-from eivor.serve.page import page_text
 from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
 from eivor.serve.worker import outcome_of
 from serve.conftest import closed, wait_for

@@ -102,8 +102,8 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
     """Return the command line; commands that are not among the names, if any, have their help alone."""
     made = typer.Typer(
         name="eivor",
-        help="Identify the vertical parameters of a drone from its flight logs, "
-        "with intervals and a verdict.",
+        help="Identify how a drone moves from its flight logs: thrust, drag, lags and torques, with "
+        "intervals and a verdict.",
         epilog="Try it: [bold]eivor identify --example[/bold]",
         no_args_is_help=True,
         cls=Commands,

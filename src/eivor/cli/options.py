@@ -21,23 +21,35 @@ METHODS = (
 )
 
 
+#: Headings of help.
+SAMPLES, INPUT, METHOD, LAG, EQUATION = "Samples", "Input", "Method", "Lag", "Equation"
+
+
 class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """Choices for the identification of a flight, as they are typed; `eivor.cli.parsing` reads them."""
 
-    window: Annotated[str, option("START:END", "Use this window of each log, in seconds from its start.")] = (
-        ""
-    )
+    window: Annotated[
+        str, option("START:END", "Use this window of each log, in seconds from its start.", panel=SAMPLES)
+    ] = ""
     max_tilt: Annotated[
-        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
+        float | None,
+        option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=SAMPLES),
     ] = None
     input_channel: Annotated[
         str,
-        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
+        option(
+            "CHANNEL",
+            "Channel, or family such as rotor_command, that drives the vehicle.",
+            "--input",
+            panel=INPUT,
+        ),
     ] = ""
     input_map: Annotated[
         str,
         option(
-            "MAP", "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out."
+            "MAP",
+            "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
+            panel=INPUT,
         ),
     ] = ""
     accelerometer_bias: Annotated[
@@ -46,27 +58,39 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "STD",
             "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
             "(default: 0.1; inf when nothing is known of it).",
+            panel=INPUT,
         ),
     ] = None
     instruments: Annotated[
-        str, option("NAMES", "references, lags, or channels with commas between them.")
+        str,
+        option(
+            "NAMES",
+            "references, lags, or channels with commas between them.",
+            panel=METHOD,
+            values=("references", "lags"),
+        ),
     ] = ""
-    method: Annotated[str, option("NAME", f"{', '.join(METHODS)}.", show_default=True)] = "reference_iv"
-    compare: Annotated[bool, flag("--compare", "List every method side by side.")] = False
+    method: Annotated[
+        str, option("NAME", f"{', '.join(METHODS)}.", show_default=True, panel=METHOD, values=METHODS)
+    ] = "reference_iv"
+    compare: Annotated[bool, flag("--compare", "List every method side by side.", panel=METHOD)] = False
     lag: Annotated[
         str,
         option(
             "MS:STD|LOW..HIGH|none",
             "Lag and delay of the actuators together, known from elsewhere. 70:15 is 70 ms with a standard "
             "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+            panel=LAG,
         ),
     ] = ""
     lag_from: Annotated[
         str,
-        option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
+        option("FIT.json", "Take it from another flight of this vehicle, identified with --json.", panel=LAG),
         Reads(),
     ] = ""
-    align: Annotated[bool, flag("--align", "Take offset and scale out of sensors that disagree.")] = False
+    align: Annotated[
+        bool, flag("--align", "Take offset and scale out of sensors that disagree.", panel=SAMPLES)
+    ] = False
     pool_friction: Annotated[
         str,
         option(
@@ -74,6 +98,8 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
             "mean). auto takes them as common where they agree.",
             show_default=True,
+            panel=METHOD,
+            values=("auto", "common", "separate"),
         ),
     ] = "auto"
     terms: Annotated[
@@ -83,12 +109,15 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
             "for several.",
             "--term",
+            panel=EQUATION,
         ),
     ] = msgspec.field(default_factory=list)
     rotor_radius: Annotated[
         float | None,
         option(
-            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
+            "M",
+            "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii.",
+            panel=EQUATION,
         ),
     ] = None
     controller_rate: Annotated[
@@ -97,6 +126,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "HZ",
             "Rate of the controller that issues the commands, such as 400, where the log does not show it: "
             "the lag is known closer then.",
+            panel=INPUT,
         ),
     ] = None
     noise: Annotated[
@@ -106,6 +136,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
             "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
             "estimate reads all of them off the log. Several times for several channels.",
+            panel=METHOD,
         ),
     ] = msgspec.field(default_factory=list)
 
@@ -117,8 +148,9 @@ class LogWords(msgspec.Struct, kw_only=True):
         list[str] | None,
         typer.Argument(
             metavar="LOG",
-            help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as "
-            "flights of one vehicle. LOG@START:END takes a window of one log.",
+            help="ULog, ArduPilot DataFlash, ROS bag, MCAP, Crazyflie microSD, CSV, Parquet, MATLAB or HDF5; "
+            "- is standard input. Several are pooled as flights of one vehicle. LOG@START:END takes a window "
+            "of one log.",
             show_default=False,
         ),
         Reads(log_paths),

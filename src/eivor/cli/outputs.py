@@ -7,7 +7,7 @@ import inspect
 import os
 import stat
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -86,14 +86,30 @@ class Writes:
     default: Callable[[Mapping[str, Any]], str] | None = None
 
 
-def option(metavar: str, about: str, *names: str, show_default: bool = False) -> Any:
-    """An option with a value; its help shows what to type."""
-    return typer.Option(*names, metavar=metavar, help=about, show_default=show_default)
+def option(
+    metavar: str,
+    about: str,
+    *names: str,
+    show_default: bool = False,
+    panel: str | None = None,
+    values: Sequence[str] = (),
+) -> Any:
+    """An option with a value; its help shows what to type, under a heading, and a shell completes values."""
+    return typer.Option(
+        *names,
+        metavar=metavar,
+        help=about,
+        show_default=show_default,
+        rich_help_panel=panel,
+        autocompletion=(lambda incomplete: [value for value in values if value.startswith(incomplete)])
+        if values
+        else None,
+    )
 
 
-def flag(name: str, about: str) -> Any:
+def flag(name: str, about: str, panel: str | None = None) -> Any:
     """A switch."""
-    return typer.Option(name, metavar="", help=about)
+    return typer.Option(name, metavar="", help=about, rich_help_panel=panel)
 
 
 def group(name: str, about: str) -> typer.Typer:
@@ -108,6 +124,7 @@ ModelOption = Annotated[
         "NAME",
         "What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
         show_default=True,
+        values=("vertical", "rates", "rigid-body"),
     ),
 ]
 VehicleOption = Annotated[

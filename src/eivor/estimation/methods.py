@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import inf
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.diagnose import contradiction
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
@@ -298,5 +298,7 @@ def by_name(name: str) -> Method:
     """
     checks.text("method", name)
     if name not in TABLE:
-        raise UsageError(f"a method out of {', '.join(TABLE)}", f"'{name}'", "Name one of them.")
+        raise UsageError(
+            f"a method out of {', '.join(TABLE)}", f"'{name}'", did_you_mean(name, TABLE, "Name one of them.")
+        )
     return TABLE[name]()

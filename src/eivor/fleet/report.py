@@ -32,7 +32,6 @@ from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.report.document import (
-    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -41,15 +40,13 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
-    axis_of,
-    number_table,
-    plain_numbers,
 )
 from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures
 from eivor.report.html import element, joined, section_html, whole_page
 from eivor.report.json_document import Json
+from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers
 
 # -- Reported fleet --
 

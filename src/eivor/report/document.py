@@ -1,14 +1,11 @@
-"""Quantities in words, the parts of a document, and printable text."""
+"""Parts of a document, and printable text."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
 
-from eivor.flights.quantity import Choice, Quantity, QuantitySpec
 from eivor.inference.verdict import Status
 
 # -- Printable --
@@ -25,102 +22,6 @@ def short_name(name: str) -> str:
 def capitalised(words: str) -> str:
     """Words with a capital letter first."""
     return f"{words[:1].upper()}{words[1:]}"
-
-
-# -- Quantities --
-
-#: What to print where there is no number.
-NO_NUMBER = "–"
-#: Values outside this range are written with an exponent.
-PLAIN_RANGE = (1e-3, 1e6)
-
-
-@dataclass(frozen=True, slots=True)
-class QuantityRow:
-    """A quantity of a result with its words: a row of every screen, page and JSON document."""
-
-    name: str
-    wording: QuantitySpec
-    quantity: Quantity
-
-    @property
-    def texts(self) -> tuple[str, str]:
-        """Value and interval in the shown unit: "0.186", "[0.162, 0.210]", of a choice "0 or 10"."""
-        return numbers(self.quantity, self.wording)
-
-    @property
-    def value(self) -> float:
-        """Value in the shown unit."""
-        return self.quantity.value * self.wording.scale
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Interval in the shown unit."""
-        low, high = self.quantity.interval
-        return low * self.wording.scale, high * self.wording.scale
-
-
-def quantity_rows(
-    quantities: Mapping[str, Quantity], wording: Mapping[str, QuantitySpec]
-) -> tuple[QuantityRow, ...]:
-    """Rows of the quantities that there are, in the order of their words."""
-    known = ((name, words) for name, words in wording.items() if name in quantities)
-    return tuple(QuantityRow(name, words, quantities[name]) for name, words in known)
-
-
-def numbers(quantity: Quantity, wording: QuantitySpec) -> tuple[str, str]:
-    """Value and interval as texts in the shown unit."""
-    if quantity.choice is not None:
-        return f"{quantity.value * wording.scale:g}", _fitting(quantity.choice, wording.scale)
-    low, high = quantity.interval
-    return plain_numbers(quantity.value * wording.scale, (low * wording.scale, high * wording.scale))
-
-
-def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
-    """Value and interval as `numbers` shows them, of numbers in the unit that is shown."""
-    low, high = interval
-    bounded = math.isfinite(low) and math.isfinite(high)
-    position = _decimals(0.5 * (high - low)) if bounded and high > low else _decimals(value, digits=4)
-    exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)
-    number = _number(value, position, exponent)
-    if not bounded:
-        return number, NO_NUMBER
-    return number, f"[{_number(low, position, exponent)}, {_number(high, position, exponent)}]"
-
-
-def _fitting(choice: Choice, scale: float) -> str:
-    if len(choice.tried) < 2:
-        return NO_NUMBER
-    *others, last = [f"{value * scale:g}" for value in choice.fitting]
-    fitting = f"{', '.join(others)} or {last}" if others else last
-    return f"{fitting} ({len(choice.tried)} tried)"
-
-
-def _decimals(spread: float, digits: int = 2) -> int:
-    """Number of decimals that shows `spread` to so many significant digits; negative left of the point."""
-    if not math.isfinite(spread) or spread == 0.0:
-        return 0
-    return digits - 1 - math.floor(math.log10(abs(spread)))
-
-
-def _exponent(size: float) -> int:
-    """Power of ten to take out; zero for sizes that are read without one."""
-    if not math.isfinite(size) or size == 0.0 or PLAIN_RANGE[0] <= abs(size) < PLAIN_RANGE[1]:
-        return 0
-    return math.floor(math.log10(abs(size)))
-
-
-def _number(value: float, position: int, exponent: int) -> str:
-    if not math.isfinite(value):
-        return NO_NUMBER
-    decimals = position + exponent
-    rounded = round(value / 10.0**exponent, decimals) + 0.0  # plus zero: no "-0"
-    return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
-
-
-def axis_of(wording: QuantitySpec) -> str:
-    """Words of an axis for a quantity in its shown unit."""
-    return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
 
 
 # -- Document --
@@ -221,21 +122,3 @@ class Document:
     about: str
     sections: tuple[Section, ...]
     details: tuple[str, ...] = ()  # What a page says below the verdict
-    readings: tuple[QuantityRow, ...] = ()  # What a page shows there
-
-
-# -- Number tables --
-
-
-def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
-    """Table of numbers, and of words where a row has them."""
-    cells = tuple(tuple(map(_cell, row)) for row in rows)
-    left = {index for row in cells for index, cell in enumerate(row) if cell.text[:1].isalpha()}
-    columns = [(title, index not in left) for index, title in enumerate(titles)]
-    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), cells)
-
-
-def _cell(item: float | str | Cell) -> Cell:
-    if isinstance(item, Cell | str):
-        return item if isinstance(item, Cell) else Cell(item)
-    return Cell(f"{item:.4g}".replace("-", "−") if math.isfinite(item) else NO_NUMBER)

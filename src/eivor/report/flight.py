@@ -19,7 +19,6 @@ from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.logs.read import log_format
 from eivor.report.document import (
-    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -27,14 +26,12 @@ from eivor.report.document import (
     Facts,
     Figure,
     Part,
-    QuantityRow,
     Section,
     TableColumn,
     TableOf,
     capitalised,
-    plain_numbers,
-    quantity_rows,
 )
+from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
@@ -368,7 +365,6 @@ def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
         result.motion.words.meanings[status],
         tuple(_sections(result, text, card=card)),
         details,
-        brief_rows(result),
     )
 
 

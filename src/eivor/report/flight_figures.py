@@ -20,12 +20,7 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report.document import (
-    NO_NUMBER,
-    QuantityRow,
-    axis_of,
     capitalised,
-    number_table,
-    plain_numbers,
     short_name,
 )
 from eivor.report.figure_panels import (
@@ -53,6 +48,13 @@ from eivor.report.figure_panels import (
     mosaic,
     page,
     without_abscissa,
+)
+from eivor.report.rows import (
+    NO_NUMBER,
+    QuantityRow,
+    axis_of,
+    number_table,
+    plain_numbers,
 )
 from eivor.tools import Bool, Complex, Float, printable
 

@@ -21,23 +21,19 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.report.document import (
-    NO_NUMBER,
     Bullets,
     Cell,
     Fact,
     Facts,
     Part,
-    QuantityRow,
     Section,
     TableColumn,
     TableOf,
-    axis_of,
     capitalised,
-    number_table,
 )
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
-from eivor.report.flight import flight_document, reported_rows, row_quantities, spans_of
+from eivor.report.flight import brief_rows, flight_document, reported_rows, row_quantities, spans_of
 from eivor.report.flight_figures import (
     FlightRun,
     band_of,
@@ -48,6 +44,7 @@ from eivor.report.flight_figures import (
 )
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, number, plain
+from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
 from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
@@ -365,6 +362,7 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 def flight_page(result: FlightEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
     document, tree = flight_document(result, card=True), fit_document(result)
+    readings = brief_rows(result)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
     whole = {row.name: row for row in reported_rows(result)}
@@ -391,6 +389,7 @@ def flight_page(result: FlightEstimate) -> str:
         title=title,
         about=result.motion.words.title,
         document=document,
+        readings=readings,
         sections=[
             ("-".join(re.findall(r"[^\W_]+", words.lower())), words, section)
             for section, words in (*sections, (provenance, provenance.heading))
@@ -405,7 +404,7 @@ def flight_page(result: FlightEstimate) -> str:
         "about": printable(document.about),
         "more": [printable(detail) for detail in document.details],
         "logs": [printable(log) for log in logs],
-        "readings": [_reading(row) for row in document.readings],
+        "readings": [_reading(row) for row in readings],
     }
     data = {"result": plain(tree), "charts": figures.charts, "verdict": verdict}
     return whole_page(f"{title}: {status}", body, data)

@@ -19,7 +19,6 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.report.document import (
-    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -39,6 +38,7 @@ from eivor.report.flight import (
     spans_of,
 )
 from eivor.report.json_document import Json, document
+from eivor.report.rows import NO_NUMBER
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
 
 # -- Inspection --

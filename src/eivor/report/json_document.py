@@ -22,8 +22,8 @@ from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
-from eivor.report.document import QuantityRow, quantity_rows
 from eivor.report.flight import row_quantities, spans_of, summary
+from eivor.report.rows import QuantityRow, quantity_rows
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
 
@@ -115,10 +115,10 @@ class JsonLog(msgspec.Struct, kw_only=True):
     rate_hz: Number = None
 
 
-class JsonModel(msgspec.Struct, kw_only=True):
+class JsonModel(msgspec.Struct, kw_only=True, frozen=True):
     """What was identified, and what drove it."""
 
-    name: str
+    name: str = ""
     equation: str = ""
     input: str = ""
     input_map: str = ""
@@ -188,7 +188,7 @@ class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
 
     schema_: str = IDENTIFY_SCHEMA
     logs: Sequence[JsonLog] = ()
-    model: JsonModel
+    model: JsonModel = JsonModel()
     method: str = ""
     instruments: str = ""
     window: Pair | None = None

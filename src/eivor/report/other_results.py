@@ -14,7 +14,6 @@ from eivor.flights.track import HELD, TOLD, Moment, Track
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
-    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -24,12 +23,12 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
-    plain_numbers,
 )
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import section
 from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of
+from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.signals import stretches
 from eivor.tools import printable

@@ -24,7 +24,6 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.table import motion_of_model
 from eivor.report.document import (
-    NO_NUMBER,
     Cell,
     Document,
     Fact,
@@ -56,6 +55,7 @@ from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
+from eivor.report.rows import NO_NUMBER
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table, printable

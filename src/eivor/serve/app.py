@@ -1,4 +1,4 @@
-"""The server of the page: Starlette's routes behind a gate, run by uvicorn on the loopback address only."""
+"""The page and its server: Starlette's routes behind a gate, run by uvicorn on the loopback address only."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from eivor.cli.options import options_schema
 from eivor.errors import EivorError
 from eivor.process_pool import Limits
+from eivor.report.html import SHAPES, Sources, own, rendered, report_sources, whole_page
 from eivor.serve.jobs import (
     RESULT,
     File,
@@ -47,7 +48,6 @@ from eivor.serve.jobs import (
     WorkFunction,
     shown_name,
 )
-from eivor.serve.page import page_sources, page_text
 from eivor.serve.requests import RefusedError, error_parts, parse_job, refusal, sent_files
 
 #: The only address, and the header with the token.
@@ -78,6 +78,29 @@ _HEADERS = {
     "Connection": "close",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
+
+
+#: Parts of the script, in the order in which they stand in it.
+PARTS = ("base", "talk", "folders", "flights", "course", "choices", "downloads", "result", "compare", "start")
+#: Shapes of stages, drawn as those of verdicts are: gone by, at it, to come.
+STAGES = {"over": "M6 10.4l2.8 2.9 5.4-6.4", "now": "M6 10h7.6M10.4 6.6l3.4 3.4-3.4 3.4", "ahead": ""}
+#: What the script may ask: its own server, and reports within the page, which it makes itself.
+DIRECTIVES = ("connect-src 'self'", "frame-src blob:")
+
+
+def page_text() -> str:
+    """Text of the page: HTML with its style, its script and a policy that allows nothing else."""
+    shapes = {status.value: path for status, path in SHAPES.items()} | STAGES
+    return whole_page("Eivor", rendered("serve.html"), {"shapes": shapes}, page_sources())
+
+
+def page_sources() -> Sources:
+    """The report's style with what is this page's own; its policy is for the reports in it, too."""
+    folder = resources.files("eivor.serve").joinpath("static")
+    scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PARTS]
+    style = f"{own('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
+    script = "\n".join(['"use strict";', "(() => {", *scripts, "})();"])
+    return Sources(style, script, (report_sources(),), DIRECTIVES)
 
 
 @dataclass(frozen=True, slots=True)
