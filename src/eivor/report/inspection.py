@@ -13,7 +13,7 @@ from eivor.errors import EivorError
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import overview
-from eivor.flights.quantity import Words
+from eivor.flights.quantity import NAN, Words
 from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
@@ -39,7 +39,7 @@ from eivor.report.flight import (
 )
 from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER
-from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
+from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
 
 # -- Inspection --
 
@@ -53,15 +53,7 @@ Stretches = tuple[tuple[float, float], ...]
 class ChannelSummary:
     """One channel in numbers."""
 
-    name: str
-    source: str
-    unit: str
-    held: bool
-    estimated: bool
-    delay_s: float
-    quality: ChannelQuality
-    samples: int  # Number of stamps
-    rate_hz: float
+    channel: Channel
     lowest: float
     highest: float
     gaps: tuple[tuple[float, float], ...]  # Intervals without a sample [s]
@@ -191,14 +183,10 @@ def _summary(channel: Channel) -> ChannelSummary:
     known = np.isfinite(channel.values)
     low = float(np.min(channel.values, where=known, initial=np.inf))
     high = float(np.max(channel.values, where=known, initial=-np.inf))
-    copied = ("name", "source", "unit", "held", "estimated", "delay_s", "quality", "rate_hz")
-    return ChannelSummary(
-        **{name: getattr(channel, name) for name in copied},
-        samples=channel.time_s.size,
-        lowest=low if known.any() else np.nan,
-        highest=high if known.any() else np.nan,
-        # a held channel may rest: silence is no gap in it
-        gaps=() if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps()),
+    # a held channel may rest: silence is no gap in it
+    gaps = () if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps())
+    return (
+        ChannelSummary(channel, low, high, gaps) if known.any() else ChannelSummary(channel, NAN, NAN, gaps)
     )
 
 
@@ -206,7 +194,6 @@ def _summary(channel: Channel) -> ChannelSummary:
 
 INSPECT_SCHEMA = "eivor.inspect/1"
 POOLED_SCHEMA = "eivor.inspect_pool/1"
-OF_CHANNEL = ("name", "source", "unit", "samples", "rate_hz", "held", "estimated", "delay_s")
 
 
 def inspection_json(inspection: Inspection) -> dict[str, Json]:
@@ -223,12 +210,19 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
         },
         channels=[
             {
-                **{name: getattr(channel, name) for name in OF_CHANNEL},
-                "range": (channel.lowest, channel.highest),
-                "gaps": channel.gaps,
-                **asdict(channel.quality),
+                "name": item.channel.name,
+                "source": item.channel.source,
+                "unit": item.channel.unit,
+                "samples": item.channel.time_s.size,
+                "rate_hz": item.channel.rate_hz,
+                "held": item.channel.held,
+                "estimated": item.channel.estimated,
+                "delay_s": item.channel.delay_s,
+                "range": (item.lowest, item.highest),
+                "gaps": item.gaps,
+                **asdict(item.channel.quality),
             }
-            for channel in inspection.channels
+            for item in inspection.channels
         ],
         missing=inspection.missing,
         looked_for=log.looked_for,
@@ -313,30 +307,26 @@ def _channel_table(result: Inspection) -> TableOf:
         TableColumn("range, and remarks", below=Tone.WARNING),
     )
     rows = []
-    for channel in result.channels:
-        rate = channel.rate_hz
+    for item in result.channels:
+        channel, rate = item.channel, item.channel.rate_hz
         # of what happens now and then two digits, which a tenth would make nothing
         text = f"{rate:.1f}" if rate >= 1.0 or not rate else f"{rate:.2g}"
-        remarks = "; ".join(_remarks(channel))
-        rows.append((Cell(channel.name, channel.source), Cell(text), Cell(_range(channel), remarks)))
+        span = NO_NUMBER
+        if math.isfinite(item.lowest):
+            span = f"{item.lowest:.4g} to {item.highest:.4g} {channel.unit}".rstrip()
+        remarks = "; ".join(_remarks(item))
+        rows.append((Cell(channel.name, channel.source), Cell(text), Cell(span, remarks)))
     return TableOf(columns, tuple(rows))
 
 
-def _range(summary: ChannelSummary) -> str:
-    if not math.isfinite(summary.lowest):
-        return NO_NUMBER
-    unit = f" {summary.unit}" if summary.unit else ""
-    return f"{summary.lowest:.4g} to {summary.highest:.4g}{unit}"
-
-
 def _remarks(summary: ChannelSummary) -> Iterator[str]:
-    quality = summary.quality
+    quality = summary.channel.quality
     count = len(summary.gaps)
     if count:
         longest = max(end - start for start, end in summary.gaps)
         yield f"1 gap of {longest:.2g} s" if count == 1 else f"{count} gaps up to {longest:.2g} s"
-    if summary.delay_s:
-        yield f"{1e3 * summary.delay_s:.2g} ms of its own delay taken off its stamps"
+    if summary.channel.delay_s:
+        yield f"{1e3 * summary.channel.delay_s:.2g} ms of its own delay taken off its stamps"
     for number, what in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),
