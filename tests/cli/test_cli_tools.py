@@ -133,6 +133,11 @@ def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) 
     assert json.loads((tmp_path / "x.json").read_text())["verdict"]
 
 
+def test_the_example_is_read_with_what_its_file_says(eivor: Caller) -> None:
+    document = json.loads(eivor("inspect", "--example", "--json", "-").out)
+    assert [finding["name"] for finding in document["findings"]] == []
+
+
 def test_a_log_that_identify_cannot_use_is_inspected(
     eivor: Caller, flight: polars.DataFrame, tmp_path: Path
 ) -> None:

@@ -564,7 +564,8 @@ def _restored(channel: Channel, content: Mapping[str, Any]) -> Channel:
         finite = ~np.isnan(channel.values)
         channel = replace(channel, time_s=channel.time_s[finite], values=channel.values[finite])
         quality = replace(quality, missing_values=0)
-    kept = {name: _typed(content.get(name, getattr(channel, name)), kind) for name, kind in _CHANNEL.items()}
+    given = {name: kind for name, kind in _CHANNEL.items() if content.get(name) is not None}
+    kept = {name: _typed(content[name], kind) for name, kind in given.items()}
     side = CurveSide(content.get("curve_side", channel.curve_side.value))
     return replace(channel, quality=quality, curve_side=side, **kept)
 
