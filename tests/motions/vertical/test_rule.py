@@ -287,9 +287,9 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
         (HOVER, {"checks": {"omitted": SUPPLY}}, "added", 0.005, 0.005, "fell by 4%"),
         (
             HOVER,
-            {"checks": {"drift": ThrustDrift(-0.01, 0.001, 30.0, 2.0)}},
+            {"checks": {"drift": ThrustDrift(-0.02, 0.001, 30.0, 2.0)}},
             "added",
-            *[0.00191] * 2,
+            *[0.003823] * 2,
             "fell by",
         ),
         (HOVER, {}, "at least", 0.01, 0.01, "±2.0% wide"),

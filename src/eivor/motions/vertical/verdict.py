@@ -140,8 +140,8 @@ SLOW_COMMAND_HZ = 45.0
 #: An intercept clearly beyond it is no bias of an accelerometer [m/s^2].
 CLEAR_INTERCEPT = 0.4
 
-#: A secant that differs by less from the slope is the same, as a share.
-LEAST_SECANT = 0.002
+#: Smaller shares of a quantity are not worth a sentence.
+LEAST_SHARE = 0.002
 
 NOTHING = 0.0, 0.0
 _TILTS = tuple(tilt.name for tilt in TILTS.values())
@@ -232,7 +232,7 @@ def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     if not left > 0.0:
         return NOTHING
     away = gain / left - gain
-    if abs(away) < LEAST_SECANT * abs(gain):
+    if abs(away) < LEAST_SHARE * abs(gain):
         return NOTHING
     return max(-away, 0.0), max(away, 0.0)
 
@@ -270,7 +270,8 @@ def _drift(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     drift = inputs.checks.drift
     if drift is None:
         return NOTHING
-    return _both(0.25 * abs(drift.hover_rate * drift.duration_s * inputs.quantities[name].value))
+    share = 0.25 * abs(drift.hover_rate * drift.duration_s)
+    return _both(share * inputs.quantities[name].value) if share > LEAST_SHARE else NOTHING
 
 
 def _periodic(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
