@@ -62,21 +62,26 @@ def test_new_topic_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "mav_type", "vehicle"),
+    ("kinds", "parameters", "vehicle"),
     [
-        ([1, 1], 1, "rotary wing"),  # PX4's own word counts
-        ([2, 2], 2, "fixed wing"),
-        ([2, 1], 22, "rotary wing"),  # a convertible plane that hovers for some time
-        ([3, 3], 2, "rover"),
-        ([0, 9], 10, "rover"),
-        ([0, 0], 2, ""),
-        (None, 1, "fixed wing"),
-        (None, 11, "boat"),
-        (None, 13, ""),
+        ([1, 1], {"MAV_TYPE": 1}, "rotary wing"),  # PX4's own word counts
+        ([2, 2], {"MAV_TYPE": 2}, "fixed wing"),
+        ([2, 1], {"MAV_TYPE": 22}, "rotary wing"),  # a convertible plane that hovers for some time
+        ([3, 3], {"MAV_TYPE": 2}, "rover"),
+        ([0, 9], {"MAV_TYPE": 10}, "rover"),
+        ([0, 0], {"MAV_TYPE": 2}, ""),
+        (None, {"MAV_TYPE": 1}, "fixed wing"),
+        (None, {"MAV_TYPE": 11}, "boat"),
+        (None, {"MAV_TYPE": 13}, ""),
+        (None, {"CA_AIRFRAME": 0}, ""),
+        (None, {"CA_AIRFRAME": 1}, "fixed wing"),
+        (None, {"CA_AIRFRAME": 6}, "rover"),
     ],
 )
-def test_the_vehicle_is_told(tmp_path, kinds, mav_type, vehicle):
-    writer = UlogWriter().parameter("MAV_TYPE", mav_type)
+def test_the_vehicle_is_told(tmp_path, kinds, parameters, vehicle):
+    writer = UlogWriter()
+    for name, value in parameters.items():
+        writer.parameter(name, value)
     fields = {} if kinds is None else {"vehicle_type__uint8_t": np.array(kinds)}
     writer.topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]), **fields)
     assert read(tmp_path, writer).vehicle == vehicle

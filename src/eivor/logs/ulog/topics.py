@@ -278,6 +278,8 @@ MAV_TYPES = {
     16.0: "flapping wing",
     17.0: "kite",
 }
+#: CA_AIRFRAME of what does not hover on rotors.
+AIRFRAMES = {1.0: "fixed wing", **dict.fromkeys((5.0, 6.0, 13.0), "rover")}
 
 
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
@@ -287,4 +289,5 @@ def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> 
     kinds = [LOCOMOTION[kind] for kind in np.unique(vehicle_types).tolist() if kind in LOCOMOTION]
     if kinds:
         return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
-    return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), "")
+    airframe = AIRFRAMES.get(parameters.get("CA_AIRFRAME", 0.0), "")
+    return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), airframe)
