@@ -1,11 +1,9 @@
 """A small writer of DataFlash logs: messages of any layout in order of time, a flight in four dialects."""
 
-import contextlib
 import struct
 
 import numpy as np
 
-from eivor.errors import EivorError
 from eivor.signals.thrust_map import Mixed
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
@@ -124,13 +122,6 @@ def in_text(code, value):
 def told(recording, name):
     """The sentences of a finding of one name."""
     return " ".join(finding.message for finding in recording.findings if finding.name == name)
-
-
-def survives(read, content):
-    """Whether a log is read, or refused with a sentence."""
-    with contextlib.suppress(EivorError):
-        read(content)
-    return True
 
 
 FIRMWARES = {

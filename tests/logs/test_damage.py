@@ -119,7 +119,8 @@ def seeds(tmp_path_factory, sound, sound_dataflash):
     for version in (1, 2):
         (folder / f"crazyflie{version}").write_bytes(crazyflie_flight(version).bytes())
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    return files | {f"t.{ending}": content for ending, content in sound.items()} | {"t.bin": sound_dataflash}
+    files |= {f"t.{ending}": content for ending, content in sound.items()}
+    return files | {"t.bin": sound_dataflash, "t.log": writer().lines()}
 
 
 #: How many damaged files of each kind are tried; the decoder of Parquet is a process of its own.
@@ -127,7 +128,7 @@ TRIALS = {
     **dict.fromkeys(("t.csv", "t.ulg"), 150),
     **dict.fromkeys(("t.parquet", "plain.parquet"), 12),
     **dict.fromkeys(("crazyflie1", "crazyflie2"), 300),
-    **dict.fromkeys(("t.bag", "t.db3", "t.mcap", "t.bin"), 60),
+    **dict.fromkeys(("t.bag", "t.db3", "t.mcap", "t.bin", "t.log"), 60),
 }
 
 
@@ -140,6 +141,14 @@ def test_damaged_and_cut_files(tmp_path, seeds, name, trials):
         survives(tmp_path / name, damaged(blob, rng))
     for length in range(0, len(blob), max(1, len(blob) // trials)):
         survives(tmp_path / name, blob[:length])
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("name", [name for name in TRIALS if "parquet" not in name])
+def test_a_few_damaged_files(tmp_path, seeds, name):
+    rng = np.random.default_rng(9)
+    for _ in range(10):
+        survives(tmp_path / name, damaged(seeds[name], rng))
 
 
 @pytest.mark.long

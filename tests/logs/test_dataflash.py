@@ -6,7 +6,7 @@ import mmap
 
 import numpy as np
 import pytest
-from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, flight_log, simulated, survives, told
+from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, flight_log, simulated, told
 
 import eivor as ev
 from eivor.cli.main import app
@@ -367,24 +367,6 @@ def test_damaged_lines_are_left_out_and_counted(read_text, flight_text):
 def test_a_log_without_flight_data_text(read_text):
     with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
         read_text(b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format\n")
-
-
-def mutated(content, seed):
-    rng = np.random.default_rng(seed)
-    data = bytearray(content)
-    for integer in rng.integers(70, len(data), size=rng.integers(1, 30)).tolist():
-        if seed % 2:
-            data[integer] = int(rng.integers(256))
-        else:
-            del data[integer : integer + int(rng.integers(1, 200))]
-    return bytes(data)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("dialect", ["3.3", "4.6"])
-def test_mutated_logs(read_text, dialect):
-    content = flight_log(simulated(seed=3, duration=2.0), dialect).lines()
-    assert all(survives(read_text, mutated(content, seed)) for seed in range(12))
 
 
 # -- Every message of a DataFlash log, and every number in it, as pymavlink has it --
