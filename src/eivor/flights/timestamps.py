@@ -236,7 +236,7 @@ class CommandClock:
 def known_clock(command: Channel, rate_hz: float) -> CommandClock:
     """Clock of a held command whose controller's rate [Hz] is known."""
     logged = float(np.median(np.diff(command.time_s)))
-    return CommandClock(logged, min(1.0 / rate_hz, logged))
+    return CommandClock(logged, logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz)
 
 
 def command_clock(
