@@ -280,7 +280,8 @@ def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any
         return f"{first.actuators} and {other.actuators} rotors"
     for name in motion.channels.vehicle_parameters:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
-        if values[0] != values[1]:
+        # a log that lacks a parameter is of another firmware, not of another vehicle
+        if None not in values and values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
     levels = [flight.input_level if flight.runs else float("nan") for flight in (first, other)]
     if all(np.isfinite(levels)) and max(levels) > LARGEST_INPUT_RATIO * min(levels):

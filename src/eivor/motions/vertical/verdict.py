@@ -266,11 +266,11 @@ def _supply(share: float) -> Callable[[VerdictInputs, str], tuple[float, float]]
 
 
 def _drift(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    """A quarter of what the hover input changes by: the mean distance of a time from the middle."""
+    """A quarter of what the hover input changes by in a flight: the mean distance from its middle."""
     drift = inputs.checks.drift
     if drift is None:
         return NOTHING
-    share = 0.25 * abs(drift.hover_rate * drift.duration_s)
+    share = 0.25 * abs(drift.hover_rate * drift.duration_s) / max(len(inputs.flights), 1)
     return _both(share * inputs.quantities[name].value) if share > LEAST_SHARE else NOTHING
 
 
