@@ -203,7 +203,8 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
         return SimpleNamespace(quantities={"input_gain": gain})
 
     monkeypatch.setattr(identify, "identified", identified)
-    lag = replace(turning.quantities["effective_lag"], verdict=Status.IDENTIFIED)
+    of_turning = turning.quantities["effective_lag"]
+    lag = replace(of_turning, interval=(0.04, 0.05), verdict=Status.IDENTIFIED)
     known = replace(turning, quantities={**turning.quantities, "effective_lag": lag})
     companions = with_coupled_axes(known, MOTIONS, [logging("input", "acceleration_z")], [None])
     assert companions.quantities["thrust_gain"].value == 30.0
