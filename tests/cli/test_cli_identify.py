@@ -379,7 +379,7 @@ def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -
     assert json.loads(reported.out)["schema"] == "eivor.validate/1"
 
     document = json.loads(fit.read_text())
-    document["covariance"]["candidates"][0]["values"] = [9.0, 1.0, 0.2]
+    document["covariance"]["values"] = [9.0, 1.0, 0.2, 0.0]
     fit.write_text(json.dumps(document))
     assert eivor("validate", fit, log).code == 3
     document["prediction"] = None

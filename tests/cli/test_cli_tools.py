@@ -70,8 +70,6 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
     assert table.columns == ["viscous_friction", "input_gain", "actuator_lag", "delay", "mass"]
     assert table.height == 50
     assert table["mass"].std() == pytest.approx(0.02, rel=0.3)
-    assert eivor("export", fit, "--draws", 50, "--delays", "all", "-o", file).code == 0
-    assert set(pl.read_parquet(file).columns) == {"viscous_friction", "input_gain", "actuator_lag", "delay"}
     partly = written(refused(document(), "viscous_friction"), tmp_path)
     run = eivor("export", partly, "--draws", 50, "-o", file)
     assert run.code == 3
@@ -84,7 +82,6 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
     [
         ([], "--to TARGET, --draws N or both"),
         (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
-        (["--to", "rotorpy", "--draws", "5", "--delays", "all"], "Simulators have no delay"),
         (["--to", "isaaclab"], "It takes draws: --draws 1000"),
         (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
         (["--to", "px"], "a target out of px4"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import pickle
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -40,20 +39,14 @@ from eivor.estimation.variable_projection import (
     Trial,
     argmin,
     between,
-    bounded_sums,
-    least_comparable_criteria,
-    on_nested_grids,
     product_grids,
-    reaching,
-    with_values_tried,
 )
 from eivor.estimation.weighting import TwoStage
 from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
 from eivor.linalg.system import Solution
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
-from eivor.models.regression import Parameter
-from eivor.models.separable import Bounds, Nuisance, Prior
+from eivor.models.separable import Nuisance, Prior
 from eivor.motions.identify import identify_flight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
@@ -293,33 +286,41 @@ def test_intervals_with_a_prior_cover(method):
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
-    late = Nuisance(CURVE_SHARE, np.array([0.3, 0.4, 0.5]), discrete=True)
-    known = replace(late, prior=Prior(0.5, 0.02))
-    for method in METHODS:
-        plain, prior = (
-            ev.identify(problem(lag(grid=FEW_LAGS), item, noise=0.5), method) for item in (late, known)
-        )
-        for before, after in zip(plain.candidates, prior.candidates, strict=True):
-            misfit = ((after.nuisances["curve_share"] - 0.5) / 0.02) ** 2
-            assert after.criterion - before.criterion == pytest.approx(misfit, abs=1e-6)
-        assert prior.names == ("friction", "gain", "actuator_lag")
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
+    together = replace(lag(grid=FEW_LAGS, prior=Prior(LAG_S + SHARE, 0.004)), known_with=(CURVE_SHARE.name,))
+    both = ev.identify(problem(together, KNOWN_SHARE, noise=0.5), method)
+    alone = ev.identify(
+        problem(lag(grid=FEW_LAGS, prior=Prior(LAG_S, 0.004)), KNOWN_SHARE, noise=0.5), method
+    )
+    np.testing.assert_allclose(both.values, alone.values, rtol=1e-5)
+    np.testing.assert_allclose(both.covariance, alone.covariance, rtol=1e-4)
+    assert both.criterion == pytest.approx(alone.criterion, rel=1e-5)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
-def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
-    """What is known of two nuisances together tells each candidate of the discrete one another value."""
-    discrete = share(grid=np.array([0.3, 0.5]), discrete=True)
-    together = replace(lag(grid=FEW_LAGS, prior=Prior(0.45, 0.004)), known_with=(CURVE_SHARE.name,))
-    both = ev.identify(problem(together, discrete, noise=0.5), method)
-    for candidate in both.candidates:
-        fixed = candidate.nuisances[CURVE_SHARE.name]
-        current = lag(grid=FEW_LAGS, prior=Prior(0.45 - fixed, 0.004))
-        alone = ev.identify(problem(current, discrete.known_at(fixed), noise=0.5), method)
-        np.testing.assert_allclose(candidate.values, alone.values, rtol=1e-5)
-        np.testing.assert_allclose(candidate.joint_covariance.matrix, alone.covariance, rtol=1e-4)
-        assert candidate.criterion == pytest.approx(alone.criterion, rel=1e-5)
+def test_a_prior_of_a_sum_narrows_the_sum(method):
+    std = 0.002
+    together = replace(lag(prior=Prior(LAG_S + SHARE, std)), known_with=(CURVE_SHARE.name,))
+    plain, known = (ev.identify(problem(item, share(), noise=2.0), method) for item in (lag(), together))
+    direction = known.direction("actuator_lag") + known.direction("curve_share")
+    error, before = (
+        np.sqrt(direction @ fit.joint_covariance.part("classical").matrix @ direction)
+        for fit in (known, plain)
+    )
+    assert error < min(std, before)
+    assert abs(direction @ known.values - LAG_S - SHARE) < 3.0 * std
+
+
+def test_a_part_without_a_prior_is_anywhere_that_its_sum_leaves():
+    """Mean square distance of a uniform distribution from the value, not from its own mean."""
+    part = Nuisance(DELAY, np.array([0.0, 0.2]), part_of=ACTUATOR_LAG.name)
+    names, at = (ACTUATOR_LAG.name, DELAY.name), {ACTUATOR_LAG.name: 0.06, DELAY.name: 0.0}
+    assert part.information(names, at)[0] == pytest.approx([0.0, np.sqrt(3.0) / 0.06])
+    middle = {ACTUATOR_LAG.name: 0.03, DELAY.name: 0.03}
+    assert part.information(names, middle)[0] == pytest.approx(np.array([-0.5, 0.5]) * np.sqrt(12.0) / 0.06)
+    assert not part.information((DELAY.name,), at).size
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -349,38 +350,6 @@ def test_a_known_nuisance_needs_no_instrument():
 def test_nuisances_that_cannot_be_searched_are_refused(make, said):
     with pytest.raises(ParameterError, match=said):
         make()
-
-
-# -- discrete nuisances -----------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_discrete_nuisances_have_a_candidate_for_each_combination():
-    shares = Nuisance(CURVE_SHARE, np.array([0.2, SHARE, 0.6]), discrete=True)
-    lags = Nuisance(ACTUATOR_LAG, np.array([0.05, LAG_S]), discrete=True)
-    fit = ev.identify(problem(lags, shares), least_squares())
-    positions = [
-        (candidate.nuisances["actuator_lag"], candidate.nuisances["curve_share"])
-        for candidate in fit.candidates
-    ]
-    assert sorted(positions) == [(tau, bend) for tau in lags.grid for bend in shares.grid]
-    assert fit.nuisances == {"actuator_lag": LAG_S, "curve_share": SHARE}
-    assert fit.names == ("friction", "gain")
-    for item in fit.candidates:
-        rows = problem(lags, shares).rows(item.nuisances)
-        np.testing.assert_allclose(item.theta, np.linalg.lstsq(rows.regressors, rows.response)[0], rtol=1e-9)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
-    shares = Nuisance(CURVE_SHARE, np.linspace(0.2, 0.6, 9), discrete=True)
-    lags = Nuisance(ACTUATOR_LAG, np.linspace(0.074, 0.086, 7), discrete=True)
-    for pair, degrees in (((lags, shares), 2), ((lags, KNOWN_SHARE), 1), ((lag(), shares), 1)):
-        fit = ev.identify(problem(*pair, noise=0.5), least_squares())
-        criteria = np.array([candidate.criterion for candidate in fit.candidates])
-        fitting = criteria <= criteria.min() + stats.chi2(degrees).ppf(0.95)
-        assert [candidate in fit.tenable() for candidate in fit.candidates] == fitting.tolist()
-        assert 1 < fitting.sum() < fitting.size
 
 
 # -- flights and axes -------------------------------------------------------------------------------------
@@ -572,114 +541,6 @@ def test_a_search_that_never_settles_is_given_up():
         argmin(moving, [np.linspace(-100.0, 100.0, 11)])
 
 
-# -- Which candidates are held against which --
-
-GRID = np.array([0.0, 0.01, 0.02])
-POINTS = [{"lag": lag, "delay": delay} for lag in (0.05, 0.06) for delay in (0.0, 0.01)]
-CRITERIA = [4.0, 3.0, 2.0, 1.0]
-
-
-def test_without_bounds_every_candidate_competes_with_every_other() -> None:
-    free = Nuisance(Parameter("lag", "s"), GRID, discrete=True)
-    assert bounded_sums([free]) == ()
-    assert least_comparable_criteria((), POINTS, CRITERIA) == [1.0, 1.0, 1.0, 1.0]
-
-
-def test_candidates_of_one_bounded_sum_compete() -> None:
-    lag = Nuisance(
-        Parameter("lag", "s"), GRID, discrete=True, bounds=Bounds(0.05, 0.07), known_with=("delay",)
-    )
-    bounded = bounded_sums([Nuisance(Parameter("delay", "s"), GRID, discrete=True), lag])
-    assert bounded == (("lag", "delay"),)
-    # .05 and .07 stand alone; .05 + .01 and .06 + 0 are one sum, but for rounding
-    assert least_comparable_criteria(bounded, POINTS, CRITERIA) == [4.0, 2.0, 2.0, 1.0]
-
-
-# -- Grids of discrete nuisances that go on where the truth lies beyond their end --
-
-LONG_DELAY = Nuisance(Parameter("delay"), np.array([0.0, 10.0, 20.0]), discrete=True, furthest=65.0)
-
-
-def delays(criterion, rejected=lambda _: False, delay: Nuisance = LONG_DELAY) -> list[float]:
-    return list(on_nested_grids((delay,), lambda item, _start: item["delay"], criterion, rejected))
-
-
-@pytest.mark.parametrize(
-    ("truth", "last"), [(12.0, 20.0), (20.0, 30.0), (33.0, 40.0), (60.0, 60.0), (90.0, 60.0)]
-)
-def test_a_grid_goes_on_while_its_last_value_alone_fits(truth, last):
-    assert delays(lambda delay: (delay - truth) ** 2) == np.arange(0.0, last + 1.0, 10.0).tolist()
-
-
-def test_a_last_value_that_fits_beside_others_is_the_end():
-    assert delays(lambda delay: 0.01 * (delay - 60.0) ** 2 / 4.0) == LONG_DELAY.grid.tolist()
-
-
-@pytest.mark.parametrize(("truth", "kept"), [(50.0, True), (90.0, False)])
-def test_where_all_are_rejected_every_value_is_tried_and_kept_only_if_it_explains_more(truth, kept):
-    # far from the truth the criterion is flat
-    def criterion(delay: float) -> float:
-        return min((delay - truth) ** 2, 100.0)
-
-    assert delays(criterion, lambda delay: criterion(delay) > 50.0) == (
-        [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0] if kept else LONG_DELAY.grid.tolist()
-    )
-    assert delays(criterion) == LONG_DELAY.grid.tolist()
-
-
-def test_values_that_explain_more_and_are_rejected_too_are_not_taken():
-    # columns that have little to do with the instruments
-    def criterion(delay: float) -> float:
-        return 100.0 - 2.0 * max(delay - 20.0, 0.0)
-
-    assert delays(criterion, lambda _: True) == LONG_DELAY.grid.tolist()
-    assert len(delays(criterion, lambda delay: criterion(delay) > 50.0)) > len(LONG_DELAY.grid)
-
-
-def test_between_the_values_of_a_grid_one_may_fit():
-    halved = replace(LONG_DELAY, halvings=1)
-
-    def criterion(delay: float) -> float:
-        return 60.0 if delay == 5.0 else 100.0 + delay - 100.0 * (delay > 20.0)
-
-    assert delays(criterion, lambda delay: criterion(delay) > 70.0, halved) == [0.0, 5.0, 10.0, 20.0]
-
-
-@pytest.mark.parametrize(("known", "tried"), [((15.0, 20.0), {0.0, 10.0, 20.0}), ((3.0, 3.0), {0.0})])
-def test_bounds_of_a_sum_may_leave_no_further_value(known, tried):
-    # wrong bounds: the data reject all that is between them, and a longer delay does not fit in
-    sums = Nuisance(Parameter("lag"), np.unique(known), True, bounds=Bounds(*known), known_with=("delay",))
-    nested_grids = on_nested_grids(
-        (sums, LONG_DELAY), lambda item, _start: item, lambda _: 99.0, lambda _: True
-    )
-    assert {nested_grid["delay"] for nested_grid in nested_grids} == tried
-
-
-def test_what_lies_behind_values_that_fit_worse_is_not_taken():
-    # the next period of a periodic motion
-    def criterion(delay: float) -> float:
-        return 100.0 * (1.2 - math.cos(0.1 * delay)) / (1.0 + delay / 30.0)
-
-    assert criterion(60.0) < 0.5 * criterion(0.0)
-    assert delays(criterion, lambda _: True) == LONG_DELAY.grid.tolist()
-
-
-def test_a_pool_has_a_grid_as_long_as_the_longest_of_its_flights():
-    lag = Nuisance(Parameter("lag"), np.array([1.0, 2.0]))
-    points = [{"lag": 1.0, "delay": 20.0}, {"lag": 2.0, "delay": 42.5}]
-    same, longer = reaching((lag, LONG_DELAY), points)
-    assert same is lag
-    assert longer.grid.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
-    assert reaching((lag, LONG_DELAY), points[:1]) == (lag, LONG_DELAY)
-
-
-def test_a_grid_without_a_furthest_value_ends_where_it_ends():
-    ends = Nuisance(Parameter("delay"), LONG_DELAY.grid, discrete=True)
-    assert delays(lambda delay: -100.0 * delay, lambda _: True, ends) == LONG_DELAY.grid.tolist()
-    assert ends.longest is ends
-    assert ends.longer is ends
-
-
 @pytest.mark.thorough
 def test_a_flight_tells_a_delay_beyond_the_usual_ones():
     # at 40 ms, the last of the usual delays, lag and gain came out too large and outside their intervals
@@ -697,92 +558,7 @@ def test_a_flight_tells_a_delay_beyond_the_usual_ones():
     assert result.verdict.status is Status.IDENTIFIED
 
 
-# -- Discrete nuisances on nested grids: which values are tried, from what, and in which order --
-
-NESTED_GRID = np.array([0.0, 10.0, 20.0, 30.0])
 UNSOLVED = Solution(np.zeros(1), np.zeros(1), 0.0, 1.0)
-TREND = Nuisance(Parameter("trend"), np.array([1.0, 2.0]), discrete=True)
-
-
-def delay(**more) -> Nuisance:
-    return Nuisance(Parameter("delay"), NESTED_GRID, **({"discrete": True} | more))
-
-
-def tried(nuisances: tuple[Nuisance, ...], criterion) -> list[dict[str, float]]:
-    return list(on_nested_grids(nuisances, lambda nuisance, _start: nuisance, criterion))
-
-
-@pytest.mark.parametrize(
-    ("truth", "expected"),
-    [
-        (6.0, [0.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0]),
-        (11.0, [0.0, 5.0, 7.5, 10.0, 12.5, 15.0, 20.0, 30.0]),
-        (40.0, [0.0, 10.0, 20.0, 25.0, 27.5, 30.0]),
-    ],
-)
-def test_steps_are_halved_beside_the_best_and_values_stay_in_order(truth, expected):
-    made = tried((delay(halvings=2),), lambda item: abs(item["delay"] - truth))
-    # both sides of the best; a side that has been tried already is not tried again
-    assert set(expected) <= {item["delay"] for item in made}
-    assert [item["delay"] for item in made] == sorted({item["delay"] for item in made})
-    assert len(made) <= NESTED_GRID.size + 4
-
-
-def test_without_halvings_the_grid_is_what_is_tried():
-    assert [item["delay"] for item in tried((delay(),), lambda item: item["delay"])] == NESTED_GRID.tolist()
-    continuous = (delay(discrete=False, halvings=1),)
-    assert tried(continuous, lambda _: 0.0) == [{}]
-
-
-def test_other_nuisances_stay_where_the_best_has_them():
-    made = tried(
-        (TREND, delay(halvings=1)), lambda item: abs(item["delay"] - 12.0) + abs(item["trend"] - 2.0)
-    )
-    finer = [item for item in made if item["delay"] not in NESTED_GRID]
-    assert finer == [{"trend": 2.0, "delay": 5.0}, {"trend": 2.0, "delay": 15.0}]
-    assert made == sorted(made, key=lambda item: (item["trend"], item["delay"]))
-
-
-def test_each_value_of_a_bounded_sum_has_a_best_of_its_own():
-    lag = Nuisance(
-        Parameter("lag"), np.array([20.0, 40.0]), True, bounds=Bounds(20.0, 40.0), known_with=("delay",)
-    )
-    made = tried((lag, delay(halvings=1)), lambda item: abs(item["delay"] - 0.5 * item["lag"]))
-    finer = {
-        (item["lag"] + item["delay"], item["delay"]) for item in made if item["delay"] not in NESTED_GRID
-    }
-    # of a sum of 20 the best delay is near 7, of 40 near 13: 5 and 15 beside 10 for both
-    assert finer == {(20.0, 5.0), (20.0, 15.0), (40.0, 5.0), (40.0, 15.0)}
-    assert all(item["lag"] >= 0.0 for item in made)
-
-
-def test_a_finer_candidate_is_made_from_the_best_beside_it():
-    started = {}
-
-    def made(nuisances, neighbours):
-        started[nuisances["delay"]] = neighbours
-        return nuisances["delay"]
-
-    on_nested_grids((delay(halvings=2),), made, lambda value: abs(value - 13.0))
-    assert started == {
-        0.0: None,
-        10.0: None,
-        20.0: None,
-        30.0: None,
-        5.0: 10.0,
-        15.0: 10.0,
-        12.5: 15.0,
-        17.5: 15.0,
-    }
-
-
-def test_values_that_were_tried_are_a_grid():
-    lag = Nuisance(Parameter("lag"), NESTED_GRID)
-    points = [{"lag": 1.0, "delay": value} for value in (10.0, 0.0, 5.0, 10.0)]
-    same, fixed = with_values_tried((lag, delay(halvings=2)), points)
-    assert same is lag
-    assert fixed.grid.tolist() == [0.0, 5.0, 10.0]
-    assert [item["delay"] for item in tried((fixed,), lambda item: item["delay"])] == [0.0, 5.0, 10.0]
 
 
 @pytest.mark.parametrize("begun", [0.055, 0.0605, 0.07])

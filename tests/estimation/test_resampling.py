@@ -253,7 +253,6 @@ def test_runs_without_an_estimate_are_counted() -> None:
 # -- Replicates of pools with any nuisances: against the estimate, and against the method on wh --
 
 KNOWN_LAG, KNOWN_SHARE = lag(grid=np.array([LAG_S])), share(grid=np.array([SHARE]))
-SHARES = share(grid=np.array([0.38, 0.4, 0.42]), discrete=True)
 
 
 def pool(numbers: list[int], *nuisances: Nuisance, noise: float = 0.02) -> LaggedRuns:
@@ -283,9 +282,11 @@ def test_nodes_are_the_grid_made_finer_or_thinned():
     (axis,) = nodes_of((lag(grid=np.array([0.01, 0.1, 0.4])),)).axes
     assert axis.values.size == 17
     assert {0.01, 0.1, 0.4} <= set(axis.values.round(12))
-    many = nodes_of((lag(grid=np.geomspace(0.01, 0.4, 60)), share(grid=np.linspace(0.0, 1.0, 60)), SHARES))
-    assert 500 < len(many.points) <= MOST_NODES
-    assert nodes_of((KNOWN_LAG, SHARES)).points == [{}]
+    many = nodes_of(
+        (lag(grid=np.geomspace(0.01, 0.4, 60)), share(grid=np.linspace(0.0, 1.0, 60)), KNOWN_SHARE)
+    )
+    assert 300 < len(many.points) <= MOST_NODES
+    assert nodes_of((KNOWN_LAG,)).points == [{"actuator_lag": LAG_S}]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -327,12 +328,11 @@ def test_what_least_squares_leaves():
     [
         (lag(), KNOWN_SHARE),
         (lag(), share()),
-        (lag(), SHARES),
-        (SHARES, lag()),
+        (share(), lag()),
         (KNOWN_LAG, KNOWN_SHARE),
         (KNOWN_LAG, share(prior=Prior(0.41, 0.002))),
     ],
-    ids=["one", "two", "one and a discrete one", "in another order", "none", "one known beforehand"],
+    ids=["one", "two", "in another order", "none", "one known beforehand"],
 )
 def test_all_flights_once_give_the_estimate_again(nuisances):
     problem = pool([0, 1, 2, 3], *nuisances)
@@ -340,12 +340,11 @@ def test_all_flights_once_give_the_estimate_again(nuisances):
     whole = pool_flights(problem, estimate).whole
     assert (np.abs(joint(estimate, whole) - estimate.values) < 0.01 * errors(estimate)).all()
     assert whole.nuisances == pytest.approx(estimate.nuisances, rel=1e-3)
-    assert whole.criterion < 1e-2
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_replicate_written_out():
-    """Two-stage equations of the drawn rows, without the pool's own misfit, and their J."""
+    """Two-stage equations of the drawn rows, without the pool's own misfit."""
     problem = pool([0, 1, 2, 3], KNOWN_LAG, KNOWN_SHARE)
     estimate = ev.identify(problem, reference_iv())
     result, times = pool_flights(problem, estimate).replicate(np.random.default_rng(7))
@@ -357,17 +356,14 @@ def test_a_replicate_written_out():
     A, b = Q.T @ Phi, Q.T @ y - misfit
     W = np.linalg.inv(Q.T @ Q)
     theta = np.linalg.solve(A.T @ W @ A, A.T @ W @ b)
-    variance = ((y - Phi @ theta) ** 2).sum() / (y.size - theta.size)
-    left = b - A @ theta
     np.testing.assert_allclose(result.theta, theta, rtol=1e-9)
-    assert result.criterion == pytest.approx(left @ W @ left / variance, rel=1e-6)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
-@pytest.mark.parametrize("nuisances", [(lag(), share()), (lag(), SHARES)], ids=["two", "one and a discrete"])
-def test_replicates_are_what_the_method_makes_of_the_drawn_flights(nuisances):
+def test_replicates_are_what_the_method_makes_of_the_drawn_flights():
     """The method renews its whitening in each: a tenth or two of a standard error, no more."""
+    nuisances = (lag(), share())
     problem = pool([0, 1, 2, 3, 4, 5], *nuisances)
     estimate = ev.identify(problem, reference_iv())
     again, random = pool_flights(problem, estimate), np.random.default_rng(1)
@@ -400,7 +396,7 @@ def test_what_is_known_beforehand_is_measured_again():
 @pytest.mark.thorough
 def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     together = replace(lag(prior=Prior(0.48, 0.002)), known_with=("curve_share",))
-    nuisances = (together, share(grid=np.array([0.35, 0.4]), discrete=True))
+    nuisances = (together, share(grid=np.linspace(0.35, 0.42, 5)))
     problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
     estimate = ev.identify(problem, reference_iv())
     again, random = pool_flights(problem, estimate), np.random.default_rng(2)
@@ -409,22 +405,6 @@ def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     wanted = estimate.parameters["actuator_lag"] + estimate.nuisances["curve_share"]
     assert sums.std() == pytest.approx(0.002, rel=0.25)
     assert sums.mean() == pytest.approx(wanted, abs=0.001)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_values_of_a_discrete_nuisance_known_beforehand_are_told_apart_by_it():
-    """Again of noise: without what is known each of the three would be drawn as often as the others."""
-    wide = np.array([0.2, 0.4, 0.6])
-    made = []
-    for std in (0.02, 2.0):
-        problem = pool(
-            [0, 1, 2, 3], KNOWN_LAG, share(grid=wide, discrete=True, prior=Prior(0.4, std)), noise=30.0
-        )
-        estimate = ev.identify(problem, reference_iv())
-        again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-        made.append({again.replicate(random)[0].nuisances["curve_share"] for _ in range(60)})
-    assert made[0] == {0.4}
-    assert len(made[1]) > 1
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

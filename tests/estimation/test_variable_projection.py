@@ -112,35 +112,10 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
 def test_delay_is_found_and_told_from_the_others(method, delay_s):
     (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
     fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
-    assert fit.nuisances["delay"] == delay_s
-    assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.004)
-    assert [candidate.nuisances["delay"] for candidate in fit.tenable()] == [delay_s]
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("method", [least_squares(), reference_iv()], ids=lambda m: m.name)
-@pytest.mark.parametrize("level", [0.5, 0.95])
-def test_interval_is_the_union_over_the_delays_that_fit(method, level):
-    """A delay between two candidates: both fit, and neither interval alone is honest."""
-    (flight,) = flights(1, seconds=12.0, noise=Noise(0.1, 3.0), delay_s=0.014, seed=5)
-    fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03)), method)
-    criteria = np.array([candidate.criterion for candidate in fit.candidates])
-    fitting = criteria <= criteria.min() + stats.chi2(1).ppf(level)
-    tenable = [c for c, fits in zip(fit.candidates, fitting, strict=True) if fits]
-    assert fit.tenable(level) == tuple(tenable)
-    for number, name in enumerate(fit.names):
-        direction = np.eye(3)[number]
-        ends = [
-            c.values[number] + sign * c.joint_covariance.half_width(direction, level)
-            for c in tenable
-            for sign in (-1.0, 1.0)
-        ]
-        assert fit.interval(name, level) == pytest.approx((min(ends), max(ends)))
-    if level == 0.95:
-        assert len(tenable) > 1
-        low, high = fit.interval("actuator_lag")
-        assert high - low > 2.0 * fit.joint_covariance.half_width(np.eye(3)[2])
+    assert fit.parameters["delay"] == pytest.approx(delay_s, abs=0.003)
+    assert fit.parameters["delay"] + fit.parameters["actuator_lag"] == pytest.approx(
+        LAG_S + delay_s, abs=0.004
+    )
 
 
 def test_unknown_names_and_levels_are_refused():

@@ -14,7 +14,6 @@ from scipy import stats
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.covariance import CovariancePart, JointCovariance, joint_draws
-from eivor.inference.distributions import shares_in_order
 from exports.documents import (
     CORRELATIONS,
     GAIN,
@@ -67,58 +66,33 @@ def test_different_degrees_keep_their_correlation() -> None:
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
 
 
-def at_delays(*others: tuple[float, float, float]) -> dict[str, Any]:
-    """A document whose best candidate has no delay, with others: delay, lag, and excess of the criterion."""
+def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path: Path) -> None:
+    """Documents of schema /1 of before the delay was continuous had a candidate for each delay."""
     reported = document()
     (best,) = reported["covariance"]["candidates"]
-    for delay, lag, excess in others:
-        other = {**best, "best": False, "excess": excess, "at": {"actuator_lag": lag, "delay": delay}}
-        reported["covariance"]["candidates"].append({**other, "values": [0.3, 23.9, lag]})
-    return reported
-
-
-def test_delays_are_drawn_by_their_confidence_distribution(tmp_path: Path) -> None:
-    """Halfway to one that fits worse by 4 is one standard error; candidates may stand in any order."""
-    delays = at_delays((0.02, 0.03, 16.0), (0.01, 0.04, 4.0))
-    fit = ev.load_fit(written(delays, tmp_path))
-    draws = fit.sample(20_000, seed=1, delays="all")
-    assert list(draws) == [*JOINT, "delay"]
-    delay, lag = draws["delay"], draws["actuator_lag"]
-    edges = stats.norm.cdf([1.0, 3.0])
-    shares = np.diff(edges, prepend=0.0, append=1.0)
-    for value, middle, share in zip((0.0, 0.01, 0.02), (0.05, 0.04, 0.03), shares, strict=True):
-        assert np.mean(delay == value) == pytest.approx(share, abs=0.01)
-        if share > 0.1:
-            assert np.median(lag[delay == value]) == pytest.approx(middle, abs=1e-4)
-    assert not np.all(np.diff(delay) >= 0)
+    other = {**best, "best": False, "excess": 2.0, "values": [0.3, 23.9, 0.04]}
+    reported["covariance"]["candidates"] = [other, best]
+    fit = ev.load_fit(written(reported, tmp_path))
+    np.testing.assert_array_equal(fit.joint.values, best["values"])
     assert list(fit.sample(10)) == list(JOINT)
 
 
-def test_a_delay_at_the_end_of_what_is_possible_is_in_the_band_when_it_fits() -> None:
-    """No delay, told to be 1.6 standard errors off, has the 5 % that a one-sided bound leaves it."""
-    excesses = np.array([1.64, 1.0, 0.5, 0.2, 0.0, 0.2, 0.5]) ** 2
-    shares = shares_in_order(excesses)
-    assert shares.sum() == pytest.approx(1.0)
-    assert shares[0] == pytest.approx(stats.norm.cdf(-1.32))
-    assert shares[-1] == pytest.approx(stats.norm.sf(0.35))
-    bumpy = shares_in_order(np.array([1.0, 4.0, 0.0, 4.0, 1.0]))
-    assert (bumpy >= 0.0).all()
-    np.testing.assert_allclose(bumpy, bumpy[::-1])
-
-
-def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None:
-    delays = at_delays((0.01, 0.04, 2.0))
-    for number, candidate in enumerate(delays["covariance"]["candidates"]):
-        candidate["at"]["other"] = float(number)
-    draws = ev.load_fit(written(delays, tmp_path)).sample(20_000, seed=1, delays="all")
-    assert np.mean(draws["delay"] == 0.01) == pytest.approx(1.0 / (1.0 + np.e), abs=0.01)
-    np.testing.assert_array_equal(draws["other"] == 1.0, draws["delay"] == 0.01)
+def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path: Path) -> None:
+    reported = document()
+    covariance = reported["covariance"]
+    (best,) = covariance.pop("candidates")
+    spread = np.diag([0.01, 0.1, 0.02, 0.02]) ** 2
+    spread[2, 3] = spread[3, 2] = -0.99 * 0.02**2
+    parts = [{**best["parts"][0], "matrix": spread.tolist()}]
+    covariance |= {"names": [*JOINT, "delay"], "values": [0.3, 23.9, 0.05, 0.0], "parts": parts}
+    draws = ev.load_fit(written(reported, tmp_path)).sample(20_000, seed=1)
+    assert (draws["delay"] >= 0.0).all()
+    assert np.mean(draws["delay"] == 0.0) == pytest.approx(0.5, abs=0.02)
+    assert np.std(draws["delay"] + draws["actuator_lag"]) == pytest.approx(0.0028, rel=0.2)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="delays 'best' or 'all'"):
-        ev.load_fit(written(document(), tmp_path)).sample(10, delays="some")
     with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
         drawn("gazebo", tmp_path)
     fit = ev.load_fit(written(document(degrees=2.0), tmp_path))

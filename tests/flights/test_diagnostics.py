@@ -16,7 +16,8 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.derived import ParameterSets, ProfileSets
+from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
 from eivor.flights.quantity import NAN, Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, widened
@@ -122,7 +123,7 @@ def test_checks_are_said_in_words(example):
     assert sentence["agreement"].startswith("the instruments agree")
     assert sentence["constancy"].startswith("the parameters stay the same")
     assert sentence["periods"].startswith("no periodic component in the residual (p ")
-    assert sentence["least squares"] == "would give K 0.186 1/s"
+    assert sentence["least squares"] == "would give K 0.183 1/s"
     result = example.fit.checks
     index = example.names.index("viscous_friction")
 
@@ -207,16 +208,16 @@ def searched(result: FlightEstimate, values: np.ndarray) -> np.ndarray:
     """The criterion at some values of K, from rows at very many lags."""
     problem, estimate = result.fit.problem, result.fit.estimate
     grid = problem.lag.grid
-    lags = np.geomspace(grid[0], grid[-1], 301)
+    lags = np.geomspace(grid[0], grid[-1], 101)
     results = np.full(values.size, np.inf)
-    for candidate in estimate.candidates:
-        weights = whitened_by_residuals(problem, candidate.theta, candidate.nuisances)
+    weights = whitened_by_residuals(problem, estimate.theta, estimate.nuisances)
+    for delay_s in nodes_of(problem.nuisances).axes[1].values.tolist():
         for lag_s in lags:
-            index = {**candidate.nuisances, "actuator_lag": float(lag_s)}
+            index = {"actuator_lag": float(lag_s), "delay": delay_s}
             rows = weights.rows(index)
             columns = np.column_stack([rows.response, rows.regressors])
             seen = rows.instruments.T @ columns
-            N, D = seen.T @ seen, columns.T @ columns / (len(columns) - candidate.unknowns)
+            N, D = seen.T @ seen, columns.T @ columns / (len(columns) - estimate.unknowns)
             misfit = sum(nuisance.misfit(index) for nuisance in problem.nuisances)
             for item, value in enumerate(values):
                 T = np.array([[1.0, 0.0], [-value, 0.0], [0.0, 1.0]])
@@ -354,7 +355,7 @@ def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
     whitened = ev.identify_flight(gusty)
     problem, estimate = whitened.fit.problem, whitened.fit.estimate
     with pytest.raises(UsageError, match="viscous_friction, input_gain"):
-        parameter_sets(problem, estimate, "actuator_lag")
+        ProfileSets(problem, estimate).of_parameter("actuator_lag")
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

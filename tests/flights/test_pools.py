@@ -157,9 +157,9 @@ def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
     assert one_sine.by_flight[0].quantities["effective_lag"].interval == (low, high)
 
     def excess(whole_s: float) -> float:
-        lags = [(candidate, whole_s - candidate.nuisances["delay"]) for candidate in pool.candidates]
-        J = [item.separate.least([np.log([lag])])[0] for item, lag in lags if lag >= LAG_GRID_S[0]]
-        return float(min(J)) - min(candidate.criterion for candidate in pool.candidates)
+        lags = [(item, whole_s - item.nodes.fixed["delay"]) for item in pool.criterion.slices]
+        J = [item.least([np.log([lag])])[0] for item, lag in lags if lag >= LAG_GRID_S[0]]
+        return float(min(J)) - pool.criterion.minimum[1]
 
     uncertainty = pool.inflation * t_quantile(0.95, 8) ** 2
     assert excess(high) == pytest.approx(uncertainty, rel=0.01)

@@ -93,7 +93,7 @@ def test_intercept_and_hover_are_two_views_of_one_balance(fit):
 
 
 def test_names_and_levels_of_intervals(fit):
-    assert fit.names == ("viscous_friction", "input_gain", "actuator_lag")
+    assert fit.names == ("viscous_friction", "input_gain", "actuator_lag", "delay")
     narrow, wide = fit.interval("viscous_friction", 0.5), fit.interval("viscous_friction", 0.99)
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
     assert fit.interval("hover_input") == fit.quantities["hover_input"].interval
@@ -177,8 +177,7 @@ def test_friction_not_told_from_zero_is_refused(gusty):
 
 def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
     result = gusty
-    low, high = result.estimate.interval("actuator_lag")
-    assert low < 0.0 < high
+    assert result.estimate.interval("actuator_lag")[0] < 0.0
     assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag")
     assert result.quantities["actuator_lag"].interval[0] == 0.0
     assert result.quantities["effective_lag"].interval[0] >= 0.0
@@ -256,7 +255,8 @@ def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken,
     parts = [part.sentence for part in gain.systematic_uncertainties]
     assert any("thrust grows" in sentence for sentence in parts) == (taken != "square")
     chosen = input_map(taken)
-    assert gain.interval[0] <= GRAVITY / chosen(np.array([hover.value]))[0] <= gain.interval[1]
+    secant = GRAVITY / chosen(np.array([hover.value]))[0]
+    assert gain.interval[0] * (1.0 - 1e-12) <= secant <= gain.interval[1] * (1.0 + 1e-12)
 
 
 @pytest.mark.thorough

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import Choice, Quantity, QuantitySpec
+from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
@@ -168,23 +168,6 @@ def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
     assert numbers(_quantity(value, low, high), PLAIN) == shown
-
-
-@pytest.mark.parametrize(
-    ("fitting", "shown"),
-    [
-        ((0.0,), "0 (3 tried)"),
-        ((0.0, 0.01), "0 or 10 (3 tried)"),
-        ((0.0, 0.01, 0.02), "0, 10 or 20 (3 tried)"),
-    ],
-)
-def test_a_choice_is_no_interval(fitting: tuple[float, ...], shown: str) -> None:
-    chosen = Quantity(
-        0.01, "s", NAN, (fitting[0], fitting[-1]), Status.WEAK, Choice(fitting, (0.0, 0.01, 0.02))
-    )
-    assert numbers(chosen, Vertical.quantities["delay"]) == ("10", shown)
-    alone = replace(chosen, choice=Choice((0.0,), (0.0,)))
-    assert numbers(alone, Vertical.quantities["delay"]) == ("10", NO_NUMBER)
 
 
 def test_any_size_gives_short_text() -> None:

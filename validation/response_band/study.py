@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -56,10 +56,7 @@ class Banded:
     name: str  # Of its kind
     run: int  # Number of the flight
     verdict: str  # Of the flight; empty where nothing was estimated
-    # At each of `TIMES_S`, whether the band holds the true climb rate: of draws at all delays that fit, and
-    # at the one that fits best
-    held: list[bool]
-    held_at_best: list[bool]
+    held: list[bool]  # At each of `TIMES_S`, whether the band holds the true climb rate
     width: list[float]  # Half of the band over the true climb rate
 
 
@@ -83,22 +80,20 @@ def _report(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlig
     (truth,) = climb_rates(*(np.array([number]) for number in numbers))
     try:
         fit = ev.identify_flight(flight.recording)
-        low, high = _band(fit, "all", run)
+        low, high = _band(fit, run)
     except EivorError:
-        return Banded(name, run, "", [], [], [])
-    least, most = _band(fit, "best", run)
+        return Banded(name, run, "", [], [])
     return Banded(
         name,
         run,
         fit.verdict.status.value,
         ((low <= truth) & (truth <= high)).tolist(),
-        ((least <= truth) & (truth <= most)).tolist(),
         (0.5 * (high - low) / truth).tolist(),
     )
 
 
-def _band(fit: ev.FlightEstimate, delays: Literal["best", "all"], seed: int) -> Float[np.ndarray, "2 times"]:
-    draws, best = fit.sample(DRAWS, seed=seed, delays=delays), fit.parameters
+def _band(fit: ev.FlightEstimate, seed: int) -> Float[np.ndarray, "2 times"]:
+    draws, best = fit.sample(DRAWS, seed=seed), fit.parameters
     columns = (
         draws.get(name, np.full(DRAWS, best[name]))
         for name in ("viscous_friction", "input_gain", "actuator_lag", "delay")
@@ -128,7 +123,7 @@ COVERAGE = (0.86, 0.94)
 #: Flights that are simulated side by side.
 TOGETHER = 25
 TIMES = tuple(f"{time:g} s" for time in TIMES_S)
-HEADER = ("flights", "how many", "identified", *TIMES, "all times", "at the best delay")
+HEADER = ("flights", "how many", "identified", *TIMES, "all times")
 
 
 def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[str, int], Banded]]:
@@ -165,7 +160,6 @@ def _row(kind: str, lines: Sequence[Banded]) -> tuple[str, ...]:
         f"{sum(item.verdict == 'identified' for item in lines)}",
         *(f"{share:.2f}" for share in held.mean(axis=0)),
         f"{held.mean():.3f}",
-        f"{np.mean([held for item in lines for held in item.held_at_best]):.3f}",
     )
 
 

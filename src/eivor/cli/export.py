@@ -6,7 +6,6 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -42,13 +41,6 @@ EXPORT_EXIT_CODES = (
 )
 
 
-class Delays(StrEnum):
-    """At which delays draws are taken."""
-
-    BEST = "best"
-    ALL = "all"
-
-
 @guarded
 def export(
     fit: Annotated[
@@ -67,14 +59,6 @@ def export(
         ),
     ] = None,
     seed: Annotated[int, option("SEED", "Of the draws.", show_default=True)] = 0,
-    delays: Annotated[
-        Delays,
-        option(
-            "best|all",
-            "Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
-            show_default=True,
-        ),
-    ] = Delays.BEST,
     mass: Annotated[
         str,
         option(
@@ -108,12 +92,6 @@ def export(
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     if not to and draws is None:
         raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
-    if delays is Delays.ALL and (to or draws is None):
-        raise UsageError(
-            "--delays all with a table of draws",
-            f"--to {to}",
-            "Simulators have no delay: their draws are at the one that fits best.",
-        )
     given = supplied(mass, prior, vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
@@ -126,7 +104,7 @@ def export(
                 write(f"{output}: {to}\n")
             omitted = made.omitted
         else:
-            omitted = _draw_vehicles(result, draws, seed, given, Path(output), delays)
+            omitted = _draw_vehicles(result, draws, seed, given, Path(output))
     except NotIdentifiedError as error:
         omitted = (str(error),)
     if omitted:
@@ -135,10 +113,10 @@ def export(
 
 
 def _draw_vehicles(
-    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
+    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path
 ) -> tuple[str, ...]:
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
-    table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
+    table = draws_table(result, count, seed, supplied.mass)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with writing(path):

@@ -64,58 +64,7 @@ class Replicate:
 
     nuisances: Values  # Value of every nuisance
     theta: Float[np.ndarray, " n"]
-    criterion: float
-    candidate: int
     weights: Float[np.ndarray, " T"]
-
-
-@dataclass(frozen=True)
-class CandidateFlights:
-    """Flights at one combination of discrete nuisances."""
-
-    number: int
-    fixed: Values  # Values of all nuisances
-    nodes: Nodes
-    products: Products
-    misfit: Float[np.ndarray, " q"]
-    variance: float  # s^2 of the pool's whitened rows
-
-    @property
-    def points(self) -> list[dict[str, float]]:
-        """Values of all nuisances at every node."""
-        return [{**self.fixed, **point} for point in self.nodes.points]
-
-    def estimated(
-        self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior], solver: Solver
-    ) -> Replicate:
-        """Search the continuous nuisances and solve for the linear parameters."""
-        drawn = self.products.weighted(times)
-        known = self._of_one(known)
-        equations = drawn.equations.copy()
-        equations[:, :, -1] -= self.misfit
-        equations = _half(drawn.instruments[0]) @ equations
-
-        def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
-            left = left_over(self.nodes.over(equations, box))
-            return left + self.variance * self.nodes.misfit(box, known) if known else left
-
-        position = argmin(objective, self.nodes.nodes)
-        weights = self.nodes.weights(position)
-        both = np.tensordot(weights, equations, 1)
-        solution = solver.solve(LinearSystem(both[:, :-1], both[:, -1]))
-        index = {**self.fixed, **self.nodes.values_at(position)}
-        whole = drawn.weighted(weights).with_residual(solution.theta)
-        unknowns = solution.theta.size + len(self.nodes.axes)
-        variance = float(whole.power[0]) / (whole.count - unknowns)
-        criterion = solution.objective / variance
-        criterion += sum(prior.misfit(index[name]) for name, prior in known.items())
-        return Replicate(index, solution.theta, criterion, self.number, weights)
-
-    def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
-        """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
-        nuisances = [axis.nuisance for axis in self.nodes.axes]
-        others = {item.name: sum(self.fixed[other] for other in item.known_with) for item in nuisances}
-        return {name: replace(it, mean=it.mean - others.get(name, 0.0)) for name, it in known.items()}
 
 
 @dataclass(frozen=True)
@@ -123,7 +72,10 @@ class PoolFlights:
     """A pool, ready to be estimated again from any draw of its flights."""
 
     flights: tuple[int, ...]  # Numbers of the flights that have rows
-    candidates: tuple[CandidateFlights, ...]
+    nodes: Nodes
+    products: Products
+    misfit: Float[np.ndarray, " q"]
+    variance: float  # s^2 of the pool's whitened rows
     parameters: tuple[Parameter, ...]
     solver: Solver
     known: Mapping[str, Prior]
@@ -142,8 +94,21 @@ class PoolFlights:
         return self._estimated(times, known), times
 
     def _estimated(self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior]) -> Replicate:
-        results = (candidate.estimated(times, known, self.solver) for candidate in self.candidates)
-        return min(results, key=lambda replicate: replicate.criterion)
+        """Search the nuisances and solve for the linear parameters."""
+        drawn = self.products.weighted(times)
+        equations = drawn.equations.copy()
+        equations[:, :, -1] -= self.misfit
+        equations = _half(drawn.instruments[0]) @ equations
+
+        def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
+            left = left_over(self.nodes.over(equations, box))
+            return left + self.variance * self.nodes.misfit(box, known) if known else left
+
+        position = argmin(objective, self.nodes.nodes)
+        weights = self.nodes.weights(position)
+        both = np.tensordot(weights, equations, 1)
+        theta = self.solver.solve(LinearSystem(both[:, :-1], both[:, -1])).theta
+        return Replicate(self.nodes.values_at(position), theta, weights)
 
 
 def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
@@ -161,27 +126,22 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
         remedy = "Give several flights to identify_flight; ten or more make good intervals."
         raise UsageError("a pool of two flights or more with usable runs", f"{len(flights)}", remedy)
     nodes = nodes_of(problem.nuisances)
-    candidates = tuple(
-        _candidate_flights(problem, nodes, estimate, candidate, number)
-        for number, candidate in enumerate(estimate.candidates)
+    weights = whitened_by_residuals(problem, estimate.theta, estimate.nuisances)
+    residual = products_by_flight(weights.rows(estimate.nuisances)).total.with_residual(estimate.theta)
+    return PoolFlights(
+        tuple(flights),
+        nodes,
+        flight_products(weights, nodes.points),
+        residual.instrument_response[0],
+        estimate.residual_variance(),
+        estimate.rows.parameters,
+        method.solver,
+        {
+            item.name: replace(item.prior, mean=item.with_others(estimate.nuisances))
+            for item in problem.nuisances
+            if item.searched and item.prior is not None
+        },
     )
-    known = {
-        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(estimate.nuisances))
-        for nuisance in problem.nuisances
-        if nuisance.searched and nuisance.prior is not None
-    }
-    return PoolFlights(tuple(flights), candidates, estimate.rows.parameters, method.solver, known)
-
-
-def _candidate_flights(
-    problem: SeparableProblem, nodes: Nodes, best: Estimate, candidate: Estimate, number: int
-) -> CandidateFlights:
-    weights = whitened_by_residuals(problem, candidate.theta, candidate.nuisances)
-    products = flight_products(weights, [{**candidate.nuisances, **point} for point in nodes.points])
-    residual = products_by_flight(weights.rows(best.nuisances)).total.with_residual(best.theta)
-    misfit = residual.instrument_response[0]
-    variance = candidate.residual_variance()
-    return CandidateFlights(number, candidate.nuisances, nodes, products, misfit, variance)
 
 
 def _half(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "k q"]:

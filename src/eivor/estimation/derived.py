@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
+from typing import cast
 
 import numpy as np
 
@@ -16,14 +18,13 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Nodes, NuisanceScan, Points, nodes_of
-from eivor.estimation.weighting import RowWeighting
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
 from eivor.inference.covariance import CovariancePart, JointEstimate
 from eivor.inference.distributions import check_level, chi_square_quantile, t_quantile
 from eivor.inference.regions import fieller_set
 from eivor.models.regression import Regression
-from eivor.models.separable import SeparableProblem
+from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Bool, Float, Int
 
@@ -33,6 +34,10 @@ from eivor.tools import Bool, Float, Int
 DEGREES = 8
 
 
+#: Places at which a profile over further nuisances is compared with its bound.
+PROFILE_POINTS = 2001
+#: More parameters have no sets: of several axes that share nuisances these take too long.
+FEW_PARAMETERS = 8
 #: Instruments that move the rows by less than this share are none of them.
 INDEPENDENT = 1e-6
 
@@ -70,7 +75,7 @@ def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
 class ParameterSets:
     """Three 95 % sets of one parameter, or of another level."""
 
-    wald: ConfidenceSet  # The estimate plus and minus, a union over the candidates that fit
+    wald: ConfidenceSet  # The estimate plus and minus
     profile: ConfidenceSet
     anderson_rubin: ConfidenceSet
     strange: tuple[str, ...] = ()
@@ -82,15 +87,26 @@ class ParameterSets:
 
 
 @dataclass(frozen=True)
-class CandidateCriterion:
-    """The criterion at one combination of discrete nuisances."""
+class Criterion:
+    """The criterion over the first nuisance, at values of the others."""
 
     nodes: Nodes
     equations: Float[np.ndarray, "T q m"]
     power: Float[np.ndarray, "T m m"]  # Their products with each other, over rows less unknowns
-    misfit: Callable[[Points], Points]
-    centre: float
-    scale: float
+    known: Mapping[str, Prior]
+    theta: Float[np.ndarray, " n"]
+    sizes: Float[np.ndarray, " m"]  # What columns were divided by
+    position: int = 0  # Of the parameter that sets are of
+
+    def first(self, position: int) -> Criterion:
+        """The same criterion for sets of another parameter."""
+        result = replace(self, position=position)
+        result.__dict__["scan"] = self.scan
+        return result
+
+    def misfit(self, positions: Points) -> Points:
+        """Squared distance from what is known beforehand, in standard errors."""
+        return self.nodes.misfit(self.nodes.box(positions), self.known)
 
     def _forms(self, positions: Points) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
         box = self.nodes.box(positions)
@@ -109,117 +125,152 @@ class CandidateCriterion:
     def below(self, bound: float) -> list[tuple[float, float]]:
         """Values of the parameter at which J is at most a bound, as pieces that may overlap."""
         results: list[tuple[float, float]] = []
+        order = [0, 1 + self.position, *(1 + j for j in range(self.theta.size) if j != self.position)]
+        centre, scale = float(self.theta[self.position]), float(self.sizes[0] / self.sizes[1 + self.position])
         for within, cut_short in self.scan.stretches(bound):
-            fitting = allowed(*self._forms(within), bound - self.misfit(within))
+            N, D = (form[:, order][:, :, order] for form in self._forms(within))
+            fitting = allowed(N, D, bound - self.misfit(within))
             pieces = fitting.continued() if cut_short else fitting.pieces()
-            results += [(self.centre + a * self.scale, self.centre + b * self.scale) for a, b in pieces]
+            results += [(centre + a * scale, centre + b * scale) for a, b in pieces]
         return results
 
 
-def parameter_sets(
-    problem: SeparableProblem, estimate: Estimate, name: str, level: float = 0.95
-) -> ParameterSets | None:
-    """Confidence sets of one linear parameter."""
-    check_level(level)
-    parameters = [parameter.name for parameter in estimate.rows.parameters]
-    if name not in parameters:
-        raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
-    method, nodes = by_name(estimate.method).of_flights, nodes_of(problem.nuisances)
-    if not (
-        isinstance(method, LinearMethod)
-        and isinstance(method.assembler, Instrumental)
-        and isinstance(estimate.rows.layout, BinRows)
-        and len(nodes.axes) < 2
-    ):
-        return None
-    index = parameters.index(name)
-    criteria = [_criterion(problem, nodes, item, index, method.row_weighting) for item in estimate.candidates]
-    try:
-        least = estimate.least_comparable_criteria([criterion.scan.minimum[1] for criterion in criteria])
-    except np.linalg.LinAlgError:
-        return None
-    best = estimate
-    equations = parameter_equations(best.rows, index)
-    held = set(equations.regressors.tolist())
-    strange = tuple(other for number, other in enumerate(parameters) if number not in held)
-    degrees = equations.instruments.shape[1] + len(best.misfits) - (best.unknowns - len(strange) - 1)
+@dataclass(frozen=True)
+class ProfileSets:
+    """Confidence sets of linear parameters and of nuisances, from the criterion over the nuisances."""
 
-    uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
-    compared = list(zip(least, criteria, strict=True))
-    return ParameterSets(
-        ConfidenceSet((estimate.interval(name, level),)),
-        ConfidenceSet.union(piece for lowest, item in compared for piece in item.below(lowest + uncertainty)),
-        ConfidenceSet.union(piece for criterion in criteria for piece in criterion.below(highest)),
-        strange,
-    )
+    problem: SeparableProblem
+    estimate: Estimate
+
+    @cached_property
+    def nodes(self) -> Nodes:
+        """Nodes of the nuisances."""
+        return nodes_of(self.problem.nuisances)
+
+    @property
+    def available(self) -> bool:
+        """Whether the estimate is by instruments of rows in frequency, and of few parameters."""
+        method = by_name(self.estimate.method).of_flights
+        return (
+            isinstance(method, LinearMethod)
+            and isinstance(method.assembler, Instrumental)
+            and isinstance(self.estimate.rows.layout, BinRows)
+            and len(self.estimate.rows.parameters) <= FEW_PARAMETERS
+        )
+
+    def of_parameter(self, name: str, level: float = 0.95) -> ParameterSets | None:
+        """Sets of one linear parameter."""
+        check_level(level)
+        estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
+        if name not in parameters:
+            raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
+        if not self.available:
+            return None
+        equations = parameter_equations(estimate.rows, parameters.index(name))
+        if equations.rows.all() and equations.regressors.size == len(parameters):
+            criteria = [item.first(parameters.index(name)) for item in self._of_all_rows]
+        else:
+            criteria = self._criteria(equations)
+        try:
+            least = min(criterion.scan.minimum[1] for criterion in criteria)
+        except np.linalg.LinAlgError:
+            return None
+        held = set(equations.regressors.tolist())
+        strange = tuple(other for number, other in enumerate(parameters) if number not in held)
+        unknowns = estimate.unknowns - len(strange) - 1
+        degrees = equations.instruments.shape[1] + len(estimate.misfits) - unknowns
+
+        def below(bound: float) -> ConfidenceSet:
+            return ConfidenceSet.union(piece for criterion in criteria for piece in criterion.below(bound))
+
+        return ParameterSets(
+            ConfidenceSet((estimate.interval(name, level),)),
+            below(least + t_quantile(level, DEGREES) ** 2),
+            below(chi_square_quantile(level, max(degrees, 1))),
+            strange,
+        )
+
+    def of_nuisances(self, names: Sequence[str], level: float = 0.95) -> ParameterSets | None:
+        """Sets of the sum of some nuisances; None where none of them is searched for."""
+        searched = {axis.nuisance.name for axis in self.nodes.axes}
+        if not self.available or not searched & set(names):
+            return None
+        scans, estimate = [criterion.scan for criterion in self._of_all_rows], self.estimate
+        try:
+            least = min(scan.minimum[1] for scan in scans)
+        except np.linalg.LinAlgError:
+            return None
+        degrees = estimate.rank + len(estimate.misfits) - estimate.theta.size
+        bounds = least + t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
+        direction = sum(estimate.direction(name) for name in names if name in searched)
+        here = sum(estimate.nuisances[name] for name in names)
+        half = estimate.joint_covariance.half_width(np.asarray(direction), level)
+        profile, robust = (sum_set(scans, names, estimate.nuisances, bound) for bound in bounds)
+        return ParameterSets(ConfidenceSet(((here - half, here + half),)), profile, robust)
+
+    @cached_property
+    def _of_all_rows(self) -> list[Criterion]:
+        rows, regressors = self.estimate.rows.regressors.shape
+        every = np.ones(rows, dtype=np.bool_), np.arange(regressors), self.estimate.rows.instruments
+        return self._criteria(ParameterEquations(*every))
+
+    @cached_property
+    def _columns(self) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """[phi y] at every node."""
+        method, theta = by_name(self.estimate.method).of_flights, self.estimate.theta
+        weighting = cast("LinearMethod", method).row_weighting
+        weights = weighting.last_pass(self.problem, theta, self.estimate.nuisances)
+        return weights.columns(self.nodes.points)
+
+    def _criteria(self, of_parameter: ParameterEquations) -> list[Criterion]:
+        theta = self.estimate.theta
+        unknowns = self.estimate.unknowns - (theta.size - of_parameter.regressors.size)
+        columns = of_parameter.columns(self._columns, theta)
+        equations = of_parameter.instruments.T @ columns
+        power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
+        lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
+        sizes = np.where(lengths > 0.0, lengths, 1.0)
+        equations, power = equations / sizes, power / np.outer(sizes, sizes)
+        priors = {axis.nuisance.name: axis.nuisance.prior for axis in self.nodes.axes}
+        known = {name: prior for name, prior in priors.items() if prior is not None}
+        theta = theta[of_parameter.regressors]
+        return [
+            Criterion(part, equations[index], power[index], known, theta, sizes)
+            for part, index in self.nodes.slices()
+        ]
 
 
-def nuisance_sets(
-    problem: SeparableProblem, estimate: Estimate, names: Sequence[str], level: float = 0.95
-) -> ParameterSets | None:
-    """Confidence sets of a continuous nuisance, or of its sum with the discrete ones that are named."""
-    method, nodes = by_name(estimate.method).of_flights, nodes_of(problem.nuisances)
-    if not (
-        isinstance(method, LinearMethod)
-        and isinstance(method.assembler, Instrumental)
-        and isinstance(estimate.rows.layout, BinRows)
-        and len(nodes.axes) == 1
-        and nodes.axes[0].nuisance.name == names[0]
-    ):
-        return None
-    (axis,) = nodes.axes
-    candidates = [
-        (item, _criterion(problem, nodes, item, 0, method.row_weighting)) for item in estimate.candidates
-    ]
-    try:
-        least = estimate.least_comparable_criteria([scan.scan.minimum[1] for _, scan in candidates])
-    except np.linalg.LinAlgError:
-        return None
-    equations = parameter_equations(estimate.rows, 0)
-    degrees = equations.instruments.shape[1] + len(estimate.misfits) - (estimate.unknowns - 1)
-    uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
-
-    def below(bounds: Sequence[float]) -> ConfidenceSet:
-        pieces = []
-        for (candidate, criterion), bound in zip(candidates, bounds, strict=True):
-            others = sum(candidate.nuisances[name] for name in names[1:])
-            for within, cut_short in criterion.scan.stretches(bound):
-                low, high = axis.values_at(within[[0, -1]]).tolist()
-                low = 0.0 if axis.nuisance.positive and within[0] == axis.nodes[0] else low
-                pieces.append((others + low, math.inf if cut_short else others + high))
-        return ConfidenceSet.union(pieces)
-
-    return ParameterSets(
-        ConfidenceSet((estimate.interval(names[0], level),)),
-        below([lowest + uncertainty for lowest in least]),
-        below([highest] * len(candidates)),
-    )
+def sum_set(scans: Sequence[NuisanceScan], names: Sequence[str], at: Values, bound: float) -> ConfidenceSet:
+    """Values of the sum of some nuisances with a criterion of at most a bound, the estimate's among them."""
+    here = sum(at[name] for name in names)
+    first = scans[0].nodes.axes[0].nuisance
+    if first.name not in names:
+        return _profile_set(scans, names, here, bound)
+    pieces = [(here, here)]
+    for scan in scans:
+        (axis,) = scan.nodes.axes
+        others = sum(scan.nodes.fixed[name] for name in names if name != first.name)
+        for within, cut_short in scan.stretches(bound):
+            low, high = axis.values_at(within[[0, -1]]).tolist()
+            if first.positive and within[0] == axis.nodes[0]:
+                low = 0.0
+            pieces.append((others + low, inf if cut_short else others + high))
+    return ConfidenceSet.union(pieces)
 
 
-def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Estimate, position: int, weighting: RowWeighting
-) -> CandidateCriterion:
-    theta = candidate.theta
-    weights = weighting.last_pass(problem, theta, candidate.nuisances)
-    of_parameter = parameter_equations(weights.rows(candidate.nuisances), position)
-    unknowns = candidate.unknowns - (theta.size - of_parameter.regressors.size)
-    points = [{**candidate.nuisances, **point} for point in nodes.points]
-    columns = of_parameter.columns(weights.columns(points), theta)
-    equations = of_parameter.instruments.T @ columns
-    power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
-    lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
-    sizes = np.where(lengths > 0.0, lengths, 1.0)
-
-    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
-    known = [(nuisance, nuisance.prior) for nuisance in searched if nuisance.prior is not None]
-
-    def misfit(positions: Points) -> Points:
-        index = {name: np.full(positions.size, value) for name, value in candidate.nuisances.items()}
-        index |= {axis.nuisance.name: axis.values_at(positions) for axis in nodes.axes}
-        return sum((prior.misfit(item.with_others(index)) for item, prior in known), np.zeros(positions.size))
-
-    centre, scale = float(theta[position]), float(sizes[0] / sizes[1])
-    return CandidateCriterion(nodes, equations / sizes, power / np.outer(sizes, sizes), misfit, centre, scale)
+def _profile_set(
+    scans: Sequence[NuisanceScan], names: Sequence[str], here: float, bound: float
+) -> ConfidenceSet:
+    """The same of nuisances with a scan for each value: between them the root of the excess is straight."""
+    values = np.array([sum(scan.nodes.fixed[name] for name in names) for scan in scans])
+    minima = np.array([scan.minimum[1] for scan in scans])
+    excesses = np.append(np.maximum(minima - minima.min(), 0.0), 0.0)
+    order = np.argsort(np.append(values, here), kind="stable")
+    values, roots = np.append(values, here)[order], np.sqrt(excesses[order])
+    fine = np.unique(np.append(np.linspace(values[0], values[-1], PROFILE_POINTS), here))
+    fits = np.interp(fine, values, roots) <= np.sqrt(max(bound - minima.min(), 0.0))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], fits, [False]])))
+    return ConfidenceSet.union((float(fine[a]), float(fine[b - 1])) for a, b in edges.reshape(-1, 2).tolist())
 
 
 # -- Derived --
@@ -274,19 +325,13 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         checks.number("what the function gives", result)
         return float(result)
 
-    results = derived_from(of_vector, joint_estimates(estimate, level), level)
+    results = derived_from(of_vector, (JointEstimate(estimate.values, estimate.joint_covariance),), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
         expected = "a function that is finite within the interval"
         remedy = "For a ratio whose denominator may be zero use eivor.ratio."
         raise UsageError(expected, f"{results.value} with the interval {results.interval}", remedy)
     return results
-
-
-def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ...]:
-    """Vectors of the candidates that fit, the best first."""
-    others = [item for item in estimate.tenable(level) if item is not estimate]
-    return tuple(JointEstimate(item.values, item.joint_covariance) for item in (estimate, *others))
 
 
 def derived_from(
@@ -325,7 +370,7 @@ def ratio(
     -------
     ConfidenceSet
         Without a bound when the denominator cannot be distinguished from zero. A union over the
-        candidates that fit, and over the assumptions of the covariance.
+        assumptions of the covariance.
 
     Raises
     ------
@@ -341,10 +386,9 @@ def ratio(
     exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in pair])
     rows = np.stack([estimate.direction(entry) if isinstance(entry, str) else nothing for entry in pair])
     intervals: list[tuple[float, float]] = []
-    for candidate in estimate.tenable(level):
-        for part in candidate.joint_covariance.parts:
-            values, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
-            intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
+    for part in estimate.joint_covariance.parts:
+        values, V = exact + rows @ estimate.values, rows @ part.matrix @ rows.T
+        intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
     return ConfidenceSet.union(intervals)
 
 

@@ -1,10 +1,10 @@
-"""The estimate: values, covariance, intervals and nuisance candidates."""
+"""The estimate: values, covariance and intervals."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.moments import Assembler, CrossMoments, FittedNoise, Moments
 from eivor.estimation.products import filtered_instruments, lags_without_gaps
-from eivor.estimation.variable_projection import NuisanceProfile, least_comparable_criteria
+from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.inference.covariance import (
     DEFAULT,
     CovarianceEstimator,
@@ -25,7 +25,7 @@ from eivor.inference.covariance import (
     unit_scale,
 )
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
-from eivor.inference.distributions import check_level, chi_square_quantile, chi_square_tail
+from eivor.inference.distributions import check_level, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.regions import Ellipse, joint_ellipse
 from eivor.inference.verdict import Reason, Status, verdict
@@ -51,9 +51,6 @@ if TYPE_CHECKING:
 
 Blocks = Callable[[], Iterable[RowBlock]]
 
-#: A scalar function of an estimate's joint vector: its value and its gradient.
-Quantity = Callable[["Estimate"], tuple[float, Float[np.ndarray, " n"]]]
-
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -71,7 +68,7 @@ class Estimate:
     reasons: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
     noises: tuple[FittedNoise, ...] = ()  # Fitted together with the parameters, by a spectral method
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
-    precision: Float[np.ndarray, " q"] = field(default_factory=lambda: np.empty(0))
+    known: Float[np.ndarray, "k q"] = field(default_factory=lambda: np.empty((0, 0)))  # See `prior_rows`
     misfits: tuple[float, ...] = ()
     nuisances: Mapping[str, float] = field(default_factory=dict)  # Value of every nuisance
     profiles: tuple[NuisanceProfile, ...] = ()  # One for each continuous nuisance that was searched for
@@ -81,9 +78,6 @@ class Estimate:
     #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
     flight_criterion: float | None = None
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
-    others: tuple[Estimate, ...] = field(default=(), repr=False)  # At further values of discrete nuisances
-    #: Discrete nuisances whose sum is known between bounds: every value of it counts.
-    bounded: tuple[tuple[str, ...], ...] = ()
 
     def __getstate__(self) -> dict[str, object]:
         """Without the estimating equation and the basis, which are made again when they are requested."""
@@ -165,10 +159,9 @@ class Estimate:
 
     def prior_rows(self) -> Float[np.ndarray, "k n"]:
         """Rows of pseudo-observations of what is known beforehand, over the square root of their variance."""
-        indices = np.flatnonzero(self.precision)
-        rows = np.zeros((indices.size, self.unknowns))
-        rows[np.arange(indices.size), self.theta.size + indices] = np.sqrt(self.precision[indices])
-        return rows
+        return np.pad(
+            self.known, ((0, 0), (self.theta.size, self.unknowns - self.theta.size - self.known.shape[1]))
+        )
 
     # -- a second pass over the rows ------------------------------------------------------------------------
 
@@ -179,7 +172,7 @@ class Estimate:
 
     @property
     def criterion(self) -> float:
-        """What candidates are compared by, in units of a chi-square on one degree of freedom."""
+        """What estimates are compared by, in units of a chi-square on one degree of freedom."""
         if self.flight_criterion is not None:
             return self.flight_criterion
         if self.assembler.needs_instruments:
@@ -208,7 +201,17 @@ class Estimate:
             return np.full(self.unknowns, np.nan)
         known = np.sqrt(self.equation.variance) * self.prior_rows()
         basis = scipy.linalg.block_diag(self._basis, np.eye(len(known))) if known.size else self._basis
-        return conditional_first_stage(basis, np.vstack([self.jacobian, known]))
+        # of a part and of what it is a part of the strength is that of their sum, at the same shares of it
+        names, to_sums = self.names, np.eye(self.unknowns)
+        parts = [(item.nuisance.name, item.nuisance.part_of) for item in self.profiles]
+        indices = [(names.index(name), names.index(whole)) for name, whole in parts if whole in names]
+        for part, whole in indices:
+            share = self.values[part] / (self.values[part] + self.values[whole])
+            to_sums[[whole, whole, part], [whole, part, whole]] = 1.0 - share, -1.0, share
+        strengths = conditional_first_stage(basis, np.vstack([self.jacobian, known]) @ to_sums)
+        for part, whole in indices:
+            strengths[part] = strengths[whole]
+        return strengths
 
     @property
     def degrees(self) -> int:
@@ -242,43 +245,6 @@ class Estimate:
     def status(self) -> Status:
         """Weak when the instruments are; see `reasons`."""
         return verdict(list(self.reasons)).status
-
-    @property
-    def candidates(self) -> tuple[Estimate, ...]:
-        """The estimate, and those at further values of discrete nuisances."""
-        return (self, *self.others)
-
-    def tenable(self, level: float = 0.95) -> tuple[Estimate, ...]:
-        """Candidates whose criterion is within a chi-square quantile of the least one they compete with.
-
-        With a degree of freedom for each discrete nuisance that has a choice, but those that are bounded.
-        """
-        if len(self.candidates) == 1:
-            return self.candidates
-        quantile = chi_square_quantile(level, self.choices)
-        compared = zip(self.candidates, self.excesses, strict=True)
-        return tuple(item for item, excess in compared if excess <= quantile)
-
-    @property
-    def choices(self) -> int:
-        """Discrete nuisances that have a choice, but those that are bounded; one at least."""
-        discrete = set(self.nuisances) - {profile.nuisance.name for profile in self.profiles}
-        values = [{candidate.nuisances[name] for candidate in self.candidates} for name in discrete]
-        return max(sum(len(each) > 1 for each in values) - len(self.bounded), 1)
-
-    @property
-    def excesses(self) -> tuple[float, ...]:
-        """What each candidate's criterion is above the least one that it competes with."""
-        if len(self.candidates) == 1:
-            return (0.0,)
-        criteria = [candidate.criterion for candidate in self.candidates]
-        least = self.least_comparable_criteria(criteria)
-        return tuple(criterion - lowest for criterion, lowest in zip(criteria, least, strict=True))
-
-    def least_comparable_criteria(self, criteria: Sequence[float]) -> list[float]:
-        """For each candidate the least criterion of those it competes with, see `competing`."""
-        points = [candidate.nuisances for candidate in self.candidates]
-        return least_comparable_criteria(self.bounded, points, criteria)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -327,12 +293,11 @@ class Estimate:
             For an estimate whose rows are not at hand.
         """
         check_covariance_estimator(estimator)
-        if not all(candidate.has_rows for candidate in self.candidates):
+        if not self.has_rows:
             expected = "an estimate with its rows available, for another covariance"
             remedy = "Name the covariance when you identify: identify_chunks(..., covariance=...)."
             raise EstimationError(expected, "one from chunks or moments, which keeps no rows", remedy)
-        others = (replace(candidate, covariance_estimator=estimator) for candidate in self.others)
-        return replace(self, covariance_estimator=estimator, others=tuple(others))
+        return replace(self, covariance_estimator=estimator)
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
         """Joint confidence region of two parameters .
@@ -361,36 +326,17 @@ class Estimate:
         return self.joint_covariance.std_error(self.direction(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a parameter, a union over the candidates that fit.
+        """Confidence interval of a parameter.
 
         Raises
         ------
         UsageError
             When there is no parameter of that name, or the level is not between 0 and 1.
         """
-        direction = self.direction(name)
-        return self.interval_of(lambda candidate: (float(direction @ candidate.values), direction), level)
-
-    def interval_of(
-        self,
-        quantity: Quantity,
-        level: float = 0.95,
-        extra_variance: Callable[[Estimate], float] = lambda _: 0.0,
-    ) -> tuple[float, float]:
-        """Confidence interval of a function of the joint vector, by the delta method at each candidate.
-
-        Raises
-        ------
-        UsageError
-            When the level is not between 0 and 1.
-        """
         check_level(level)
-        ends: list[float] = []
-        for candidate in self.tenable(level):
-            value, gradient = quantity(candidate)
-            half = candidate.joint_covariance.half_width(gradient, level, extra_variance(candidate))
-            ends.extend((value - half, value + half))
-        return min(ends), max(ends)
+        direction = self.direction(name)
+        value, half = float(direction @ self.values), self.joint_covariance.half_width(direction, level)
+        return value - half, value + half
 
     def to_frame(self) -> pl.DataFrame:
         """Table of the parameters.

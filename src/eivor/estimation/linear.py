@@ -6,7 +6,6 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -23,11 +22,11 @@ from eivor.errors import (
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
-from eivor.estimation.variable_projection import Minimum, bounded_sums, minimised, on_nested_grids
+from eivor.estimation.variable_projection import Minimum, minimised
 from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
 from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.diagnostics.record import BEYOND_DOUBT, first_stage_of_products
+from eivor.inference.diagnostics.record import first_stage_of_products
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import LinearSystem, Solution, Solver
 from eivor.linalg.total_least_squares import lost_to_rounding, row_lengths
@@ -67,7 +66,7 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
             raise refused[0]
         return values
 
-    return minimised(problem.nuisances, {}, solution, objectives, coarse=True).nuisances
+    return minimised(problem.nuisances, solution, objectives, coarse=True).nuisances
 
 
 def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
@@ -345,49 +344,28 @@ def check_linear(method: object) -> None:
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
-    candidates = on_nested_grids(
-        problem.nuisances,
-        partial(_candidate, method, problem),
-        lambda candidate: candidate.criterion,
-        lambda candidate: candidate.over_identification[1] < BEYOND_DOUBT,
-    )
-    refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
-    best, *others = sorted(candidates, key=lambda candidate: candidate.criterion)
-    return replace(
-        best,
-        method=method.name,
-        joint_parameters=best.rows.parameters + refined,
-        reasons=shrinkage_bias(best.solution, best.rows.parameters),
-        others=tuple(others),
-        bounded=bounded_sums(problem.nuisances),
-    )
-
-
-def _candidate(
-    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Estimate | None
-) -> Estimate:
     start = problem.warm_start
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
         weights = method.row_weighting.first_pass(problem)
-        if candidate is not None and weights.renewal is not None:
-            weights = weights.renewal(candidate.theta, candidate.nuisances)
-    minimum = _minimum(method, problem, weights, fixed)
+    minimum = _minimum(method, problem, weights)
     while weights.renewal is not None:
         weights = weights.renewal(minimum.solution.theta, minimum.nuisances)
-        minimum = _minimum(method, problem, weights, fixed)
+        minimum = _minimum(method, problem, weights)
     solved = method.solve(weights.rows(minimum.nuisances))
-    refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
-    columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in refined]
-    misfits, precision = known_misfits(problem.nuisances, minimum.nuisances)
+    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
+    columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in searched]
+    misfits, known = known_misfits(problem.nuisances, minimum.nuisances)
     criterion = weights.criterion(solved.theta, minimum.nuisances)
     return replace(
         solved,
+        joint_parameters=(*solved.joint_parameters, *(nuisance.parameter for nuisance in searched)),
+        reasons=shrinkage_bias(solved.solution, solved.joint_parameters),
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
-        precision=precision,
+        known=known,
         misfits=misfits,
-        nuisances={nuisance.name: minimum.nuisances[nuisance.name] for nuisance in problem.nuisances},
+        nuisances=minimum.nuisances,
         profiles=minimum.profiles,
         covariance_estimator=FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT,
         flight_criterion=None if criterion is None else criterion + sum(misfits),
@@ -396,23 +374,22 @@ def _candidate(
 
 def known_misfits(
     nuisances: Sequence[Nuisance], values: Values
-) -> tuple[tuple[float, ...], Float[np.ndarray, " q"]]:
-    """Misfits of the nuisances that are known beforehand; information on each that is refined."""
-    known = [nuisance for nuisance in nuisances if nuisance.searched and nuisance.prior is not None]
-    refined = [nuisance.prior for nuisance in nuisances if nuisance.refined]
-    precision = np.array([0.0 if prior is None else prior.std**-2.0 for prior in refined])
-    return tuple(nuisance.misfit(values) for nuisance in known), precision
+) -> tuple[tuple[float, ...], Float[np.ndarray, "k q"]]:
+    """Misfits of the nuisances that are known beforehand, and rows of what is known of all."""
+    searched = [nuisance for nuisance in nuisances if nuisance.searched]
+    names = [nuisance.name for nuisance in searched]
+    rows = [np.empty((0, len(names))), *(item.information(names, values) for item in searched)]
+    return tuple(item.misfit(values) for item in searched if item.prior is not None), np.concatenate(rows)
 
 
-def _minimum(
-    method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, fixed: dict[str, float]
-) -> Minimum:
-    """Best continuous nuisances with weights of one pass; roughly, where another pass follows."""
-    unknown = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
-    rows = weights.rows(problem.first_values | fixed)
+def _minimum(method: LinearMethod, problem: SeparableProblem, weights: WeightedRows) -> Minimum:
+    """Best nuisances with weights of one pass; roughly, where another pass follows."""
+    unknown = tuple(nuisance for nuisance in problem.nuisances if nuisance.searched)
+    rows = weights.rows(problem.first_values)
     check_freedom(rows.response.size, rows.regressors.shape[1] + len(unknown))
     if method.needs_instruments:
-        check_instruments(rows, sum(nuisance.prior is None for nuisance in unknown), method.name)
+        known = sum(nuisance.prior is not None or bool(nuisance.part_of) for nuisance in unknown)
+        check_instruments(rows, len(unknown) - known, method.name)
 
     def solve(values: Values) -> Estimate:
         return method.solve(weights.rows(values))
@@ -423,8 +400,7 @@ def _minimum(
         return np.array([solve(point).solution.objective for point in points])
 
     return minimised(
-        unknown,
-        fixed,
+        problem.nuisances,
         lambda values: solve(values).solution,
         objectives,
         lambda values: solve(values).objective_unit(),

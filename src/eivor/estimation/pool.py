@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 import scipy
 
-from eivor.estimation.derived import DEGREES, ParameterSets
+from eivor.estimation.derived import DEGREES, FEW_PARAMETERS, ParameterSets, sum_set
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
@@ -21,12 +21,8 @@ from eivor.estimation.variable_projection import (
     NuisanceProfile,
     NuisanceScan,
     argmin,
-    bounded_sums,
-    least_comparable_criteria,
     nodes_of,
-    on_nested_grids,
     profiles_of,
-    reaching,
 )
 from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
 from eivor.inference.anderson_rubin import allowed, least_ratio
@@ -51,19 +47,14 @@ from eivor.tools import Bool, Float
 
 @dataclass(frozen=True)
 class PoolMember:
-    """One flight at one combination of the discrete nuisances."""
+    """One flight."""
 
     problem: SeparableProblem
     weights: WeightedRows
-    fixed: Values
     centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
     equations: Float[np.ndarray, "T q n_plus_1"]  # Q' of residual and regressors, at each node
     power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
     rows: int
-
-    def rows_at(self, nuisances: Values) -> Regression:
-        """Whitened rows, at values of the continuous nuisances."""
-        return self.weights.rows({**self.fixed, **nuisances})
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
@@ -89,10 +80,10 @@ def pool_member(
 ) -> PoolMember:
     """Products of a flight, whitened by its residual at some values."""
     weights = whitened_by_residuals(problem, theta, nuisance_values)
-    made = [weights.rows({**nuisance_values, **point}) for point in nodes.points]
+    made = [weights.rows(point) for point in nodes.points]
     products = (products_at(rows, centre) for rows in made)
     equations, power = (np.stack(parts) for parts in zip(*products, strict=True))
-    return PoolMember(problem, weights, nuisance_values, centre, equations, power, made[0].response.size)
+    return PoolMember(problem, weights, centre, equations, power, made[0].response.size)
 
 
 def products_at(
@@ -110,12 +101,13 @@ Forms = Float[np.ndarray, "F k b b"]
 
 @dataclass(frozen=True)
 class PoolCriterion:
-    """J of some flights at one combination of the discrete nuisances."""
+    """J of some flights."""
 
     members: tuple[PoolMember, ...]
     flight_specific: tuple[int, ...]
     nodes: Nodes
     known: dict[str, Prior]
+    searched: int | None = None  # Parameters and nuisances of what it is a slice of
 
     @property
     def size(self) -> int:
@@ -130,6 +122,8 @@ class PoolCriterion:
     @property
     def unknowns(self) -> int:
         """Parameters of all flights, and nuisances."""
+        if self.searched is not None:
+            return self.searched
         return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.axes)
 
     @property
@@ -191,13 +185,25 @@ class PoolCriterion:
     # -- the minimum -----------------------------------------------------------------------------------------
 
     @cached_property
+    def slices(self) -> list[PoolCriterion]:
+        """J over the first nuisance, at values of the others."""
+        results = []
+        for part, index in self.nodes.slices():
+            members = (
+                replace(member, equations=member.equations[index], power=member.power[index])
+                for member in self.members
+            )
+            results.append(replace(self, members=tuple(members), nodes=part, searched=self.unknowns))
+        return results
+
+    @cached_property
     def scan(self) -> NuisanceScan:
-        """The least J over the continuous nuisance, where there is one at most."""
+        """The least J over the nuisance, where there is one at most."""
         return NuisanceScan(self.nodes, lambda positions: self.least(self.nodes.box(positions)))
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
-        """Continuous nuisances where J is least, and J there."""
+        """Nuisances where J is least, and J there."""
         if len(self.nodes.axes) < 2:
             position, J = self.scan.minimum
             return self.nodes.values_at(np.array([position])[: len(self.nodes.axes)]), J
@@ -205,8 +211,8 @@ class PoolCriterion:
         return self.nodes.values_at(result), float(self.least([*result[:, None]])[0])
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
-        """Linear parameters of each flight where J is least, at values of the continuous nuisances."""
-        made = [products_at(member.rows_at(nuisances), member.centre) for member in self.members]
+        """Linear parameters of each flight where J is least, at values of the nuisances."""
+        made = [products_at(member.weights.rows(nuisances), member.centre) for member in self.members]
         outer = np.outer(self._scales, self._scales)
         seen = [equations / self._scales for equations, _ in made]
         N = self._joined(np.stack([(item.T @ item)[None] for item in seen]))[0]
@@ -276,8 +282,8 @@ def member_slopes(
     member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
-    rows, index = member.rows_at(values), {**member.fixed, **values}
-    moved = [slope(member.weights, nuisance, index, theta) for nuisance in nuisances]
+    rows = member.weights.rows(values)
+    moved = [slope(member.weights, nuisance, values, theta) for nuisance in nuisances]
     columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
     jacobian = np.column_stack([rows.regressors, columns])
     seen = rows.instruments.T @ jacobian
@@ -294,6 +300,7 @@ class PoolJoint:
 
     criterion: PoolCriterion
     slopes: tuple[MemberSlopes, ...]
+    known: Float[np.ndarray, "k q"]  # Rows of what is known of nuisances beforehand, over standard errors
     inflation: float = 1.0
 
     @cached_property
@@ -324,12 +331,10 @@ class PoolJoint:
     @cached_property
     def _prior(self) -> Float[np.ndarray, "m m"]:
         """What is known beforehand of nuisances, as information."""
-        axes, known = self.criterion.nodes.axes, self.criterion.known
-        information = np.zeros(self.criterion.unknowns)
-        for number, axis in enumerate(axes, start=information.size - len(axes)):
-            if axis.nuisance.name in known:
-                information[number] = known[axis.nuisance.name].std ** -2.0
-        return np.diag(information)
+        information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
+        first = self.criterion.unknowns - self.known.shape[1]
+        information[first:, first:] = self.known.T @ self.known
+        return information
 
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
@@ -400,52 +405,6 @@ class PoolJoint:
 # -- Estimate --
 
 
-@dataclass(frozen=True)
-class PoolCandidate:
-    """A pool at one combination of the discrete nuisances."""
-
-    separate: PoolCriterion
-    common: PoolCriterion
-    nuisances: Values  # Every nuisance, where `separate` is least
-    theta: tuple[Float[np.ndarray, " n"], ...]  # Linear parameters of each flight there
-    joint: PoolJoint
-
-    @property
-    def criterion(self) -> float:
-        """J."""
-        return self.separate.minimum[1]
-
-    @cached_property
-    def common_theta(self) -> Float[np.ndarray, " n"]:
-        """Linear parameters where `common` is least."""
-        return self.common.parameters(self.common.minimum[0])[0]
-
-    @property
-    def profiles(self) -> tuple[NuisanceProfile, ...]:
-        """J over the nodes of each continuous nuisance, at the best of the others."""
-        nodes = self.separate.nodes
-        unknown = tuple(axis.nuisance for axis in nodes.axes)
-        if not unknown:
-            return ()
-        return profiles_of(unknown, [axis.values for axis in nodes.axes], self.separate.least(nodes.nodes))
-
-
-def pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
-    """Linearise a pool where its criterion is least; what is shared has its variance multiplied."""
-    nuisances, _ = criterion.minimum
-    theta = criterion.parameters(nuisances)
-    unknown = tuple(axis.nuisance for axis in criterion.nodes.axes)
-    slopes = tuple(
-        member_slopes(member, unknown, nuisances, item)
-        for member, item in zip(criterion.members, theta, strict=True)
-    )
-    first = criterion.members[0]
-    shared = tuple(member.recentred(first.centre) for member in criterion.members)
-    common = replace(criterion, members=shared, flight_specific=())
-    joint = PoolJoint(criterion, slopes, inflation)
-    return PoolCandidate(criterion, common, {**first.fixed, **nuisances}, tuple(theta), joint)
-
-
 # -- Pooled --
 
 #: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
@@ -467,38 +426,64 @@ class Pooled:
 
     estimates: tuple[Estimate, ...]
     flight_specific: tuple[str, ...]  # Linear parameters that belong to the flight
-    candidates: tuple[PoolCandidate, ...]
+    criterion: PoolCriterion
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
+    inflation: float  # Factor of the variance of what is shared
     separate: bool = False
+
+    @cached_property
+    def common(self) -> PoolCriterion:
+        """J of flights that agree in what is their own."""
+        first = self.criterion.members[0]
+        shared = tuple(member.recentred(first.centre) for member in self.criterion.members)
+        return replace(self.criterion, members=shared, flight_specific=())
+
+    @property
+    def values(self) -> Values:
+        """Every nuisance, where J is least."""
+        return self.criterion.minimum[0]
+
+    @cached_property
+    def theta(self) -> tuple[Float[np.ndarray, " n"], ...]:
+        """Linear parameters of each flight there."""
+        return tuple(self.criterion.parameters(self.values))
+
+    @cached_property
+    def joint(self) -> PoolJoint:
+        """The pool linearised there; what is shared has its variance multiplied."""
+        unknown = tuple(axis.nuisance for axis in self.criterion.nodes.axes)
+        slopes = tuple(
+            member_slopes(member, unknown, self.values, item)
+            for member, item in zip(self.criterion.members, self.theta, strict=True)
+        )
+        known = known_misfits(self.nuisances, self.values)[1]
+        return PoolJoint(self.criterion, slopes, known, self.inflation)
+
+    @property
+    def profiles(self) -> tuple[NuisanceProfile, ...]:
+        """J over the nodes of each nuisance, at the best of the others."""
+        nodes = self.criterion.nodes
+        unknown = tuple(axis.nuisance for axis in nodes.axes)
+        if not unknown:
+            return ()
+        return profiles_of(unknown, [axis.values for axis in nodes.axes], self.criterion.least(nodes.nodes))
 
     @property
     def problems(self) -> tuple[SeparableProblem, ...]:
         """Of each flight."""
-        return tuple(member.problem for member in self.candidates[0].separate.members)
+        return tuple(member.problem for member in self.criterion.members)
 
     @property
     def nuisance_names(self) -> tuple[str, ...]:
-        """Of those that are searched for between the values of their grids."""
-        return tuple(axis.nuisance.name for axis in self.candidates[0].separate.nodes.axes)
-
-    @property
-    def best(self) -> int:
-        """Place of the candidate that fits best."""
-        return int(np.argmin([candidate.criterion for candidate in self.candidates]))
-
-    @property
-    def inflation(self) -> float:
-        """Factor of the variance of what is shared."""
-        return self.candidates[0].joint.inflation
+        """Of those that are searched for."""
+        return tuple(axis.nuisance.name for axis in self.criterion.nodes.axes)
 
     @cached_property
     def agreement_p_value(self) -> float:
         """Of the test that flights agree in what is their own."""
-        together = min(candidate.common.minimum[1] for candidate in self.candidates)
-        separated = min(candidate.criterion for candidate in self.candidates)
         degrees = (len(self.estimates) - 1) * len(self.flight_specific)
-        return chi_square_tail(max(together - separated, 0.0), degrees)
+        return chi_square_tail(max(self.common.minimum[1] - self.criterion.minimum[1], 0.0), degrees)
 
     @property
     def differs(self) -> bool:
@@ -510,31 +495,29 @@ class Pooled:
     def member(self, number: int) -> Estimate:
         """Estimate of one flight, with what the pool says of what it shares."""
         return self._estimate(
-            self._candidate(
-                pool,
-                pool.separate.members[number].rows_at(pool.nuisances),
-                pool.theta[number],
-                pool.joint.slopes[number].nuisance_columns,
-                pool.joint.of_member(number),
-            )
-            for pool in self.candidates
+            self.criterion.members[number].weights.rows(self.values),
+            self.theta[number],
+            self.joint.slopes[number].nuisance_columns,
+            self.joint.of_member(number),
         )
 
+    @property
+    def has_sets(self) -> bool:
+        """Whether its sets take no longer than they are worth."""
+        return self.criterion.size <= FEW_PARAMETERS
+
     def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
-        """Sets of a parameter of each flight's own; None where several nuisances are continuous."""
-        if len(self.candidates[0].separate.nodes.axes) > 1:
+        """Sets of a parameter of each flight's own; None of many parameters."""
+        if not self.has_sets:
             return (None,) * len(self.estimates)
         position = self._positions([name])[0]
-        members = self.candidates[self.best].separate.members
+        members = self.criterion.members
 
-        criteria = [candidate.separate for candidate in self.candidates]
-
-        def below(excess: float) -> list[ConfidenceSet]:
-            return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, position)]
-
-        profiles = below(self._largest_excess(level))
+        profiles = _below(self.criterion, self._largest_excess(level), position)
         counts = {member.instruments for member in members}
-        robust = {count: below(chi_square_quantile(level, count)) for count in counts}
+        robust = {
+            count: _below(self.criterion, chi_square_quantile(level, count), position) for count in counts
+        }
         return tuple(
             ParameterSets(
                 ConfidenceSet((self.member(number).interval(name, level),)),
@@ -546,93 +529,61 @@ class Pooled:
 
     # -- all flights -----------------------------------------------------------------------------------------
 
-    def whole(self) -> Estimate:
-        """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
-        return self._estimate(self._of_all(pool) for pool in self.candidates)
-
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
         is_specific = name in self.flight_specific
-        if len(self.candidates[0].separate.nodes.axes) > 1 or (is_specific and self.differs):
+        if not self.has_sets or (is_specific and self.differs):
             return None
         position = self._positions([name])[0]
-        criteria = [candidate.common if is_specific else candidate.separate for candidate in self.candidates]
-        instruments = max(member.instruments for member in criteria[0].members)
-
-        def below(excess: float) -> ConfidenceSet:
-            return ConfidenceSet.union(self._below(criteria, excess, position)[0])
-
+        criterion = self.common if is_specific else self.criterion
+        instruments = max(member.instruments for member in criterion.members)
         return ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
-            below(self._largest_excess(level)),
-            below(chi_square_quantile(level, instruments)),
+            _below(criterion, self._largest_excess(level), position)[0],
+            _below(criterion, chi_square_quantile(level, instruments), position)[0],
         )
 
     def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
-        """Profile set of the continuous nuisance, or of its sum with discrete ones."""
-        nodes = self.candidates[0].separate.nodes
-        if len(nodes.axes) != 1:
+        """Profile set of the first nuisance, or of its sum with others."""
+        if not self.criterion.nodes.axes or not self.has_sets:
             return None
-        (axis,) = nodes.axes
-        criteria = [candidate.separate for candidate in self.candidates]
-        pieces = []
-        for pool, lowest in zip(self.candidates, self._least(criteria), strict=True):
-            neighbours = sum(pool.nuisances[name] for name in names if name != axis.nuisance.name)
-            for within, cut_short in pool.separate.scan.stretches(lowest + self._largest_excess(level)):
-                low, high = axis.values_at(within[[0, -1]]).tolist()
-                if axis.nuisance.positive and within[0] == axis.nodes[0]:
-                    low = 0.0
-                pieces.append((neighbours + low, inf if cut_short else neighbours + high))
-        return ConfidenceSet.union(pieces)
+        bound = self.criterion.minimum[1] + self._largest_excess(level)
+        return sum_set([part.scan for part in self.criterion.slices], names, self.values, bound)
 
     def _largest_excess(self, level: float) -> float:
         """By how much J may exceed its least in a profile set; more where what is shared differs."""
         return self.inflation * t_quantile(level, DEGREES) ** 2
 
-    def _least(self, criteria: Sequence[PoolCriterion]) -> list[float]:
-        """For each candidate the least J of those it competes with."""
-        points = [candidate.nuisances for candidate in self.candidates]
-        minima = [criterion.minimum[1] for criterion in criteria]
-        return least_comparable_criteria(bounded_sums(self.nuisances), points, minima)
-
-    def _below(
-        self, criteria: Sequence[PoolCriterion], excess: float, position: int
-    ) -> list[list[tuple[float, float]]]:
-        """For each flight pieces where J exceeds the least of those it competes with by no more."""
-        results: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
-        for lowest, criterion in zip(self._least(criteria), criteria, strict=True):
-            for pieces, more in zip(results, criterion.below(lowest + excess, position), strict=True):
-                pieces.extend(more)
-        return results
-
-    def mean(self, name: str, candidate: PoolCandidate | None = None) -> CommonValue:
+    def mean(self, name: str) -> CommonValue:
         """One value for all flights of a parameter that is their own."""
-        pool = self.candidates[self.best] if candidate is None else candidate
         position = self._positions([name])[0]
-        values = np.array([theta[position] for theta in pool.theta])
-        rows = [int(index[position]) for index in pool.joint.indices]
+        values = np.array([theta[position] for theta in self.theta])
+        rows = [int(index[position]) for index in self.joint.indices]
         if self.differs:
-            flights, variances = one_group(values.size), pool.joint.flight_parameter_variance(rows)
+            flights, variances = one_group(values.size), self.joint.flight_parameter_variance(rows)
             between = moment_between(flights, values, variances)
             means = random_effects_means(flights, values, variances, between)
             return CommonValue(float(means.value[0]), means.weights, float(means.variance[0]))
-        covariance = pool.joint.classical[np.ix_(rows, rows)]
+        covariance = self.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))
-        return CommonValue(float(pool.common_theta[position]), weights / weights.sum(), None)
+        common = self.common.parameters(self.common.minimum[0])[0]
+        return CommonValue(float(common[position]), weights / weights.sum(), None)
 
     def _positions(self, names: Sequence[str]) -> list[int]:
         parameters = [parameter.name for parameter in self.estimates[0].rows.parameters]
         return [parameters.index(name) for name in names]
 
-    def _of_all(self, pool: PoolCandidate) -> Estimate:
-        """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
-        joint, positions = pool.joint, self._positions(self.flight_specific)
-        commons = (self.mean(name, pool) for name in self.flight_specific)
-        means = dict(zip(positions, commons, strict=True))
-        theta = pool.theta[0].copy()
+    def whole(self) -> Estimate:
+        """Estimate of the pool: what is shared, and the common value or the mean of what is not.
+
+        Of rows of all flights, their response less what a flight's own parameters differ from the mean.
+        """
+        joint, positions = self.joint, self._positions(self.flight_specific)
+        means = dict(zip(positions, map(self.mean, self.flight_specific), strict=True))
+        theta = self.theta[0].copy()
         theta[positions] = [means[position].value for position in positions]
-        made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
-        each = list(zip(made, pool.theta, joint.slopes, strict=True))
+        made = [member.weights.rows(self.values) for member in self.criterion.members]
+        each = list(zip(made, self.theta, joint.slopes, strict=True))
         rows = Regression(
             np.concatenate([item.response - item.regressors @ (values - theta) for item, values, _ in each]),
             np.concatenate([item.regressors for item in made]),
@@ -645,7 +596,7 @@ class Pooled:
         for element, mean in means.items():
             vector[element] = 0.0
             vector[element, [index[element] for index in joint.indices]] = mean.weights
-        return self._candidate(pool, rows, theta, columns, self._covariance(joint, vector, means))
+        return self._estimate(rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
@@ -661,44 +612,39 @@ class Pooled:
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
         return JointCovariance((*result.parts, between))
 
-    def _estimate(self, candidates: Iterable[Estimate]) -> Estimate:
-        first = self.estimates[0]
-        refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
-        joint = (*first.rows.parameters, *refined)
-        best, *others = sorted(candidates, key=lambda candidate: candidate.criterion)
-        return replace(
-            best,
-            method=first.method,
-            joint_parameters=joint,
-            others=tuple(others),
-            bounded=bounded_sums(self.nuisances),
-        )
-
-    def _candidate(
+    def _estimate(
         self,
-        pool: PoolCandidate,
         rows: Regression,
         theta: Float[np.ndarray, " n"],
         nuisance_columns: Float[np.ndarray, "rows c"],
         covariance: JointCovariance,
     ) -> Estimate:
-        method = by_name(self.estimates[0].method)
+        method, J = by_name(self.estimates[0].method), self.criterion.minimum[1]
         check_linear(method)
         solved = cast("LinearMethod", method).solve(rows)
         residual = solved.system.right - solved.system.matrix @ theta
-        misfits, precision = known_misfits(self.nuisances, pool.nuisances)
+        misfits, known = known_misfits(self.nuisances, self.values)
+        searched = (nuisance.parameter for nuisance in self.nuisances if nuisance.searched)
         return replace(
             solved,
-            solution=replace(solved.solution, theta=theta, residual=residual, objective=pool.criterion),
+            joint_parameters=(*solved.joint_parameters, *searched),
+            solution=replace(solved.solution, theta=theta, residual=residual, objective=J),
             nuisance_columns=nuisance_columns,
-            precision=precision,
+            known=known,
             misfits=misfits,
-            nuisances={nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
-            profiles=pool.profiles,
+            nuisances={nuisance.name: self.values[nuisance.name] for nuisance in self.nuisances},
+            profiles=self.profiles,
             covariance_estimator=self.estimates[0].covariance_estimator,
             streamed_covariance=covariance,
-            flight_criterion=pool.criterion,
+            flight_criterion=J,
         )
+
+
+def _below(criterion: PoolCriterion, excess: float, position: int) -> list[ConfidenceSet]:
+    """For each flight the set where J exceeds its least by no more."""
+    bound = criterion.minimum[1] + excess
+    each = zip(*(part.below(bound, position) for part in criterion.slices), strict=True)
+    return [ConfidenceSet.union(piece for pieces in parts for piece in pieces) for parts in each]
 
 
 def _joined(layouts: Sequence[object]) -> BinRows:
@@ -721,72 +667,33 @@ def pooled(
     separate: bool = False,
 ) -> Pooled:
     """Pool flights that share some parameters."""
-    nuisances = reaching(nuisances, [estimate.nuisances for estimate in estimates])
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].rows.parameters]
-    index = tuple(parameters.index(name) for name in names)
-
-    criteria = on_nested_grids(
-        nuisances,
-        lambda fixed, _: _criterion(problems, estimates, index, nodes, fixed),
-        lambda criterion: criterion.minimum[1],
-    )
-    p_value, inflation = _differences(criteria)
-    candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
-    return Pooled(tuple(estimates), tuple(names), candidates, nuisances, p_value, separate)
-
-
-def _criterion(
-    problems: Sequence[SeparableProblem],
-    estimates: Sequence[Estimate],
-    specific: tuple[int, ...],
-    nodes: Nodes,
-    fixed: Values,
-) -> PoolCriterion:
-    alone = [_nearest(estimate, fixed) for estimate in estimates]
+    specific = [parameters.index(name) for name in names]
     known = {
-        axis.nuisance.name: replace(
-            prior, mean=prior.mean - sum(fixed[name] for name in axis.nuisance.known_with)
-        )
-        for axis in nodes.axes
-        if (prior := axis.nuisance.prior) is not None
+        axis.nuisance.name: axis.nuisance.prior for axis in nodes.axes if axis.nuisance.prior is not None
     }
 
-    def weighted(valueses: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
-        shared = np.median(theta, axis=0)
-        members = []
-        for problem, values, parameters in zip(problems, valueses, theta, strict=True):
+    def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
+        shared, members = np.median(theta, axis=0), []
+        for problem, here, parameters in zip(problems, values, theta, strict=True):
             centre = shared.copy()
-            centre[list(specific)] = parameters[list(specific)]
-            members.append(pool_member(problem, nodes, {**values, **fixed}, parameters, centre))
-        return PoolCriterion(tuple(members), specific, nodes, known)
+            centre[specific] = parameters[specific]
+            members.append(pool_member(problem, nodes, {**here, **nodes.fixed}, parameters, centre))
+        return PoolCriterion(tuple(members), tuple(specific), nodes, known)
 
-    first = weighted([item.nuisances for item in alone], [item.theta for item in alone])
-    nuisances = first.minimum[0]
-    return weighted([nuisances] * len(alone), first.parameters(nuisances))
-
-
-def _nearest(estimate: Estimate, fixed: Values) -> Estimate:
-    refined = {profile.nuisance.name for profile in estimate.profiles}
-    names = [name for name in fixed if name not in refined]
-    return min(
-        estimate.candidates,
-        key=lambda candidate: sum(abs(candidate.nuisances[name] - fixed[name]) for name in names),
-    )
+    first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])
+    values = first.minimum[0]
+    criterion = weighted([values] * len(estimates), first.parameters(values))
+    p_value, inflation = _differences(criterion)
+    return Pooled(tuple(estimates), tuple(names), criterion, nuisances, p_value, inflation, separate)
 
 
-def _differences(criteria: Sequence[PoolCriterion]) -> tuple[float, float]:
+def _differences(criterion: PoolCriterion) -> tuple[float, float]:
     """P-value of agreement in what is shared, and by what its variance is multiplied."""
-    first = criteria[0]
-    together = min(replace(criterion, known={}).minimum[1] for criterion in criteria)
-    alone = sum(
-        min(
-            replace(criterion, members=(criterion.members[number],), known={}).minimum[1]
-            for criterion in criteria
-        )
-        for number in range(len(first.members))
-    )
-    degrees = (len(first.members) - 1) * (len(first.shared) + len(first.nodes.axes))
+    together = replace(criterion, known={}).minimum[1]
+    alone = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)
+    degrees = (len(criterion.members) - 1) * (len(criterion.shared) + len(criterion.nodes.axes))
     excess = max(together - alone, 0.0)
     p_value = chi_square_tail(excess, degrees)
     return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -237,7 +236,8 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         plain = GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
-    distance, farthest = _least_distance(result, plain)
+    count = result.theta.size
+    distance, farthest = _squared_distance(result, plain), hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
     if distance > farthest:
         return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
     return with_noises(problem, result)
@@ -255,18 +255,11 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
 
 
-def _least_distance(estimate: Estimate, plain: Estimate) -> tuple[float, float]:
-    """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds."""
+def _squared_distance(estimate: Estimate, other: Estimate) -> float:
+    """Squared distance of the linear parameters of two estimates."""
     count = estimate.theta.size
-    farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
-    pairs = product(estimate.tenable(), plain.tenable())
-    return min(_squared_distance(item, other) for item, other in pairs), farthest
-
-
-def _squared_distance(candidate: Estimate, other: Estimate) -> float:
-    count = candidate.theta.size
-    between = candidate.theta - other.theta
-    spread = candidate.joint_covariance.matrix[:count, :count] + other.joint_covariance.matrix[:count, :count]
+    between = estimate.theta - other.theta
+    spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]
     return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
 

@@ -1,20 +1,19 @@
-"""Search for nuisances: continuous ones by variable projection, discrete ones on nested grids."""
+"""Search for nuisances by variable projection, and criteria over them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eivor.errors import ConvergenceError
-from eivor.inference.distributions import chi_square_quantile
 from eivor.linalg.system import Solution
-from eivor.models.separable import Nuisance, Prior, Values, combinations
+from eivor.models.separable import Nuisance, Prior, Values
 from eivor.tools import Float, Int
 
 if TYPE_CHECKING:
@@ -78,10 +77,12 @@ def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
 COARSE = 10.0
 #: Points of a product of grids; but no grid is thinned below three.
 PRODUCT_POINTS = 200
-#: A search of several nuisances has settled when beginning again gains less than this share of the
-#: objective; so often it may begin.
-LEAST_GAIN = 1e-10
-RESTARTS = 20
+#: Local minima of the grid that a search of several nuisances begins at.
+STARTS = 2
+#: A search of several nuisances ends where its points differ by less than this share of the objective.
+LEAST_GAIN = 1e-7
+#: Evaluations, for each nuisance, before it is given up.
+MOST_EVALUATIONS = 400
 
 #: Values of the nuisances that are sought, in their order.
 Point = tuple[float, ...]
@@ -115,17 +116,17 @@ class Trial:
 
 
 def minimised(
-    unknown: tuple[Nuisance, ...],
-    fixed: Values,
+    nuisances: tuple[Nuisance, ...],
     solve: Callable[[Values], Solution],
     objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]],
     unit: Callable[[Values], float] = lambda _: 0.0,
     *,
     coarse: bool = False,
 ) -> Minimum:
-    """Minimise the objective over nuisances, the others `fixed`; where `coarse` to make weights only."""
-    names = [nuisance.name for nuisance in unknown]
-    grids = product_grids(unknown)
+    """Minimise the objective over all nuisances; where `coarse` to make weights only."""
+    unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
+    names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
+    fixed = {nuisance.name: nuisance.first for nuisance in nuisances}
 
     def at(point: Point) -> dict[str, float]:
         return {**fixed, **dict(zip(names, point, strict=True))}
@@ -144,34 +145,48 @@ def minimised(
             return Trial(point, solution.objective + scale * misfit(point), solution)
 
         objective = left + scale * misfits
-        index = int(np.argmin(objective))
-        best = Trial(points[index], float(objective[index]), solve(at(points[index])))
-        return _refined(trial, best, unknown, grids, COARSE if coarse else 1.0), objective
+        starts = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
+        tried = (_refined(trial, points[start], unknown, grids, coarse) for start in starts)
+        best = min(tried, key=lambda item: item.objective)
+        if len(unknown) > 1 and not coarse:
+            steps = np.array([COARSE * nuisance.tolerance for nuisance in unknown])
+            best = bounded_search(trial, best, unknown, steps, 1.0)
+        return best, objective
 
+    scale = 0.0
     if any(nuisance.prior for nuisance in unknown):
         # In units of the best fit to the data alone, and then of where that has led.
-        first, _ = from_grid(unit(at(points[int(np.argmin(left))])))
-        best, objective = from_grid(unit(at(first.point)))
-    else:
-        best, objective = from_grid(0.0)
+        scale = unit(at(from_grid(unit(at(points[int(np.argmin(left))])))[0].point))
+    best, objective = from_grid(scale)
     return Minimum(at(best.point), best.solution, profiles_of(unknown, grids, objective))
+
+
+def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
+    """Places of the lowest local minima of a table, the least first."""
+    if table.ndim < 2:
+        return [int(np.argmin(table))]
+    padded = np.pad(table, 1, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3,) * table.ndim)
+    lowest = np.flatnonzero(table <= windows.reshape(*table.shape, -1).min(axis=-1))
+    return lowest[np.argsort(table.ravel()[lowest], kind="stable")][:count].tolist()
 
 
 def _refined(
     trial: Callable[[Point], Trial],
-    best: Trial,
+    start: Point,
     unknown: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
-    tolerance: float,
+    coarse: bool,
 ) -> Trial:
     if not unknown:
-        return best
+        return trial(start)
     if len(unknown) > 1:
-        return bounded_search(trial, best, unknown, grids, tolerance)
-    (nuisance,), (grid,), (value,) = unknown, grids, best.point
+        steps = np.array([_step(grid, value) for grid, value in zip(grids, start, strict=True)])
+        return bounded_search(trial, trial(start), unknown, steps, COARSE)
+    (nuisance,), (grid,), (value,) = unknown, grids, start
     position = int(np.searchsorted(grid, value))
     bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
-    return between(trial, best, bounds, tolerance * nuisance.tolerance)
+    return between(trial, trial(start), bounds, (COARSE if coarse else 1.0) * nuisance.tolerance)
 
 
 def product_grids(
@@ -222,247 +237,62 @@ def bounded_search(
     trial: Callable[[Point], Trial],
     best: Trial,
     unknown: tuple[Nuisance, ...],
-    grids: list[Float[np.ndarray, " _"]],
+    steps: Float[np.ndarray, " q"],
     tolerance: float,
 ) -> Trial:
-    """Least trial of several nuisances within their grids, from a good one; never worse than that."""
+    """Least trial of several nuisances within their grids, from a good one; never worse than that.
+
+    By the simplices of Nelder and Mead, since the objective has a kink where a delay is a whole sample. What
+    a nuisance is a part of is moved as their sum.
+    """
     from scipy.optimize import minimize
 
-    ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in unknown])
-    ratios = np.array([nuisance.positive for nuisance in unknown])
+    low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))
+    names = [nuisance.name for nuisance in unknown]
+    to_sums = np.eye(len(unknown))
+    for number, nuisance in enumerate(unknown):
+        if nuisance.part_of in names:
+            to_sums[names.index(nuisance.part_of), number] = 1.0
+    to_values, units = np.linalg.inv(to_sums), tolerance * np.array([item.tolerance for item in unknown])
+    least = best
 
-    def scaled(values: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
-        logs = np.where(ratios, np.log(np.where(ratios, values, 1.0)), values)
-        return np.asarray(logs)
-
-    low, high = scaled(ends[:, 0]), scaled(ends[:, 1])
-
-    def point_of(position: Float[np.ndarray, " q"]) -> Point:
-        values = low + np.clip(position, 0.0, 1.0) * (high - low)
-        values = np.clip(np.where(ratios, np.exp(np.where(ratios, values, 0.0)), values), *ends.T)
-        return tuple(values.tolist())
-
-    result = best
-
-    def left_at(index: Float[np.ndarray, " q"]) -> float:
-        nonlocal result
-        tried = trial(point_of(index))
-        result = min(result, tried, key=lambda item: item.objective)
+    def left_at(position: Float[np.ndarray, " q"]) -> float:
+        nonlocal least
+        tried = trial(tuple(np.clip(to_values @ (position * units), low, high).tolist()))
+        least = min(least, tried, key=lambda item: item.objective)
         return tried.objective
 
-    steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
-    accuracy = float(np.min([n.tolerance for n in unknown] / steepest)) * tolerance
-    spacing = float(np.mean([0.5 / (grid.size - 1) for grid in grids]))
-    for _ in range(RESTARTS):
-        before = result
-        minimize(
-            left_at,
-            (scaled(np.array(before.point)) - low) / (high - low),
-            method="COBYQA",
-            bounds=[(0.0, 1.0)] * len(unknown),
-            options={
-                "initial_tr_radius": max(spacing, accuracy),
-                "final_tr_radius": accuracy,
-                "maxfev": 400 * len(unknown),
-            },
-        )
-        if before.objective - result.objective <= LEAST_GAIN * abs(result.objective):
-            return result
-        spacing = max(0.1 * spacing, 10.0 * accuracy)
-    expected = f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles"
-    remedy = "Give narrower grids, what is known of one of them, or more exciting data."
-    raise ConvergenceError(expected, f"one that still gains after {RESTARTS} beginnings", remedy)
-
-
-# -- Model comparison --
-
-#: Sums that agree to so many decimals are one value [in the nuisances' unit].
-DECIMALS = 9
-
-
-def bounded_sums(nuisances: Iterable[Nuisance]) -> tuple[tuple[str, ...], ...]:
-    """Names of the nuisances whose sum is known between bounds, for each such sum."""
-    return tuple(
-        (nuisance.name, *nuisance.known_with) for nuisance in nuisances if nuisance.bounds is not None
+    first = to_sums @ np.array(best.point)
+    simplex = np.vstack([first, first + np.diag(steps)]) / units
+    result = minimize(
+        left_at,
+        simplex[0],
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": simplex,
+            "xatol": 1.0,
+            "fatol": tolerance * LEAST_GAIN * abs(best.objective),
+            "maxfev": MOST_EVALUATIONS * len(unknown),
+        },
     )
-
-
-def least_comparable_criteria(
-    bounded: Sequence[Sequence[str]], points: Sequence[Values], criteria: Sequence[float]
-) -> list[float]:
-    """Return for each candidate the least criterion of those it competes with, itself among them."""
-    classes = [
-        tuple(round(sum(point[name] for name in names), DECIMALS) for names in bounded) for point in points
-    ]
-    least: dict[tuple[float, ...], float] = {}
-    for kind, criterion in zip(classes, criteria, strict=True):
-        least[kind] = min(criterion, least.get(kind, math.inf))
-    return [least[kind] for kind in classes]
-
-
-# -- Discrete nuisances --
-
-#: Values of a discrete nuisance fit within this quantile of what the best leaves.
-FITTING_LEVEL = 0.95
-#: Values explain clearly more where their criterion is below this share of what it was.
-CLEARLY_LESS = 0.5
-
-Made = TypeVar("Made")
-#: Candidates with the values of nuisances at which they were made.
-Found = list[tuple[dict[str, float], Made]]
-#: Place of a combination on the grids of nuisances that are not refined.
-GridIndex = tuple[int, ...]
-
-
-def on_nested_grids(
-    nuisances: tuple[Nuisance, ...],
-    made: Callable[[dict[str, float], Made | None], Made],
-    criterion: Callable[[Made], float],
-    rejected: Callable[[Made], bool] = lambda _: False,
-) -> tuple[Made, ...]:
-    """Candidates in the order of the finest grids."""
-    grids = _Grids(made, criterion)
-    nuisances, result = grids.while_the_last_alone_fits(nuisances)
-    finest, result = grids.halved(nuisances, result)
-    if rejected(grids.best_of(result)):
-        nuisances, further = grids.where_more_is_explained(nuisances, result)
-        longest, together = grids.halved(nuisances, result + further) if further else (finest, result)
-        if not rejected(grids.best_of(together)):
-            finest, result = longest, together
-    return tuple(candidate for _, candidate in sorted(result, key=lambda item: _position(finest, item[0])))
-
-
-@dataclass(frozen=True)
-class _Grids(Generic[Made]):
-    """How candidates at combinations of discrete nuisances are made and compared."""
-
-    made: Callable[[dict[str, float], Made | None], Made]
-    criterion: Callable[[Made], float]
-
-    def while_the_last_alone_fits(
-        self, nuisances: tuple[Nuisance, ...]
-    ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-        """Nuisances whose grids go on while that shows the way, and candidates at all of their values."""
-        results = [(combination, self.made(combination, None)) for combination in combinations(nuisances)]
-        for nuisance in nuisances:
-            while nuisance.longer is not nuisance:
-                *others, last = self._profile(nuisance, results).values()
-                if not min(others, default=last) - last > chi_square_quantile(FITTING_LEVEL, 1):
-                    break
-                results += self._added(nuisances, nuisance := nuisance.longer, results)
-                nuisances = _with(nuisances, nuisance)
-        return nuisances, results
-
-    def where_more_is_explained(
-        self, nuisances: tuple[Nuisance, ...], result: Found[Made]
-    ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-        """Nuisances with all values that they may have, where these explain more, and what is there."""
-        further: Found[Made] = []
-        for nuisance in nuisances:
-            if nuisance.longest is not nuisance:
-                new = self._added(nuisances, nuisance.longest, result + further)
-                profiles = (self._profile(nuisance, item) for item in (new, result + further))
-                if _explain_more(*profiles):
-                    further, nuisances = further + new, _with(nuisances, nuisance.longest)
-        return nuisances, further
-
-    def halved(
-        self, nuisances: tuple[Nuisance, ...], result: Found[Made]
-    ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-        """The finest grids, and candidates there beside the best of those that compete with each other."""
-        result = list(result)
-        for _ in range(max((nuisance.halvings for nuisance in nuisances if nuisance.discrete), default=0)):
-            finer = tuple(nuisance.halved for nuisance in nuisances)
-            criteria = [self.criterion(candidate) for _, candidate in result]
-            least = least_comparable_criteria(bounded_sums(nuisances), [item for item, _ in result], criteria)
-            compared = zip(result, criteria, least, strict=True)
-            near = [(_position(finer, item), made) for (item, made), value, low in compared if value == low]
-            known = {_position(finer, item) for item, _ in result}
-            for combination in combinations(finer):
-                position = _position(finer, combination)
-                neighbours = [made for other, made in near if _adjacent(nuisances, finer, position, other)]
-                if neighbours and position not in known:
-                    start = min(neighbours, key=self.criterion)
-                    result.append((combination, self.made(combination, start)))
-            nuisances = finer
-        return nuisances, result
-
-    def best_of(self, result: Found[Made]) -> Made:
-        """Candidate that fits best."""
-        return min((candidate for _, candidate in result), key=self.criterion)
-
-    def _profile(self, nuisance: Nuisance, result: Found[Made]) -> dict[float, float]:
-        least: dict[float, float] = {}
-        for item, candidate in sorted(result, key=lambda pair: pair[0][nuisance.name]):
-            value = item[nuisance.name]
-            least[value] = min(self.criterion(candidate), least.get(value, math.inf))
+    if result.success:
         return least
-
-    def _added(self, nuisances: tuple[Nuisance, ...], longer: Nuisance, result: Found[Made]) -> Found[Made]:
-        known, best = {item[longer.name] for item, _ in result}, self.best_of(result)
-        every = combinations(_with(nuisances, longer))
-        return [(item, self.made(item, best)) for item in every if item[longer.name] not in known]
+    expected = f"a search of {', '.join(names)} that settles"
+    remedy = "Give narrower grids, what is known of one of them, or more exciting data."
+    raise ConvergenceError(expected, f"one that still gains after {result.nfev} evaluations", remedy)
 
 
-def _explain_more(new: dict[float, float], before: dict[float, float]) -> bool:
-    """Whether the best of further values explains clearly more, and none on the way to it clearly less."""
-    if not new:  # bounds of a sum may leave none
-        return False
-    best = min(new, key=lambda value: new[value])
-    highest = max(criterion for value, criterion in new.items() if value <= best)
-    allowed = max(before.values()) + chi_square_quantile(FITTING_LEVEL, 1)
-    return new[best] < CLEARLY_LESS * min(before.values()) and highest <= allowed
-
-
-def _with(nuisances: tuple[Nuisance, ...], changed: Nuisance) -> tuple[Nuisance, ...]:
-    return tuple(changed if nuisance.name == changed.name else nuisance for nuisance in nuisances)
-
-
-def reaching(nuisances: tuple[Nuisance, ...], points: Sequence[Values]) -> tuple[Nuisance, ...]:
-    """Nuisances whose grids are as long as those of which some points are the best."""
-    results = []
-    for nuisance in nuisances:
-        furthest = max(point[nuisance.name] for point in points)
-        while nuisance.grid[-1] < furthest and nuisance.longer is not nuisance:
-            nuisance = nuisance.longer  # noqa: PLW2901
-        results.append(nuisance)
-    return tuple(results)
-
-
-def with_values_tried(nuisances: tuple[Nuisance, ...], tried: Iterable[Values]) -> tuple[Nuisance, ...]:
-    """Nuisances whose discrete ones have the values of some candidates, and no steps to be halved."""
-    points = list(tried)
-
-    def fixed(nuisance: Nuisance) -> Nuisance:
-        values = np.unique([point[nuisance.name] for point in points])
-        return replace(nuisance, grid=values, halvings=0, furthest=None)
-
-    return tuple(fixed(item) if item.discrete and item.halvings else item for item in nuisances)
-
-
-def _position(nuisances: tuple[Nuisance, ...], values: Values) -> GridIndex:
-    """Place on the grids; of a nuisance with bounds on that of the sum."""
-
-    def index(nuisance: Nuisance) -> int:
-        value = values[nuisance.name] if nuisance.bounds is None else nuisance.with_others(values)
-        return int(np.argmin(np.abs(nuisance.grid - value)))
-
-    return tuple(index(nuisance) for nuisance in nuisances if not nuisance.refined)
-
-
-def _adjacent(
-    nuisances: tuple[Nuisance, ...], finer: tuple[Nuisance, ...], position: GridIndex, other: GridIndex
-) -> bool:
-    """Whether two places on the finer grids differ by one step at most, and where steps were halved only."""
-    pairs = zip(nuisances, finer, strict=True)
-    steps = [fine.grid.size > coarse.grid.size for coarse, fine in pairs if not coarse.refined]
-    return all(abs(a - b) <= step for a, b, step in zip(position, other, steps, strict=True))
+def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
+    """Half the way from a value of a grid to its neighbour, inwards at the last."""
+    position = min(int(np.searchsorted(grid, value)), grid.size - 1)
+    other = position + 1 if position + 1 < grid.size else position - 1
+    return 0.5 * float(grid[other] - value)
 
 
 # -- Nodes --
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
-FEWEST_NODES, MOST_NODES = 17, 1000
+FEWEST_NODES, MOST_NODES = 17, 400
 
 
 @dataclass(frozen=True)
@@ -497,13 +327,14 @@ class Nodes:
     """Product of the nodes of several nuisances; one node for none."""
 
     axes: tuple[NodeAxis, ...]
+    fixed: Values  # Of the nuisances that are not searched for
 
     @property
     def points(self) -> list[dict[str, float]]:
         """The nuisances' values at every node."""
         names = [axis.nuisance.name for axis in self.axes]
         return [
-            dict(zip(names, values, strict=True))
+            {**self.fixed, **dict(zip(names, values, strict=True))}
             for values in product(*(axis.values.tolist() for axis in self.axes))
         ]
 
@@ -533,28 +364,40 @@ class Nodes:
         return result
 
     def values_at(self, position: Float[np.ndarray, " axes"]) -> Values:
-        """The nuisances' values at one place."""
-        return {
-            axis.nuisance.name: float(axis.values_at(np.array([item]))[0])
-            for axis, item in zip(self.axes, position, strict=True)
-        }
+        """Values of all nuisances at one place."""
+        return {name: float(value[0]) for name, value in self.values_over([*position[:, None]]).items()}
+
+    def values_over(self, box: Box) -> dict[str, Float[np.ndarray, " points"]]:
+        """Values of all nuisances at the points of a box."""
+        names = [axis.nuisance.name for axis in self.axes]
+        mesh = np.meshgrid(
+            *(axis.values_at(item) for axis, item in zip(self.axes, box, strict=True)), indexing="ij"
+        )
+        count = math.prod(item.size for item in box)
+        values = {name: np.full(count, value) for name, value in self.fixed.items()}
+        return values | {name: item.ravel() for name, item in zip(names, mesh, strict=True)}
 
     def misfit(self, box: Box, known: Mapping[str, Prior]) -> Float[np.ndarray, " points"]:
         """Squared distance of the points of a box from what is known beforehand, in standard errors."""
-        total = np.zeros(1)
-        for axis, item in zip(self.axes, box, strict=True):
-            prior = known.get(axis.nuisance.name)
-            misfit = np.zeros(item.size) if prior is None else prior.misfit(axis.values_at(item))
-            total = np.add.outer(total, misfit).ravel()
-        return total
+        values = self.values_over(box)
+        named = [axis.nuisance for axis in self.axes if axis.nuisance.name in known]
+        nothing = np.zeros(math.prod(item.size for item in box))
+        return sum((known[item.name].misfit(item.with_others(values)) for item in named), nothing)
+
+    def slices(self) -> Iterator[tuple[Nodes, slice]]:
+        """Nodes of the first nuisance at each node of the others, and their places among all."""
+        others = Nodes(self.axes[1:], self.fixed).points
+        for number, point in enumerate(others):
+            yield Nodes(self.axes[:1], point), slice(number, None, len(others))
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:
     """Nodes of the nuisances that are searched for between the values of their grids."""
-    unknown = tuple(nuisance for nuisance in nuisances if nuisance.refined)
+    unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
+    fixed = {nuisance.name: nuisance.first for nuisance in nuisances if not nuisance.searched}
     grids = zip(unknown, product_grids(unknown, MOST_NODES), strict=True)
     fewest = min(fewest, int(MOST_NODES ** (1.0 / max(len(unknown), 1))))
-    return Nodes(tuple(NodeAxis(nuisance, _fine(nuisance, grid, fewest)) for nuisance, grid in grids))
+    return Nodes(tuple(NodeAxis(nuisance, _fine(nuisance, grid, fewest)) for nuisance, grid in grids), fixed)
 
 
 def _fine(nuisance: Nuisance, grid: Float[np.ndarray, " _"], fewest: int) -> Float[np.ndarray, " T"]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EstimationError, InputError, InstrumentError, MissingNoiseError, TooFewSamplesError
-from eivor.estimation.derived import ParameterSets, nuisance_sets, parameter_sets
+from eivor.estimation.derived import ParameterSets, ProfileSets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
@@ -20,6 +20,7 @@ from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
+    LAG_SUMS,
     LagMeasurement,
     LagPrior,
     check_lag_searched,
@@ -60,9 +61,10 @@ from eivor.flights.verdict import (
     reasons_by_quantity,
     systematic_uncertainties,
 )
+from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import (
     InstrumentRule,
     LaggedInputs,
@@ -139,8 +141,6 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Stages of an identification --
 
-#: Nuisances that each lag is the sum of, the continuous one first.
-LAG_SUMS = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
 #: The direct method that is whitened for motions that need it.
 TOTAL_LEAST_SQUARES = "total_least_squares"
 
@@ -170,6 +170,7 @@ class FlightState:
     findings: tuple[Finding, ...] = ()
     checks: FitDiagnostics | Any = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
+    profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
     result: FlightEstimate | Any = None
 
     @property
@@ -241,8 +242,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None and not prior.closer_alone:
         alone = None if estimate is None else WithoutPrior(problem, estimate)
-        values = problem.first_values if estimate is None else estimate.nuisances
-        problem = with_lag_prior(problem, prior.for_the_log, values)
+        problem = with_lag_prior(problem, prior.for_the_log)
         state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
     refinement = motion.abilities.refinement
     if refinement is None or refinement.flights is None:
@@ -263,18 +263,22 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 
 def build_confidence_sets(state: FlightState) -> FlightState:
-    """Confidence sets of the headline; of all parameters and of the lag where instruments are weak."""
-    problem, estimate = state.problem, state.estimate
-    linear = [parameter.name for parameter in estimate.rows.parameters]
+    """Confidence sets of the headline and of lag and delay; of all parameters where instruments are weak."""
+    linear = [parameter.name for parameter in state.estimate.rows.parameters]
     headline = [name for name in state.motion.quantities.headline if name in linear]
     if not state.with_sets:
         return state
-    known = {name: parameter_sets(problem, estimate, name) for name in headline}
+    maker = ProfileSets(state.problem, state.estimate)
+    known = {name: maker.of_parameter(name) for name in headline}
+    lags = {name: maker.of_nuisances(parts) for name, parts in LAG_SUMS.items()}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
-        known |= {name: parameter_sets(problem, estimate, name) for name in linear if name not in known}
-        known |= {name: nuisance_sets(problem, estimate, parts) for name, parts in LAG_SUMS.items()}
-    return replace(state, sets={name: item for name, item in known.items() if item is not None})
+        known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
+    return replace(
+        state,
+        sets={name: item for name, item in known.items() if item is not None},
+        profiles={name: item.profile for name, item in lags.items() if item is not None},
+    )
 
 
 def judge(state: FlightState) -> FlightState:
@@ -290,6 +294,7 @@ def judge(state: FlightState) -> FlightState:
         state.sensors,
         state.without_prior,
         motion_checks=motion.checks(state.problem, state.estimate, state.shortened),
+        profiles=state.profiles,
     )
     inputs = verdict_inputs(motion, state.flying, state.instruments, fit, aligned=state.aligned)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
@@ -606,6 +611,7 @@ def _coarse(nuisance: Nuisance) -> Nuisance:
     """A nuisance with some of its grid, and nothing between: of a delay, which a lag makes up for, one."""
     if not nuisance.searched:
         return nuisance
-    middle = (len(nuisance.grid) - 1) // 2
-    grid = nuisance.grid[middle : middle + 1] if nuisance.discrete else nuisance.grid[::4]
-    return replace(nuisance, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)
+    if nuisance.part_of:
+        return nuisance.known_at(float(nuisance.grid[(len(nuisance.grid) - 1) // 4]))
+    grid = nuisance.grid[::4]
+    return replace(nuisance, grid=grid, tolerance=float(grid[-1] - grid[0]))

@@ -14,7 +14,7 @@ from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, QuantityEstimate, QuantitySpec
+from eivor.flights.quantity import NAN, NO_INTERVAL, Kind, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, outcome_word
 from eivor.inference.distributions import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
@@ -28,6 +28,14 @@ from eivor.tools import Float
 
 #: Sum of lag and delay, which a flight identifies better than either.
 EFFECTIVE_LAG = "effective_lag"
+#: The nuisances of which each lag is the sum.
+LAG_SUMS = {
+    ACTUATOR_LAG.name: (ACTUATOR_LAG.name,),
+    DELAY.name: (DELAY.name,),
+    EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name),
+}
+#: Of all intervals.
+LEVEL = 0.95
 
 
 #: How the three are called and shown.
@@ -75,46 +83,24 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for."""
-    joint, index = joint_quantities(estimate), estimate.nuisances
-    named = {nuisance.name: nuisance for nuisance in problem.nuisances}
-    lag = effective = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
-    delay = joint[DELAY.name] if DELAY.name in joint else chosen(named[DELAY.name], estimate)
-    bounds = named[ACTUATOR_LAG.name].bounds
-    if bounds is not None and DELAY.name not in joint:
-        lags = [candidate.nuisances[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
-        lag = QuantityEstimate(index[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
-        whole = named[ACTUATOR_LAG.name].with_others(index)
-        effective = QuantityEstimate(whole, "s", NAN, (bounds.low, bounds.high))
-    if ACTUATOR_LAG.name in joint:
-        effective = _sum_of_both(estimate)
-    elif DELAY.name in joint:
-        effective = delay
+    joint = joint_quantities(estimate)
+    both = {}
+    for nuisance in problem.nuisances:
+        value = nuisance.first
+        both[nuisance.name] = joint.get(nuisance.name, QuantityEstimate(value, "s", 0.0, (value, value)))
+    parts = [estimate.direction(name) for name in both if name in joint]
+    lag, delay = both[ACTUATOR_LAG.name], both[DELAY.name]
+    if len(parts) < 2:
+        known = sum(item.value for name, item in both.items() if name not in joint)
+        effective = next((item for name, item in both.items() if name in joint), lag)
+        low, high = effective.interval
+        effective = replace(effective, value=effective.value + known, interval=(low + known, high + known))
+    else:
+        direction, covariance = np.sum(parts, axis=0), estimate.joint_covariance
+        value, half = lag.value + delay.value, covariance.half_width(direction, LEVEL)
+        error = covariance.std_error(direction)
+        effective = QuantityEstimate(value, "s", error, (value - half, value + half), lowest=0.0)
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
-
-
-def _sum_of_both(estimate: Estimate) -> QuantityEstimate:
-    """Lag and delay together, the latter chosen or searched for between its grid's values."""
-    searched = DELAY.name in estimate.names
-    direction = estimate.direction(ACTUATOR_LAG.name)
-    if searched:
-        direction = direction + estimate.direction(DELAY.name)
-
-    def sum_of(candidate: Estimate) -> tuple[float, Float[np.ndarray, " n"]]:
-        delay_s = 0.0 if searched else candidate.nuisances[DELAY.name]
-        return float(direction @ candidate.values) + delay_s, direction
-
-    error = estimate.joint_covariance.std_error(direction)
-    value, _ = sum_of(estimate)
-    return QuantityEstimate(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
-
-
-def chosen(nuisance: Nuisance, estimate: Estimate) -> QuantityEstimate:
-    """A discrete nuisance: it has the values that fit in place of an interval."""
-    name, unit = nuisance.name, nuisance.parameter.unit
-    fitting = tuple(sorted({candidate.nuisances[name] for candidate in estimate.tenable()}))
-    tried = tuple(sorted({candidate.nuisances[name] for candidate in estimate.candidates}))
-    interval = fitting[0], fitting[-1]
-    return QuantityEstimate(estimate.nuisances[name], unit, NAN, interval, Choice(fitting, tried))
 
 
 # -- Measured lag --
@@ -152,8 +138,8 @@ class LagMeasurement:
 
 #: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)
-#: Lags that are tried between bounds, at most so far apart [s], and at most so many.
-TRIED_EVERY_S, MOST_TRIED = 0.005, 13
+#: Standard error of a lag that is known exactly [s].
+EXACT_S = 1e-4
 #: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
 EVEN_STD = 3.0**-0.5
 #: Half of a normal 95 % interval, in standard deviations.
@@ -251,43 +237,33 @@ class LagPrior:
             return f"{who} {self.given}; the flight alone has too few instruments for a lag"
         low, high = self.alone.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
-        closer = ", and the flight alone is closer"
+        closer = ", and the flight alone is closer" if self.closer_alone else ""
         return (
             f"{who} {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
-            f"they {self.outcome}{closer if self.closer_alone else ''}"
+            f"they {self.outcome}{closer}"
         )
 
 
-def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
+def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay."""
-    nuisances = tuple(_with_known(nuisance, known, alone) for nuisance in problem.nuisances)
-    return problem.with_nuisances(nuisances)
+    return problem.with_nuisances(tuple(_with_known(nuisance, known) for nuisance in problem.nuisances))
 
 
-def _with_known(nuisance: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+def _with_known(nuisance: Nuisance, known: Prior | Bounds) -> Nuisance:
     if known == NO_LAG and nuisance.name in (ACTUATOR_LAG.name, DELAY.name):
         return nuisance.known_at(0.0)
-    if nuisance.name == DELAY.name and nuisance.refined and isinstance(known, Bounds):
-        return nuisance.known_at(alone[nuisance.name])
     if nuisance.name != ACTUATOR_LAG.name:
         return nuisance
-    lag = replace(nuisance, known_with=(DELAY.name,))
-    if isinstance(known, Prior):
-        return replace(lag, prior=known)
-    return replace(lag, bounds=known, discrete=True, grid=_between(known, lag.with_others(alone)))
-
-
-def _between(bounds: Bounds, specific: float) -> Float[np.ndarray, " lags"]:
-    """Lags to try: evenly between the bounds, both included, and the flight's own if it is between."""
-    count = min(int(np.ceil((bounds.high - bounds.low) / TRIED_EVERY_S)) + 1, MOST_TRIED)
-    tried = np.linspace(bounds.low, bounds.high, count)
-    return np.unique([*tried, specific]) if bounds.low < specific < bounds.high else np.unique(tried)
+    if isinstance(known, Bounds):
+        half = 0.5 * (known.high - known.low)
+        known = Prior(known.low + half, max(EVEN_STD * half, EXACT_S))
+    return replace(nuisance, prior=known, known_with=(DELAY.name,))
 
 
 def lag_searched(problem: SeparableProblem) -> bool:
     """Whether the problem has an actuators' lag to search."""
-    return any(nuisance.name == ACTUATOR_LAG.name and nuisance.refined for nuisance in problem.nuisances)
+    return any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in problem.nuisances)
 
 
 def check_lag_searched(problem: SeparableProblem) -> None:

@@ -24,7 +24,7 @@ from eivor.flights.estimate import (
     verdict_inputs,
     with_fit,
 )
-from eivor.flights.lag_prior import EFFECTIVE_LAG, with_lag_prior
+from eivor.flights.lag_prior import LAG_SUMS, with_lag_prior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -43,7 +43,7 @@ from eivor.flights.verdict import VerdictInputs
 from eivor.inference.bootstrap import Bootstrap, check_draws
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import OverIdentification
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
 from eivor.tools import Float
@@ -126,22 +126,15 @@ def _quantities_of_draws(
     """How a replicate, and how often each flight is drawn, become quantities of the motion."""
     names, flights = [parameter.name for parameter in pool.parameters], list(pool.flights)
     resampling = motion.abilities.resampling
-    by_candidate = []
-    for candidate in pool.candidates:
-        nodes = [{} if resampling is None else resampling.sums(problem, each) for each in candidate.points]
-        by_candidate.append(
-            {name: np.stack([node[name][flights] for node in nodes], axis=1) for name in nodes[0]}
-        )
+    nodes = [{} if resampling is None else resampling.sums(problem, each) for each in pool.nodes.points]
+    at_nodes = {name: np.stack([node[name][flights] for node in nodes], axis=1) for name in nodes[0]}
 
     def quantities(replicate: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
         parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
         if resampling is None:
             searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
             return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
-        sums = {
-            name: float(times @ values @ replicate.weights)
-            for name, values in by_candidate[replicate.candidate].items()
-        }
+        sums = {name: float(times @ each @ replicate.weights) for name, each in at_nodes.items()}
         return resampling.quantities(problem, Drawn(parameters, replicate.nuisances, sums))
 
     return quantities
@@ -181,15 +174,13 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
     if pool.inflation > 1.0:
         shared = [name for name in linear_names(pool) if name not in pool.flight_specific]
         names = [motion.quantities[name].words for name in shared]
-        names += [
-            axis.nuisance.parameter.name.replace("_", " ") for axis in pool.candidates[0].separate.nodes.axes
-        ]
+        names += [axis.nuisance.parameter.name.replace("_", " ") for axis in pool.criterion.nodes.axes]
         yield Finding(
             "shared_differs",
             f"The flights differ in what a vehicle keeps ({', '.join(names)}) by more than chance says "
             f"(p {pool.shared_p_value:.2g}): its intervals are {pool.inflation**0.5:.2g} times as wide.",
         )
-    searched = any(nuisance.name == ACTUATOR_LAG.name and nuisance.refined for nuisance in pool.nuisances)
+    searched = any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in pool.nuisances)
     if inputs.single_frequency_hz and searched and inputs.lag_prior is None:
         yield Finding(
             "lag_by_differences",
@@ -291,7 +282,7 @@ class _Pool:
         given, noticed = known_lag(motion, flights, self.options, problem, estimate)
         if given is not None:
             without_prior = WithoutPrior(problem, estimate)
-            problem = with_lag_prior(problem, given.for_the_log, estimate.nuisances)
+            problem = with_lag_prior(problem, given.for_the_log)
             pool = self._pooled(problem)
             estimate = pool.whole()
         sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
@@ -342,7 +333,7 @@ class _Pool:
         return replace(
             fit_diagnostics(pooled_traces(self.motion, pool), pool.whole()),
             first_stage={name: float(np.median([item[name] for item in by_flight])) for name in by_flight[0]},
-            rank=pool.candidates[pool.best].separate.instruments,
+            rank=pool.criterion.instruments,
             agreement=agreement([member.fit.checks for member in self.members]),
         )
 
@@ -382,16 +373,15 @@ class _Pool:
 
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
-    joint = pool.candidates[pool.best].joint
+    joint = pool.joint
     names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
     return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
 
 
 def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
-    if pool.nuisance_names != (ACTUATOR_LAG.name,):
+    if pool.nuisance_names[:1] != (ACTUATOR_LAG.name,):
         return {}
-    names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
-    return _known({name: pool.lag_set(each) for name, each in names.items()})
+    return _known({name: pool.lag_set(parts) for name, parts in LAG_SUMS.items()})
 
 
 def _known(items: Mapping[str, T | None]) -> dict[str, T]:

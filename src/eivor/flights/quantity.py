@@ -334,22 +334,13 @@ class QuantityTable(dict[str, QuantitySpec]):
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """Values of a quantity that takes only a few."""
-
-    fitting: tuple[float, ...]
-    tried: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class QuantityEstimate:
     """A number with its interval, and no verdict yet."""
 
     value: float  # NaN when it could not be estimated
     unit: str  # SI unit
-    std_error: float  # At the best candidate; NaN when there is none
-    interval: tuple[float, float]  # 95 %, a union over the candidates that fit
-    choice: Choice | None = None  # For what was chosen out of a few values; the interval spans those that fit
+    std_error: float  # NaN when there is none
+    interval: tuple[float, float]  # 95 %
     by_run: tuple[float, ...] = ()  # Its value in each run, for what belongs to a run
     #: What it cannot be below in this problem, beside what its wording says of every one
     lowest: float = -math.inf
@@ -378,7 +369,6 @@ class QuantityEstimate:
             self.std_error,
             replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval),
             found.status,
-            self.choice,
             self.by_run,
             found.reasons,
             self.systematic_uncertainties,
@@ -394,7 +384,6 @@ class Quantity:
     std_error: float
     interval: tuple[float, float]
     verdict: Status
-    choice: Choice | None = None
     by_run: tuple[float, ...] = ()
     reasons: tuple[Reason, ...] = ()  # Why no further, worst first
     systematic_uncertainties: tuple[SystematicUncertainty, ...] = ()

@@ -8,16 +8,16 @@ from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.derived import ParameterSets, ProfileSets
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.pool import Pooled
-from eivor.flights.lag_prior import LagPrior
+from eivor.flights.lag_prior import LAG_SUMS, LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
@@ -363,13 +363,19 @@ class Fit:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter: the hull of its set where it is judged by one."""
-        result, pooled = self.by_sets.get(name), self.pooled
+        result, pooled, sums = self.by_sets.get(name), self.pooled, LAG_SUMS.get(name)
         if result is not None and level != 0.95:
-            if pooled is not None and name in pooled.nuisance_names:
-                result = pooled.lag_set((name,), level)
+            if sums is not None:
+                maker = ProfileSets(self.problem, self.estimate)
+                if pooled is None:
+                    sets = maker.of_nuisances(sums, level)
+                    robust = name in self.robust_sets
+                    result = None if sets is None else sets.robust if robust else sets.profile
+                else:
+                    result = pooled.lag_set(sums, level)
             else:
                 sets = (
-                    parameter_sets(self.problem, self.estimate, name, level)
+                    ProfileSets(self.problem, self.estimate).of_parameter(name, level)
                     if pooled is None
                     else pooled.whole_sets(name, level)
                 )
@@ -571,11 +577,9 @@ class FlightEstimate:
         """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
         return _outputs().json(self)
 
-    def sample(
-        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
-    ) -> dict[str, Float[np.ndarray, " n"]]:
+    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
-        return _outputs().saved(self).sample(n, seed, delays=delays)
+        return _outputs().saved(self).sample(n, seed)
 
     def to_statespace(self) -> StateSpaceArrays:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
@@ -631,8 +635,6 @@ class FlightEstimate:
 
 
 def _bounds(quantity: Quantity) -> str:
-    """Interval of a quantity; of what was chosen out of a few values those that fit."""
-    if quantity.choice is not None:
-        return " or ".join(f"{value:.4g}" for value in quantity.choice.fitting)
+    """Interval of a quantity."""
     low, high = quantity.interval
     return f"[{low:.4g}, {high:.4g}]"

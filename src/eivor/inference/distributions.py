@@ -4,34 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import scipy
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.tools import Float
-
-# -- Ordered choices --
-
-
-def shares_in_order(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Share of each value. Performs no checks."""
-    best = int(np.argmin(excesses))
-    roots = np.sqrt(np.maximum(excesses, 0.0))
-    above = np.maximum.accumulate(roots[best:])
-    below = -np.maximum.accumulate(roots[best::-1])[::-1]
-    signed = np.concatenate([below, above[1:]])
-    middles = 0.5 * (signed[1:] + signed[:-1])
-    shares: Float[np.ndarray, " n"] = np.diff(scipy.special.ndtr(middles), prepend=0.0, append=1.0)
-    return shares
-
-
-def shares_by_likelihood(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Share of each combination of several nuisances, which have no order. Performs no checks."""
-    likelihoods = np.exp(-0.5 * excesses)
-    shares: Float[np.ndarray, " n"] = likelihoods / likelihoods.sum()
-    return shares
-
 
 # -- Quantiles --
 

@@ -27,11 +27,9 @@ TOGETHER_NUMBERS = 1_000_000
 BAND_HZ = (0.04, 5.0)
 #: Grid of lags [s] and delays [s] that are searched.
 LAG_GRID_S = np.geomspace(0.002, 0.3, 40)
-DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040)
-#: Delays go on up to this one [s] where the last of them alone fits.
-FURTHEST_DELAY_S = 0.2
-#: How often the steps between delays are halved beside the best.
-DELAY_HALVINGS = 2
+DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040, 0.060, 0.080, 0.120, 0.160, 0.200)
+#: Accuracy of both [s].
+TOLERANCE_S = 1e-5
 #: Grid of delays [s] of a state that was measured.
 TELEMETRY_DELAYS_S = np.linspace(-0.06, 0.06, 25)
 
@@ -43,15 +41,15 @@ def lag_and_delay(
     step_s: float = 0.0,
 ) -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators that lag [s] behind delayed commands; samples a step apart resolve no less."""
-    grid, furthest = np.asarray(delays_s, dtype=np.float64), FURTHEST_DELAY_S
-    delay = Nuisance(DELAY, grid, discrete=True, halvings=DELAY_HALVINGS, furthest=furthest)
-    return Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s), delay
+    lags, delays = (np.asarray(grid, dtype=np.float64) for grid in (lags_s, delays_s))
+    lag = Nuisance(ACTUATOR_LAG, lags, resolution=step_s, tolerance=TOLERANCE_S)
+    return lag, Nuisance(DELAY, delays, part_of=ACTUATOR_LAG.name, tolerance=TOLERANCE_S)
 
 
 def measured_state() -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators whose state was measured: no lag, and a delay of either sign."""
     lag, delay = lag_and_delay()
-    late_or_early = replace(delay, grid=TELEMETRY_DELAYS_S, discrete=False, tolerance=1e-9)
+    late_or_early = replace(delay, grid=TELEMETRY_DELAYS_S, tolerance=1e-9)
     return lag.known_at(0.0), late_or_early
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -116,9 +115,6 @@ Number = TypeVar("Number", float, np.ndarray)
 #: The value of every nuisance, by name.
 Values = Mapping[str, float]
 
-#: A value that is this little below zero is zero, but for rounding.
-ROUNDING = 1e-12
-
 #: Half-step of numerical derivatives, as a share of the value or of the grid's span.
 DIFFERENCE = 1e-3
 
@@ -157,9 +153,7 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Between what a nuisance is known to be, and nothing else of it.
-
-    Whatever is estimated holds for every value between: its interval is the union over them.
+    """Least and largest value of a nuisance, of which nothing else is known: a uniform prior.
 
     Parameters
     ----------
@@ -190,14 +184,14 @@ class Nuisance:
     """A parameter that moves columns, and where it is looked for."""
 
     parameter: Parameter  # Name and unit
-    grid: Float[np.ndarray, " values"]  # Values to search, increasing
-    discrete: bool = False  # True when nothing between the grid's values is possible, or worth distinguishing
-    prior: Prior | None = None
-    bounds: Bounds | None = None
+    grid: Float[
+        np.ndarray, " values"
+    ]  # Values to begin a search at, increasing; one of a value that is known
+    prior: Prior | None = None  # Of its sum with those that it is known with
     known_with: tuple[str, ...] = ()
-    tolerance: float = 1e-6  # Accuracy of the refinement, in the parameter's unit
-    halvings: int = 0
-    furthest: float | None = None
+    #: Nuisance of which it takes a part: data determine their sum, and hardly how it is split.
+    part_of: str = ""
+    tolerance: float = 1e-6  # Accuracy of the search, in the parameter's unit
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
@@ -219,11 +213,6 @@ class Nuisance:
         return self.grid.size > 1
 
     @property
-    def refined(self) -> bool:
-        """Whether it is searched for between the grid's values too, and part of the joint vector."""
-        return self.searched and not self.discrete
-
-    @property
     def first(self) -> float:
         """Least value of the grid: the value of a nuisance that is known."""
         return float(self.grid[0])
@@ -238,37 +227,31 @@ class Nuisance:
         """Sum of its value and of those that what is known is about as well."""
         return numbers[self.name] + sum(numbers[other] for other in self.known_with)
 
+    def information(self, names: Sequence[str], nuisance_values: Values) -> Float[np.ndarray, "k q"]:
+        """Rows of what is known beforehand, by those that are searched for, over their standard errors.
+
+        Of a part without a prior its share of the sum is uniform: the mean square distance of that from the
+        values.
+        """
+        value, whole = nuisance_values[self.name], nuisance_values.get(self.part_of, 0.0)
+        both = {self.name, *self.known_with}
+        if self.prior is not None:
+            return np.array([[(name in both) / self.prior.std for name in names]])
+        if self.part_of not in names or not value + whole > 0.0:
+            return np.empty((0, len(names)))
+        total = value + whole
+        std = float(np.hypot(total / np.sqrt(12.0), value - 0.5 * total))
+        share = {self.name: whole / total, self.part_of: -value / total}
+        return np.array([[share.get(name, 0.0) / std for name in names]])
+
     @property
     def positive(self) -> bool:
         """Whether every value is above zero, so that ratios of values say more than differences."""
         return self.first > 0.0
 
-    @property
-    def halved(self) -> Nuisance:
-        """The same nuisance with the middles of its steps, where its steps are to be halved."""
-        if not (self.discrete and self.halvings):
-            return self
-        middles = 0.5 * (self.grid[:-1] + self.grid[1:])
-        return replace(self, grid=np.sort(np.append(self.grid, middles)), halvings=self.halvings - 1)
-
-    @property
-    def longest(self) -> Nuisance:
-        """The same nuisance with a grid that goes on by its last step to the furthest value."""
-        if self.furthest is None or not (self.discrete and self.searched):
-            return self
-        last, step = float(self.grid[-1]), float(self.grid[-1] - self.grid[-2])
-        more = last + step * np.arange(1, np.floor((self.furthest - last) / step + ROUNDING) + 1)
-        return replace(self, grid=np.append(self.grid, more)) if more.size else self
-
-    @property
-    def longer(self) -> Nuisance:
-        """The same nuisance with the next of these values, if there is one."""
-        longest = self.longest
-        return self if longest is self else replace(self, grid=longest.grid[: self.grid.size + 1])
-
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""
-        return replace(self, grid=np.array([value]), prior=None, bounds=None, known_with=())
+        return replace(self, grid=np.array([value]), prior=None, known_with=())
 
     def around(self, value: float) -> tuple[float, float]:
         """Values below and above one, for a numerical derivative."""
@@ -283,19 +266,6 @@ class Nuisance:
         low, high = self.around(nuisance_values[self.name])
         below, above = (of({**nuisance_values, self.name: value}) for value in (low, high))
         return (above - below) / (high - low)
-
-
-def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
-    """Every combination of the values of nuisances that are not refined, in the order of their grids."""
-    others = [nuisance for nuisance in nuisances if not nuisance.refined]
-    names = [nuisance.name for nuisance in others]
-    for values in product(*(nuisance.grid.tolist() for nuisance in others)):
-        position = dict(zip(names, values, strict=True))
-        bounded = [nuisance for nuisance in others if nuisance.bounds is not None]
-        for nuisance in bounded:
-            position[nuisance.name] -= sum(position[other] for other in nuisance.known_with)
-        if all(position[nuisance.name] >= -ROUNDING for nuisance in bounded):
-            yield position | {nuisance.name: max(position[nuisance.name], 0.0) for nuisance in bounded}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.distributions import chi_square_quantile
@@ -95,9 +94,8 @@ class Autocorrelation:
 
 @dataclass(frozen=True)
 class ProfileCurve:
-    """How well each value of a continuous nuisance fits, with the discrete ones at one of their choices."""
+    """How well each value of a nuisance fits, at the best of the others."""
 
-    choice: str
     values: Float[np.ndarray, " values"]
     excess: Float[np.ndarray, " values"]
 
@@ -181,40 +179,17 @@ def spectrum(
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
 
 
-def profile_curves(result: FlightEstimate, estimate: Estimate, number: int) -> list[ProfileCurve]:
-    """Objective against one nuisance, a curve for each combination of discrete ones that fits."""
-    lowest = min(candidate.criterion for candidate in estimate.candidates)
-    curves = []
-    for candidate in estimate.tenable():
-        values, height = _curve(candidate, candidate.profiles[number])
-        curves.append(ProfileCurve(_choice(candidate, result), values, height + candidate.criterion - lowest))
-    return curves
-
-
-def _curve(
-    candidate: Estimate, profile: NuisanceProfile
-) -> tuple[Float[np.ndarray, " values"], Float[np.ndarray, " values"]]:
-    """Values of a nuisance, and the objective above its least there, as chi-square."""
-    least = candidate.solution.objective
+def profile_curve(estimate: Estimate, number: int) -> ProfileCurve:
+    """Objective above its least against one nuisance, as chi-square."""
+    profile, least = estimate.profiles[number], estimate.solution.objective
     # J of a method with instruments; for a direct one the logarithm's slope at its minimum
-    height = candidate.criterion if candidate.rank else candidate.rows.response.size
+    height = estimate.criterion if estimate.rank else estimate.rows.response.size
     scale = height / least if least > 0.0 and height > 0.0 else 1.0
-    # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
-    values = np.append(profile.grid, candidate.nuisances[profile.nuisance.name])
+    # the minimum lies between points of the grid: without it a sharp valley has no bottom
+    values = np.append(profile.grid, estimate.nuisances[profile.nuisance.name])
     excess = scale * (np.append(profile.objective, least) - least)
     order = np.argsort(values)
-    return values[order], excess[order]
-
-
-def _choice(candidate: Estimate, result: FlightEstimate) -> str:
-    refined = {profile.nuisance.name for profile in candidate.profiles}
-    selected = [
-        (result.motion.quantities[name], value)
-        for name, value in candidate.nuisances.items()
-        if name not in refined
-    ]
-    texts = (f"{item.words} {value * item.scale:.3g} {item.shown_unit}" for item, value in selected)
-    return ", ".join(map(str.rstrip, texts))
+    return ProfileCurve(values[order], excess[order])
 
 
 # -- Measured and predicted --
@@ -299,16 +274,15 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Pictu
 
 
 def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> Picture:
-    """The objective against one nuisance, a curve for each combination of discrete ones that fits."""
+    """The objective against one nuisance, at the best of the others."""
     profile = estimate.profiles[number]
     name = profile.nuisance.name
     row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
     wording, scale, quantile = row.wording, row.wording.scale, chi_square_quantile(0.95)
-    curves = profile_curves(result, estimate, number)
+    curve = profile_curve(estimate, number)
 
     def draw(axes: Axes) -> None:
-        for curve in curves:
-            axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label=curve.choice)
+        axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label="objective")
         _abscissa(axes, profile.grid * scale)
         first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(end, first, last)) for end in row.interval)
@@ -316,14 +290,13 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
         axes.axvline(row.value, color=BLUE, lw=0.7)
         axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
         axes.set_yscale("symlog", linthresh=quantile)
-        tallest = max(PROFILE_HEIGHT * quantile, *(float(curve.excess.max()) for curve in curves))
+        tallest = max(PROFILE_HEIGHT * quantile, float(curve.excess.max()))
         axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
         labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
         legend(axes, size=7, place="upper left", columns=2)
 
     rows = [
-        (curve.choice or "objective", value, excess)
-        for curve in curves
+        ("objective", value, excess)
         for value, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
     ]
     return Picture(

@@ -19,7 +19,6 @@ from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
 from eivor.flights.quantity import Kind, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow
-from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
 from eivor.report.flight import row_quantities, spans_of, summary
@@ -137,21 +136,22 @@ class JsonPart(msgspec.Struct, kw_only=True):
 
 
 class JsonCandidate(msgspec.Struct, kw_only=True):
-    """The joint vector at one combination of the discrete nuisances."""
+    """The joint vector at one delay, in documents of before the delay was continuous."""
 
     at: Mapping[str, Number]
     best: bool
-    excess: Number = 0.0
     values: Sequence[Number]
     parts: Annotated[Sequence[JsonPart], msgspec.Meta(min_length=1)]
 
 
 class JsonCovariance(msgspec.Struct, kw_only=True):
-    """The joint vector and its covariance, for each combination of discrete nuisances that fits."""
+    """The joint vector and its covariance."""
 
     names: Sequence[str] = ()
-    choices: int = 1
-    candidates: Sequence[JsonCandidate] = ()
+    at: Mapping[str, Number] = {}
+    values: Sequence[Number] = ()
+    parts: Sequence[JsonPart] = ()
+    candidates: Sequence[JsonCandidate] | msgspec.UnsetType = msgspec.UNSET  # In place of the last three
 
 
 class JsonPrediction(msgspec.Struct, kw_only=True):
@@ -214,9 +214,6 @@ class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
 
 
 # -- Document of a result --
-
-#: Candidates that do not fit even at this level are left out.
-WIDEST_LEVEL = 0.999
 
 
 def json_document(result: FlightEstimate) -> dict[str, Any]:
@@ -322,26 +319,12 @@ def _row(row: FlightRow, quantities: Sequence[QuantityRow], **label: str) -> Jso
 
 
 def _covariance(estimate: Estimate) -> JsonCovariance:
-    most = chi_square_quantile(WIDEST_LEVEL, estimate.choices)
+    parts = (
+        JsonPart(name=part.name, matrix=part.matrix.tolist(), degrees=part.degrees, share=part.share)
+        for part in estimate.joint_covariance.parts
+    )
     return JsonCovariance(
-        names=estimate.names,
-        choices=estimate.choices,
-        candidates=[
-            JsonCandidate(
-                at=candidate.nuisances,
-                best=candidate is estimate,
-                excess=excess,
-                values=candidate.values.tolist(),
-                parts=[
-                    JsonPart(
-                        name=part.name, matrix=part.matrix.tolist(), degrees=part.degrees, share=part.share
-                    )
-                    for part in candidate.joint_covariance.parts
-                ],
-            )
-            for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True)
-            if excess <= most
-        ],
+        names=estimate.names, at=estimate.nuisances, values=estimate.values.tolist(), parts=list(parts)
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from eivor.flights.quantity import Choice, Quantity, QuantitySpec
+from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.report.document import Cell, TableColumn, TableOf
 
 # -- Quantities --
@@ -27,7 +27,7 @@ class QuantityRow:
 
     @property
     def texts(self) -> tuple[str, str]:
-        """Value and interval in the shown unit: "0.186", "[0.162, 0.210]", of a choice "0 or 10"."""
+        """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"."""
         return numbers(self.quantity, self.wording)
 
     @property
@@ -52,8 +52,6 @@ def quantity_rows(
 
 def numbers(quantity: Quantity, wording: QuantitySpec) -> tuple[str, str]:
     """Value and interval as texts in the shown unit."""
-    if quantity.choice is not None:
-        return f"{quantity.value * wording.scale:g}", _fitting(quantity.choice, wording.scale)
     low, high = quantity.interval
     return plain_numbers(quantity.value * wording.scale, (low * wording.scale, high * wording.scale))
 
@@ -68,14 +66,6 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
     if not bounded:
         return number, NO_NUMBER
     return number, f"[{_number(low, position, exponent)}, {_number(high, position, exponent)}]"
-
-
-def _fitting(choice: Choice, scale: float) -> str:
-    if len(choice.tried) < 2:
-        return NO_NUMBER
-    *others, last = [f"{value * scale:g}" for value in choice.fitting]
-    fitting = f"{', '.join(others)} or {last}" if others else last
-    return f"{fitting} ({len(choice.tried)} tried)"
 
 
 def _decimals(spread: float, digits: int = 2) -> int:

@@ -1,4 +1,4 @@
-"""Saved results: reading, prediction and draws of candidates."""
+"""Saved results: reading, prediction and draws."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -19,13 +19,9 @@ from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
-from eivor.inference.distributions import (
-    check_level,
-    chi_square_quantile,
-    shares_by_likelihood,
-    shares_in_order,
-)
+from eivor.inference.distributions import check_level
 from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
 from eivor.report.json_document import (
     IDENTIFY_SCHEMA,
@@ -45,17 +41,6 @@ if TYPE_CHECKING:
 # -- Saved fit --
 
 
-@dataclass(frozen=True)
-class SavedCandidate:
-    """Joint vector and covariance at one combination of the discrete nuisances."""
-
-    nuisances: Mapping[str, float]  # Value of every nuisance
-    best: bool
-    values: Float[np.ndarray, " n"]
-    covariance: JointCovariance
-    excess: float = 0.0
-
-
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
 
@@ -65,9 +50,7 @@ class SavedFit:
     """What a document of schema ``eivor.identify/1`` says."""
 
     quantities: Mapping[str, Quantity]  # Parameters and derived quantities
-    #: Those that fit at a level of .999, or of a document without their `excess` at .95; empty without an
-    #: estimate.
-    candidates: tuple[SavedCandidate, ...]
+    estimated: JointEstimate | None  # Joint vector and covariance; None without an estimate
     document: FitDocument = field(repr=False)  # The whole document
     #: For each flight of a pool its quantities, those that are its own among them; empty otherwise.
     by_flight: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
@@ -99,27 +82,28 @@ class SavedFit:
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance of the joint vector where it fits best, in the order of `names`.
+        """Covariance of the joint vector, in the order of `names`.
 
         Raises
         ------
         EstimationError
             When nothing was estimated.
         """
-        return self._best().covariance.matrix
+        return self.joint.covariance.matrix
 
-    def _best(self) -> SavedCandidate:
-        for candidate in self.candidates:
-            if candidate.best:
-                return candidate
-        raise EstimationError(
-            "a document of a flight with an estimate",
-            f"one without: {' '.join(self.reasons)}",
-            "See its verdict.",
-        )
+    @property
+    def joint(self) -> JointEstimate:
+        """Joint vector with its covariance; an `EstimationError` when nothing was estimated."""
+        if self.estimated is None:
+            raise EstimationError(
+                "a document of a flight with an estimate",
+                f"one without: {' '.join(self.reasons)}",
+                "See its verdict.",
+            )
+        return self.estimated
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a quantity, a union over the candidates that fit.
+        """Confidence interval of a quantity.
 
         Raises
         ------
@@ -147,14 +131,13 @@ class SavedFit:
             )
         return quantity.widened(self._wald(name, level))
 
-    def sample(
-        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
-    ) -> dict[str, Float[np.ndarray, " n"]]:
-        """Draw joint sets of the parameters, at the delay that fits best or at all that fit.
+    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
+        """Draw joint sets of the parameters.
 
-        Each is drawn by the law that its interval at a delay is read from, Student's t with the degrees of
-        freedom of the covariance, and they are correlated as the covariance says. What cannot be below a
-        bound is put there, as its interval is cut. Systematic parts of intervals are not drawn.
+        Each is drawn by the law that its interval is read from, Student's t with the degrees of freedom of
+        the covariance, and they are correlated as the covariance says. What cannot be below a bound is put
+        there, as its interval is cut; of a delay the lag makes up for it. Systematic parts of intervals are
+        not drawn.
 
         Parameters
         ----------
@@ -162,16 +145,11 @@ class SavedFit:
             How many.
         seed : int
             Of the random numbers: the same seed gives the same draws.
-        delays : {"best", "all"}
-            With "all" the delay is drawn too, by its confidence distribution, and the others with it. Lag
-            and delay make up for each other: what is computed of both, such as a response to a step, is as
-            uncertain as the flight leaves it only so.
 
         Returns
         -------
         dict of str to ndarray, shape (n,)
-            One array for each name of `names`, refused ones too: see `refused`. With all delays one for
-            each discrete nuisance as well.
+            One array for each name of `names`, refused ones too: see `refused`.
 
         Raises
         ------
@@ -188,39 +166,14 @@ class SavedFit:
                 f"{n:,} draws with seed {seed}",
                 "Ask for a number within these.",
             )
-        if delays not in {"best", "all"}:
-            raise UsageError("delays 'best' or 'all'", f"{delays!r}", "Give one of them.")
-        rng = np.random.default_rng(seed)
-        best = self._best()
-        return self._drawn_at(best, n, rng) if delays == "best" else self._drawn_at_all(n, rng)
-
-    def _drawn_at(
-        self, candidate: SavedCandidate, n: int, rng: np.random.Generator
-    ) -> dict[str, Float[np.ndarray, " n"]]:
-        """Joint draws at a candidate; what is below its lowest value is put there."""
-        lowest = np.array([self._lowest(name) for name in self.names])
-        draws = np.maximum(joint_draws(candidate.values, candidate.covariance, n, rng), lowest)
-        return dict(zip(self.names, draws.T, strict=True))
-
-    def _drawn_at_all(self, n: int, rng: np.random.Generator) -> dict[str, Float[np.ndarray, " n"]]:
-        """Joint draws at all candidates, and one array more for each discrete nuisance."""
-        candidates, further = self.candidates, set(self.candidates[0].nuisances).difference(self.names)
-        selected = [
-            name
-            for name in candidates[0].nuisances
-            if name in further and len({candidate.nuisances[name] for candidate in candidates}) > 1
-        ]
-        ordered = sorted(candidates, key=lambda candidate: [candidate.nuisances[name] for name in selected])
-        excesses = np.array([item.excess for item in ordered])
-        shares = shares_in_order(excesses) if len(selected) == 1 else shares_by_likelihood(excesses)
-        parts = [
-            self._drawn_at(item, int(count), rng)
-            | {name: np.full(count, value) for name, value in item.nuisances.items() if name in further}
-            for item, count in zip(ordered, rng.multinomial(n, shares), strict=True)
-            if count
-        ]
-        order = rng.permutation(n)
-        return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
+        rng, lowest = np.random.default_rng(seed), [self._lowest(name) for name in self.names]
+        drawn = joint_draws(self.joint.values, self.joint.covariance, n, rng)
+        draws = dict(zip(self.names, drawn.T, strict=True))
+        if {ACTUATOR_LAG.name, DELAY.name} <= draws.keys():
+            both = draws[ACTUATOR_LAG.name] + draws[DELAY.name]
+            draws[DELAY.name] = np.clip(draws[DELAY.name], 0.0, np.maximum(both, 0.0))
+            draws[ACTUATOR_LAG.name] = both - draws[DELAY.name]
+        return {name: np.maximum(draws[name], low) for name, low in zip(self.names, lowest, strict=True)}
 
     def to_statespace(self) -> StateSpace:
         """Arrays of the vertical motion about hover, and ``.to_control()`` for python-control.
@@ -308,20 +261,8 @@ class SavedFit:
             version=document.provenance.version,
             vehicle=None if vehicle is None else vehicle_from_record(vehicle),
             names=self.names,
-            candidates=self._joint(),
+            candidates=() if self.estimated is None else (self.estimated,),
         )
-
-    def _joint(self) -> tuple[JointEstimate, ...]:
-        """The joint vector where it fits, the best first; empty without an estimate."""
-        largest = self._largest_excess(0.95)
-        fits = [item for item in self.candidates if item.best or item.excess <= largest]
-        fits.sort(key=lambda fit: not fit.best)
-        return tuple(JointEstimate(fit.values, fit.covariance) for fit in fits)
-
-    def _largest_excess(self, level: float) -> float:
-        """What the criterion of another candidate may be above that of the best."""
-        covariance = self.document.covariance
-        return chi_square_quantile(level, 1 if covariance is None else covariance.choices)
 
     def _lowest(self, name: str) -> float:
         parameter = self.document.parameters.get(name)
@@ -330,14 +271,8 @@ class SavedFit:
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         index = self.names.index(name)
         direction = np.eye(len(self.names))[index]
-        largest = self._largest_excess(level)
-        ends = [
-            float(candidate.values[index]) + sign * candidate.covariance.half_width(direction, level)
-            for candidate in self.candidates
-            for sign in (-1.0, 1.0)
-            if candidate.excess <= largest
-        ]
-        return min(ends), max(ends)
+        value, half = float(self.joint.values[index]), self.joint.covariance.half_width(direction, level)
+        return value - half, value + half
 
     def _repr_html_(self) -> str:
         rows = [
@@ -410,18 +345,10 @@ def _no_document(path: Path, received: str) -> InputError:
 def fit_of(document: Mapping[str, Any]) -> SavedFit:
     """Return the fit of a document."""
     given = msgspec.convert(document, FitDocument)
-    quantities, covariance = _read_quantities(given), given.covariance
-    if covariance is None:
-        covariance = JsonCovariance()
-    elif sum(item.best for item in covariance.candidates) != 1 or not set(covariance.names) <= set(
-        quantities
-    ):
-        raise ValueError("a covariance of its quantities, and which candidate is the best")
-    if any(len(item.values) != len(covariance.names) for item in covariance.candidates):
-        raise ValueError("a value for each name of the covariance")
+    quantities = _read_quantities(given)
     return SavedFit(
         quantities=quantities,
-        candidates=tuple(map(_candidate, covariance.candidates)),
+        estimated=None if given.covariance is None else _joint(given.covariance, quantities),
         document=given,
         by_flight={str(row.log): _read_quantities(row) for row in given.by_flight or ()},
     )
@@ -445,16 +372,22 @@ def _quantity(given: JsonQuantity) -> Quantity:
     )
 
 
-def _candidate(given: JsonCandidate) -> SavedCandidate:
-    values = np.array([_number(value, math.nan) for value in given.values])
+def _joint(given: JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
+    """Joint vector of a document; of several delays where it fits best."""
+    fits: list[JsonCovariance | JsonCandidate] = [item for item in given.candidates or () if item.best]
+    fits = fits or [given]
+    if len(fits) != 1 or not fits[0].parts or not set(given.names) <= set(quantities):
+        raise ValueError("a covariance of its quantities, and which candidate is the best")
+    (joint,) = fits
+    if len(joint.values) != len(given.names):
+        raise ValueError("a value for each name of the covariance")
+    values = np.array([_number(value, math.nan) for value in joint.values])
     parts = []
-    for part in given.parts:
+    for part in joint.parts:
         numbers = np.array([[_number(value, math.nan) for value in row] for row in part.matrix])
         matrix = numbers.reshape(values.size, values.size)
         parts.append(CovariancePart(part.name, matrix, _number(part.degrees, math.inf), part.share))
-    nuisances = {name: _number(value, math.nan) for name, value in given.at.items()}
-    excess = _number(given.excess, math.inf)
-    return SavedCandidate(nuisances, given.best, values, JointCovariance(tuple(parts)), excess)
+    return JointEstimate(values, JointCovariance(tuple(parts)))
 
 
 def _number(value: float | None, missing: float) -> float:
@@ -467,18 +400,11 @@ def _number(value: float | None, missing: float) -> float:
 MASS_STREAM = 1
 
 
-def draws_table(
-    fit: SavedFit,
-    n: int,
-    seed: int = 0,
-    mass: KnownNumber | None = None,
-    *,
-    delays: Literal["best", "all"] = "best",
-) -> pl.DataFrame:
+def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: KnownNumber | None = None) -> pl.DataFrame:
     """Table of joint draws."""
     import polars as pl
 
-    draws = fit.sample(n, seed, delays=delays)
+    draws = fit.sample(n, seed)
     selected = [name for name, quantity in fit.quantities.items() if quantity.verdict is Status.IDENTIFIED]
     columns = {name: column for name, column in draws.items() if name in selected}
     if not columns:

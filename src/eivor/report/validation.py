@@ -310,11 +310,11 @@ def _check_scale(prediction: JsonPrediction, flight: PreparedFlight) -> None:
 
 
 def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, SimpleModel]:
-    best = next((candidate for candidate in fit.candidates if candidate.best), None)
     values = {name: math.nan if x is None else x for name, x in prediction.at.items()}
-    if best is not None:
-        values = {**best.nuisances, **values, **dict(zip(fit.names, best.values.tolist(), strict=True))}
-    if best is None or any(not set(values) <= set(model.values) for model in prediction.beside.values()):
+    if fit.estimated is not None:
+        values = {**values, **dict(zip(fit.names, fit.estimated.values.tolist(), strict=True))}
+    models = prediction.beside.values()
+    if fit.estimated is None or any(not set(values) <= set(model.values) for model in models):
         raise InputError(
             "a result with a value for each parameter of its models",
             "one that lacks some",

@@ -159,8 +159,8 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
         0.0 if name == "voltage_exponent" else parameter
         for name, parameter in fit.estimate.parameters.items()
     ]
-    blind = [replace(candidate, values=np.array(values)) for candidate in saved.candidates if candidate.best]
-    worse = validate(replace(saved, candidates=tuple(blind)), sags, window=(0.0, 12.0)).predictions
+    blind = replace(saved.joint, values=np.array(values))
+    worse = validate(replace(saved, estimated=blind), sags, window=(0.0, 12.0)).predictions
     assert reported.error.rms < next(item for item in worse if item.horizon is Horizon.OPEN_LOOP).error.rms
 
 

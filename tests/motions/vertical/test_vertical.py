@@ -85,11 +85,12 @@ def test_the_trace_is_the_measured_acceleration_and_the_model(fit):
     np.testing.assert_allclose(trace.predicted, trace.driven + friction, atol=1e-10)
 
 
-def test_the_delay_is_a_choice(fit):
-    delay = fit.quantities["delay"]
-    assert delay.choice is not None
-    assert delay.choice.tried == (0.0, 0.005, 0.01, 0.02)  # a coarse search's
-    assert (delay.choice.fitting[0], delay.choice.fitting[-1]) == delay.interval
+def test_lag_and_delay_have_profile_sets_and_their_sum_is_known_best(fit):
+    lag, delay, both = (fit.quantities[name] for name in ("actuator_lag", "delay", "effective_lag"))
+    assert both.value == pytest.approx(lag.value + delay.value)
+    assert both.half_width <= lag.half_width
+    for item in (lag, delay, both):
+        assert item.interval[0] <= item.value <= item.interval[1]
 
 
 # -- Flights near the ground, in rotor radii: gain and hover input are weak, however quiet the  --
@@ -289,17 +290,10 @@ def test_a_bend_to_the_side_of_the_intercept_counts_as_much_as_its_p_value_says(
     assert fitting_p_value(1.0, 1.0, bend(-1e9)) == 0.0
 
 
-def test_delays_that_fit_less_well_count_as_far_as_their_criterion_is_above_the_least():
-    values, halves, excesses = np.array([0.9, 0.3, 0.7]), np.full(3, 0.1), np.array([0.0, 12.0, 1.0])
-    assert beyond(values, halves, excesses) == pytest.approx(12.0)  # the second leaves what a map may
-    assert fitting_p_value(12.0, 0.9, None) < 0.01
-    assert beyond(values[[0, 2]], halves[:2], excesses[[0, 2]]) == pytest.approx(1.0 + 9.0 * 3.8415, rel=1e-4)
-
-
 def test_what_is_known_without_noise_is_held_against_the_bound_and_what_is_not_known_says_nothing():
-    exact = np.array([0.0])
-    assert fitting_p_value(beyond(np.array([0.5]), exact, exact), 0.5, None) == 0.0
-    assert fitting_p_value(beyond(np.array([np.nan]), exact, exact), np.nan, None) == 1.0
+    assert beyond(0.7, 0.1) == pytest.approx(9.0 * 3.8415, rel=1e-4)
+    assert fitting_p_value(beyond(0.5, 0.0), 0.5, None) == 0.0
+    assert fitting_p_value(beyond(np.nan, 0.0), np.nan, None) == 1.0
 
 
 def test_at_the_edge_of_what_fits_one_map_in_twenty_is_called_wrong():

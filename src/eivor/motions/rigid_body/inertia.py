@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from eivor.errors import ShapeError
-from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from, joint_estimates
+from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from
 from eivor.estimation.estimate import Estimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
@@ -42,9 +42,9 @@ class Combinations:
                 )
 
     @classmethod
-    def of_estimate(cls, estimate: Estimate, level: float = 0.95) -> Combinations:
+    def of_estimate(cls, estimate: Estimate) -> Combinations:
         """Those of an estimate, under their names in it."""
-        return cls(estimate.names, joint_estimates(estimate, level))
+        return cls(estimate.names, (JointEstimate(estimate.values, estimate.joint_covariance),))
 
     @classmethod
     def of_values(cls, values: Mapping[str, float], covariance: Float[np.ndarray, "n n"]) -> Combinations:

@@ -126,13 +126,11 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
 
-    def friction(candidate: Estimate) -> tuple[float, Float[np.ndarray, " n"]]:
-        of_rotors, of_body = candidate.values[index].tolist()
-        return ratio * of_rotors + share * of_body, gradient
-
-    value, _ = friction(estimate)
-    error = estimate.joint_covariance.std_error(gradient)
-    return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, error, estimate.interval_of(friction))}
+    of_rotors, of_body = estimate.values[index].tolist()
+    value, covariance = ratio * of_rotors + share * of_body, estimate.joint_covariance
+    half = covariance.half_width(gradient, 0.95)
+    interval = value - half, value + half
+    return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, covariance.std_error(gradient), interval)}
 
 
 def _climbed(axis_columns: AxisColumns) -> Float[np.ndarray, " 2"]:
@@ -208,7 +206,7 @@ def _whole(axis_columns: AxisColumns) -> AxisColumns:
 
 def _near(nuisance: Nuisance, value: float) -> Nuisance:
     """A lag with the values of its grid near the one that was found."""
-    if nuisance.name != ACTUATOR_LAG.name or not nuisance.refined:
+    if nuisance.name != ACTUATOR_LAG.name or not nuisance.searched:
         return nuisance
     near = nuisance.grid[(nuisance.grid >= value / NEAR) & (nuisance.grid <= value * NEAR)]
     return replace(nuisance, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else nuisance

@@ -411,7 +411,7 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, 
         return lag, delay.known_at(known.value)
     if known is not None:
         delay = replace(delay, prior=Prior(known.value, known.std))
-    return lag, replace(delay, discrete=False, halvings=0, tolerance=TOLERANCE_S)
+    return lag, replace(delay, tolerance=TOLERANCE_S)
 
 
 @dataclass(frozen=True, slots=True)

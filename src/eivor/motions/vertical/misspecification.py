@@ -146,7 +146,7 @@ def _linear(
     slopes = [
         nuisance.derivative(axis_columns.moving, index) @ theta
         for nuisance in problem.nuisances
-        if nuisance.refined
+        if nuisance.searched
     ]
     return np.column_stack([axis_columns.fixed, moving, *slopes])
 

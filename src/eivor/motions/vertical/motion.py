@@ -78,6 +78,7 @@ from eivor.motions.vertical.regression import (
     GROUND_EFFECT,
     TERMS,
     VOLTAGE,
+    Balance,
     OptionalTerm,
     VerticalFlight,
     VerticalFlights,
@@ -106,12 +107,9 @@ from eivor.motions.vertical.select import (
     selected,
 )
 from eivor.motions.vertical.thrust_curve import (
-    Balances,
-    Linear,
     curve_quantities,
     linear_intercept,
     linear_quantity,
-    point_of,
     refined_curve,
 )
 from eivor.motions.vertical.verdict import (
@@ -205,36 +203,28 @@ SET_LEVEL = 0.95
 #: Half-widths are not below this [m/s^2].
 LEAST_HALF_WIDTH = 1e-9
 
-PerDelay = Float[np.ndarray, " k"]
-
 
 def map_checks(problem: VerticalFlights, estimate: Estimate, omitted: OmittedTerms) -> VerticalChecks:
     """P-value of the test that the input map fits; exponents at hover of thrust, m K_u U_h / g, and map."""
-    results = []
-    for candidate in estimate.candidates:
-        value, gradient, variance = linear_intercept(problem, candidate, balance(problem, candidate))
-        results.append((value, candidate.joint_covariance.half_width(gradient, SET_LEVEL, variance)))
-    values, halves = np.array(results).T
-    excesses = np.array(estimate.excesses)
-    best = float(values[np.argmin(excesses)])
+    value, gradient, variance = linear_intercept(estimate, balance(problem, estimate))
+    half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
     linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, estimate.nuisances).items()}
     mapped, chosen = hover_of_sums(linear, sums), problem.motion.input_map
     hover = chosen.inverse(mapped)
     of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
     return VerticalChecks(
-        fitting_p_value(beyond(values, halves, excesses), best, omitted.differences.get(CURVATURE)),
+        fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
         thrust_exponent=of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
         map_exponent=of_map,
         thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
     )
 
 
-def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
-    """Squared distance of the same intercepts from what a fitting map leaves, in standard errors."""
-    quantile = chi_square_quantile(SET_LEVEL, 1)
-    away = np.maximum(np.abs(values) - CLEAR_INTERCEPT, 0.0) / np.maximum(halves, LEAST_HALF_WIDTH)
-    return float(np.min(excesses + quantile * away**2))
+def beyond(value: float, half: float) -> float:
+    """Squared distance of an intercept from what a fitting map leaves, in standard errors."""
+    away = max(abs(value) - CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH)
+    return chi_square_quantile(SET_LEVEL, 1) * away**2
 
 
 def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
@@ -251,16 +241,11 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 # -- Quantities --
 
 
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balances) -> QuantityEstimate:
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balance) -> QuantityEstimate:
     """Hover input: the interval of U_h through the input map's inverse."""
     chosen = problem.motion.input_map
-
-    def mapped(candidate: Estimate) -> Linear:
-        balance = terms[point_of(candidate)]
-        variance = balance.residual_variance / float(candidate.theta[1]) ** 2
-        return *hover_mapped(candidate, balance), variance
-
-    item = linear_quantity(estimate, mapped, "")
+    variance = terms.residual_variance / float(estimate.theta[1]) ** 2
+    item = linear_quantity(estimate, (*hover_mapped(estimate, terms), variance), "")
     value, (low, high) = chosen.inverse(item.value), item.interval
     slope = chosen.slope(value)
     std_error = item.std_error / slope if slope > 0.0 else NAN
@@ -509,12 +494,9 @@ class Vertical(Motion[VerticalFlights]):
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant."""
-        terms = {point_of(candidate): balance(problem, candidate) for candidate in estimate.candidates}
-        joint, best = joint_quantities(estimate), estimate
-        by_run = tuple(intercepts_by_run(best, terms[point_of(best)]).tolist())
-        intercept = linear_quantity(
-            estimate, lambda item: linear_intercept(problem, item, terms[point_of(item)]), "m/s^2"
-        )
+        terms, joint = balance(problem, estimate), joint_quantities(estimate)
+        by_run = tuple(intercepts_by_run(estimate, terms).tolist())
+        intercept = linear_quantity(estimate, linear_intercept(estimate, terms), "m/s^2")
         results = {
             **{name: joint[name] for name in ("viscous_friction", "input_gain")},
             "intercept": replace(intercept, by_run=by_run),

@@ -414,23 +414,23 @@ DRIFT, HOVER_DRIFT = "thrust_drift", "hover_drift"
 
 @dataclass(frozen=True)
 class Balance:
-    """Means over the runs of every term of the equation of motion, at one candidate."""
+    """Means over the runs of every term of the equation of motion, at one estimate."""
 
     derivative: float  # [m/s^2]
     velocity: float  # [m/s^2]
     mapped: float  # [m/s^2]
-    mapped_slope: float
+    mapped_slopes: Float[np.ndarray, " q"]  # By the nuisances that are searched for
     terms: Float[np.ndarray, " terms"]  # [m/s^2 per unit of their parameters]
     residual_variance: float  # Autocorrelation-robust variance of the mean residual [m^2/s^4]
     by_run: Float[np.ndarray, "runs m"]  # Means of z'', z', U and the columns of terms in each run
 
 
-def balance(problem: VerticalFlights, candidate: Estimate) -> Balance:
+def balance(problem: VerticalFlights, estimate: Estimate) -> Balance:
     """Terms of the equation of motion, averaged over the runs."""
-    columns = _columns(problem, candidate.nuisances)
+    columns = _columns(problem, estimate.nuisances)
     stacked = np.concatenate(columns)
-    residual = stacked @ _signs(candidate)
-    moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
+    residual = stacked @ _signs(estimate)
+    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
 
     def mapped_mean(nuisance_values: Values) -> float:
         return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
@@ -441,17 +441,17 @@ def balance(problem: VerticalFlights, candidate: Estimate) -> Balance:
         derivative,
         velocity,
         mapped,
-        moving[0].derivative(mapped_mean, candidate.nuisances) if moving else 0.0,
+        np.array([nuisance.derivative(mapped_mean, estimate.nuisances) for nuisance in searched]),
         means[3:],
         long_run_mean_variance(_without_lines(problem, residual - residual.mean())),
         np.stack([block.mean(axis=0) for block in columns]),
     )
 
 
-def _signs(candidate: Estimate) -> Float[np.ndarray, " m"]:
+def _signs(estimate: Estimate) -> Float[np.ndarray, " m"]:
     """Coefficients with which z'', z', U and the columns of terms add up to the residual."""
-    K, K_u = candidate.theta[:2]
-    return np.array([1.0, K, -K_u, *-candidate.theta[2:]])
+    K, K_u = estimate.theta[:2]
+    return np.array([1.0, K, -K_u, *-estimate.theta[2:]])
 
 
 def _without_lines(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -570,35 +570,35 @@ def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) ->
     return (sums["mapped"] - drift / gain) / sums["samples"]
 
 
-def hover_mapped(candidate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+def hover_mapped(estimate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
     """U_h and its gradient by the joint vector."""
-    K, K_u = candidate.theta[:2]
-    linear = candidate.theta.size
-    drift = terms.derivative + K * terms.velocity - float(candidate.theta[2:] @ terms.terms)
-    gradient = np.zeros(candidate.values.size)
+    K, K_u = estimate.theta[:2]
+    linear = estimate.theta.size
+    drift = terms.derivative + K * terms.velocity - float(estimate.theta[2:] @ terms.terms)
+    gradient = np.zeros(estimate.values.size)
     gradient[0] = -terms.velocity / K_u
     gradient[1] = drift / K_u**2
     gradient[2:linear] = terms.terms / K_u
-    gradient[linear : linear + 1] = terms.mapped_slope
+    gradient[linear:] = terms.mapped_slopes
     return float(terms.mapped - drift / K_u), gradient
 
 
-def intercept(candidate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+def intercept(estimate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
     """B = mean z'' + g + K mean z' - K_u mean U less the terms, and its gradient by the joint vector."""
-    K, K_u = candidate.theta[:2]
-    gradient = np.zeros(candidate.values.size)
-    linear = candidate.theta.size
+    K, K_u = estimate.theta[:2]
+    gradient = np.zeros(estimate.values.size)
+    linear = estimate.theta.size
     gradient[0], gradient[1], gradient[2:linear] = terms.velocity, -terms.mapped, -terms.terms
-    gradient[linear : linear + 1] = -K_u * terms.mapped_slope
-    of_terms = float(candidate.theta[2:] @ terms.terms)
+    gradient[linear:] = -K_u * terms.mapped_slopes
+    of_terms = float(estimate.theta[2:] @ terms.terms)
     return float(terms.derivative + GRAVITY + K * terms.velocity - K_u * terms.mapped - of_terms), gradient
 
 
-def intercepts_by_run(candidate: Estimate, terms: Balance) -> Float[np.ndarray, " runs"]:
+def intercepts_by_run(estimate: Estimate, terms: Balance) -> Float[np.ndarray, " runs"]:
     """B of each run."""
-    K, K_u = candidate.theta[:2]
+    K, K_u = estimate.theta[:2]
     D, V, U = terms.by_run[:, :3].T
-    return np.asarray(D + GRAVITY + K * V - K_u * U - terms.by_run[:, 3:] @ candidate.theta[2:])
+    return np.asarray(D + GRAVITY + K * V - K_u * U - terms.by_run[:, 3:] @ estimate.theta[2:])
 
 
 # -- Surroundings --

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from eivor.estimation.derived import DEGREES
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.variable_projection import DECIMALS, with_values_tried
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
@@ -35,7 +34,7 @@ SEARCHES = 3
 STEP = 0.02
 
 Estimated = Callable[[VerticalFlights], Estimate]
-#: A quantity at a candidate: its value, its gradient by the joint vector, and variance besides.
+#: A quantity: its value, its gradient by the joint vector, and variance besides.
 Linear = tuple[float, Float[np.ndarray, " n"], float]
 
 
@@ -45,15 +44,15 @@ def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
     return vertical_problem(problem.flights, motion, problem.rule, problem.nuisances, problem.terms)
 
 
-def hover_and_exponent(problem: VerticalFlights, candidate: Estimate) -> tuple[float, float]:
+def hover_and_exponent(problem: VerticalFlights, estimate: Estimate) -> tuple[float, float]:
     """Command at hover, and the exponent of thrust there; NaN where the numbers make none."""
-    mapped = hover_mapped(candidate, balance(problem, candidate))[0]
+    mapped = hover_mapped(estimate, balance(problem, estimate))[0]
     chosen = problem.motion.input_map
     if not mapped > 0.0:
         return NAN, NAN
     hover = chosen.inverse(mapped)
     elasticity = hover * chosen.slope(hover) / mapped
-    return hover, elasticity * float(candidate.theta[1]) * mapped / GRAVITY
+    return hover, elasticity * float(estimate.theta[1]) * mapped / GRAVITY
 
 
 def refined_curve(
@@ -71,9 +70,7 @@ def refined_curve(
         if math.isnan(value):
             return problem, estimate
     sides = [family.possible(value + step) for step in (-STEP, STEP)]
-    same = with_values_tried(problem.nuisances, (candidate.nuisances for candidate in estimate.candidates))
-    equal = replace(problem, nuisances=same)
-    below, above = ((side, estimated(with_map(equal, family.map(side)))) for side in sides)
+    below, above = ((side, estimated(with_map(problem, family.map(side)))) for side in sides)
     curve = FittedCurve(family, value, bias_std, below, above, curvature_error)
     return replace(chosen, curve=curve), estimate
 
@@ -131,62 +128,15 @@ def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveF
     return value, half / quantile
 
 
-#: Values of all nuisances, which distinguish a candidate from the others.
-Point = tuple[float, ...]
-Balances = Mapping[Point, Balance]
+def linear_quantity(estimate: Estimate, linear: Linear, unit: str) -> QuantityEstimate:
+    """Quantity of an estimate that is linear in its parameters."""
+    (value, gradient, variance), covariance = linear, estimate.joint_covariance
+    half = covariance.half_width(gradient, 0.95, variance)
+    error = math.sqrt(covariance.std_error(gradient) ** 2 + variance)
+    return QuantityEstimate(value, unit, error, (value - half, value + half))
 
 
-def point_of(candidate: Estimate) -> Point:
-    """Values of a candidate's nuisances."""
-    return tuple(candidate.nuisances.values())
-
-
-def linear_quantity(estimate: Estimate, linear: Callable[[Estimate], Linear], unit: str) -> QuantityEstimate:
-    """Quantity of an estimate by what it is at each candidate."""
-    interval = estimate.interval_of(
-        lambda candidate: linear(candidate)[:2], extra_variance=lambda candidate: linear(candidate)[2]
-    )
-    value, gradient, variance = linear(estimate)
-    error = math.sqrt(estimate.joint_covariance.std_error(gradient) ** 2 + variance)
-    return QuantityEstimate(value, unit, error, interval)
-
-
-@dataclass(frozen=True)
-class AtCandidate:
-    """A candidate with its balance, and the same combination of nuisances with maps to either side."""
-
-    problem: VerticalFlights
-    candidate: Estimate
-    terms: Balance
-    sides: tuple[tuple[VerticalFlights, Estimate, Balance], ...]  # With the maps below and above
-
-    def slope(self, curve: FittedCurve, of: Of) -> float:
-        """Derivative of a quantity by the map's parameter."""
-        low, high = (of(*side)[0] for side in self.sides)
-        return (high - low) / (curve.above[0] - curve.below[0])
-
-    def curve(self, curve: FittedCurve) -> tuple[float, Linear]:
-        """Change of the map's parameter by the intercept, and that parameter."""
-        if math.isinf(curve.bias_std):
-            return 0.0, (curve.value, np.zeros(self.candidate.values.size), curve.curvature_error**2)
-        # a candidate with an intercept of its own has a map of its own
-        b, gradient, variance = linear_intercept(self.problem, self.candidate, self.terms)
-        by_b = -1.0 / self.slope(curve, linear_intercept)
-        return by_b, (curve.value + by_b * b, by_b * gradient, by_b**2 * (variance + curve.bias_std**2))
-
-    def propagated(self, curve: FittedCurve, of: Of) -> Linear:
-        """A quantity with the error of the map in its gradient and its variance."""
-        value, gradient, variance = of(self.problem, self.candidate, self.terms)
-        slope = self.slope(curve, of)
-        if math.isinf(curve.bias_std):
-            error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
-            return value, gradient, variance + (slope * error) ** 2
-        by_b, (_, of_b, _) = self.curve(curve)
-        own = linear_intercept(self.problem, self.candidate, self.terms)[2] + curve.bias_std**2
-        return value, gradient + slope * of_b, variance + (slope * by_b) ** 2 * own
-
-
-#: From flights, a candidate and its balance.
+#: From flights, an estimate and its balance.
 Of = Callable[[VerticalFlights, Estimate, Balance], Linear]
 
 
@@ -194,60 +144,66 @@ def curve_quantities(
     problem: VerticalFlights, estimate: Estimate, curve: FittedCurve
 ) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
-    points = _points(problem, estimate, curve)
+    sides = [
+        (flights, item, balance(flights, item))
+        for flights, item in (
+            (with_map(problem, curve.family.map(value)), item) for value, item in (curve.below, curve.above)
+        )
+    ]
+    here = (problem, estimate, balance(problem, estimate))
+    by_curvature = math.isinf(curve.bias_std)
+
+    def slope(of: Of) -> float:
+        """Derivative of a quantity by the map's parameter."""
+        low, high = (of(*side)[0] for side in sides)
+        return (high - low) / (curve.above[0] - curve.below[0])
+
+    b, of_b, variance_b = _intercept(*here)
+    by_b = 0.0 if by_curvature else -1.0 / slope(_intercept)
+    of_curve, own = by_b * of_b, variance_b + curve.bias_std**2
+
+    def propagated(of: Of) -> Linear:
+        """A quantity with the error of the map in its gradient and its variance."""
+        value, gradient, variance = of(*here)
+        by_curve = slope(of)
+        if by_curvature:
+            error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
+            return value, gradient, variance + (by_curve * error) ** 2
+        return value, gradient + by_curve * of_curve, variance + (by_curve * by_b) ** 2 * own
+
     formulas: dict[str, tuple[Of, str]] = {
         "viscous_friction": (partial(_joint, 0), "1/s"),
         "input_gain": (partial(_joint, 1), "m/s^2"),
-        "intercept": (linear_intercept, "m/s^2"),
+        "intercept": (_intercept, "m/s^2"),
         "hover_input": (_hover, ""),
     }
-    results: dict[str, QuantityEstimate] = {}
-    for name, (of, unit) in formulas.items():
-        moved = {point: item.propagated(curve, of) for point, item in points.items()}
-        results[name] = linear_quantity(estimate, partial(_at, moved), unit)
-    if math.isinf(curve.bias_std) and math.isinf(curve.curvature_error):
+    results = {name: linear_quantity(estimate, propagated(of), unit) for name, (of, unit) in formulas.items()}
+    if not by_curvature:
+        value = curve.value + by_b * b, of_curve, by_b**2 * own
+        return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
+    if math.isinf(curve.curvature_error):
         return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
-    of_curve = {point: item.curve(curve)[1] for point, item in points.items()}
-    return {**results, "thrust_curve": linear_quantity(estimate, partial(_at, of_curve), "")}
+    value = curve.value, np.zeros(estimate.values.size), curve.curvature_error**2
+    return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
 
 
-def _at(results: Mapping[Point, Linear], candidate: Estimate) -> Linear:
-    return results[point_of(candidate)]
+def _joint(position: int, _problem: VerticalFlights, estimate: Estimate, _terms: Balance) -> Linear:
+    return float(estimate.values[position]), np.eye(estimate.values.size)[position], 0.0
 
 
-def _points(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) -> dict[Point, AtCandidate]:
-    """Candidates with those of the same discrete nuisances and maps to either side."""
-
-    def discrete(candidate: Estimate) -> Point:
-        values = candidate.nuisances.items()
-        return tuple(round(value, DECIMALS) for name, value in values if name not in estimate.names)
-
-    sides = [
-        (with_map(problem, curve.family.map(value)), {discrete(each): each for each in item.candidates})
-        for value, item in (curve.below, curve.above)
-    ]
-    results = {}
-    for candidate in estimate.candidates:
-        same = [(flights, each[discrete(candidate)]) for flights, each in sides]
-        neighbours = tuple((flights, item, balance(flights, item)) for flights, item in same)
-        at_candidate = AtCandidate(problem, candidate, balance(problem, candidate), neighbours)
-        results[point_of(candidate)] = at_candidate
-    return results
+def _intercept(_problem: VerticalFlights, estimate: Estimate, terms: Balance) -> Linear:
+    return linear_intercept(estimate, terms)
 
 
-def _joint(position: int, _problem: VerticalFlights, candidate: Estimate, _terms: Balance) -> Linear:
-    return float(candidate.values[position]), np.eye(candidate.values.size)[position], 0.0
+def linear_intercept(estimate: Estimate, terms: Balance) -> Linear:
+    """The intercept at an estimate."""
+    return *intercept(estimate, terms), terms.residual_variance
 
 
-def linear_intercept(_problem: VerticalFlights, candidate: Estimate, terms: Balance) -> Linear:
-    """The intercept at a candidate."""
-    return *intercept(candidate, terms), terms.residual_variance
-
-
-def _hover(problem: VerticalFlights, candidate: Estimate, terms: Balance) -> Linear:
-    mapped, gradient = hover_mapped(candidate, terms)
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balance) -> Linear:
+    mapped, gradient = hover_mapped(estimate, terms)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)
     slope = chosen.slope(hover)
-    variance = terms.residual_variance / float(candidate.theta[1]) ** 2
+    variance = terms.residual_variance / float(estimate.theta[1]) ** 2
     return hover, gradient / slope, variance / slope**2

@@ -28,7 +28,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, FURTHEST_DELAY_S
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CURVATURE,
@@ -441,9 +441,12 @@ def _at_end_of_delays(inputs: VerdictInputs) -> bool:
     return delay is not None and abs(delay.value) >= 0.999 * delay.highest
 
 
-def _no_delay_left_out(inputs: VerdictInputs) -> bool:
-    choice = inputs.quantities[DELAY.name].choice
-    return choice is not None and len(choice.fitting) >= len(choice.tried) >= 2
+#: A delay that is known less closely is not separated from the lag [s].
+DELAY_HALF_WIDTH_S = 0.02
+
+
+def _wide_delay(inputs: VerdictInputs) -> bool:
+    return inputs.quantities[DELAY.name].half_width >= DELAY_HALF_WIDTH_S
 
 
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
@@ -579,7 +582,7 @@ RULES = (
     longest_lag_rule(_EVERYTHING, CHECK_STAMPS),
     Rule(
         _EVERYTHING,
-        _at_end_of_delays,
+        lambda inputs: _at_end_of_delays(inputs) and ACTUATOR_LAG.name not in inputs.strength.searched,
         Status.WEAK,
         lambda inputs: (
             "The delay of the measured rotors ran into the end of its grid "
@@ -589,16 +592,19 @@ RULES = (
     ),
     Rule(
         _EVERYTHING,
-        lambda inputs: (
-            inputs.quantities[DELAY.name].choice is not None
-            and inputs.quantities[DELAY.name].value >= 0.999 * FURTHEST_DELAY_S
-        ),
+        lambda inputs: _at_end_of_delays(inputs) and ACTUATOR_LAG.name in inputs.strength.searched,
         Status.WEAK,
-        lambda _: f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s).",
+        lambda inputs: (
+            f"The delay ran into the top of its grid ({inputs.strength.searched[DELAY.name].highest:.1f} s)."
+        ),
         CHECK_STAMPS,
     ),
     Rule(
-        (DELAY.name,), _no_delay_left_out, Status.WEAK, lambda _: "Every delay that was tried fits.", QUICKER
+        (DELAY.name,),
+        _wide_delay,
+        Status.WEAK,
+        lambda _: "The flight does not separate the delay from the lag.",
+        QUICKER,
     ),
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
     *LIMITS[GAIN].rules(GAIN, QUANTITIES[GAIN], "intercept"),
