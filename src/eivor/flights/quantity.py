@@ -113,7 +113,7 @@ class Drawn:
 
     parameters: Mapping[str, float]
     nuisances: Values
-    sums: Mapping[str, float]  # Those of `Motion.flight_sums` there, over the flights drawn
+    sums: Mapping[str, float]  # Those of `Resampling.sums` there, over the flights drawn
 
 
 # -- Implied quantities --

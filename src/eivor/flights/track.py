@@ -11,8 +11,7 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.recursive import ChangeDetector, Follower
 from eivor.estimation.streaming import MEMORIES, Forgetting, TimedRows, counted_rows
-from eivor.flights.quantity import TrackedParameter
-from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.result import FlightEstimate
 from eivor.models.lagged_runs import AxisColumns
 from eivor.models.separable import Values
 
@@ -90,38 +89,21 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
             f"{memory_s:g} s",
             "Leave it out, or give another.",
         )
-    return _tracked(result, result.fit, tracked_parameter, columns, memory_s)
-
-
-def _tracked(
-    result: FlightEstimate,
-    fit: Fit,
-    tracked_parameter: TrackedParameter,
-    columns: AxisColumns,
-    memory_s: float,
-) -> Track:
-    index = fit.estimate.nuisances
-    names = [parameter.name for parameter in tracked_parameter.runs.parameters]
-    (unit,) = (
-        parameter.unit
-        for parameter in tracked_parameter.runs.parameters
-        if parameter.name == tracked_parameter.name
-    )
+    estimate, name = result.fit.estimate, tracked_parameter.name
+    parameters = {parameter.name: parameter for parameter in tracked_parameter.runs.parameters}
     level = 0.0 if tracked_parameter.intercept is None else tracked_parameter.intercept.mean
-    start = np.array([*(fit.estimate.parameters[name] for name in names), level])
-    priors = (*(tracked_parameter.known.get(name) for name in names), tracked_parameter.intercept)
-    forgetting = Forgetting(memory_s / columns.step_s)
-    follower = Follower(names.index(tracked_parameter.name), priors, start)
+    start = np.array([*(estimate.parameters[each] for each in parameters), level])
+    priors = (*(tracked_parameter.known.get(each) for each in parameters), tracked_parameter.intercept)
+    follower = Follower(list(parameters).index(name), priors, start)
+    points = follower.points(rows_of(columns, estimate.nuisances), Forgetting(memory), DETECTOR)
     time_s = result.prepared[0].grid.time_s
-    points = follower.points(rows_of(columns, index), forgetting, DETECTOR)
     moments = tuple(
         Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
         for point in points
         if math.isfinite(point.value)
     )
-    return Track(
-        result, tracked_parameter.name, unit, memory_s, index, moments, tracked_parameter.descriptions
-    )
+    unit, known = parameters[name].unit, tracked_parameter.descriptions
+    return Track(result, name, unit, memory_s, estimate.nuisances, moments, known)
 
 
 def rows_of(columns: AxisColumns, nuisance_values: Values) -> TimedRows:

@@ -449,9 +449,9 @@ class RigidBody(Motion[LaggedRuns]):
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis and force along it, within the bands."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
-        results, best = [], estimate
+        results = []
         for axis in problem.axes:
-            series = problem.series_in_band(best.nuisances, axis, best.theta, driving)
+            series = problem.series_in_band(estimate.nuisances, axis, estimate.theta, driving)
             words, unit = f"{(*TURNING, '', '', '')[axis]} acceleration", "rad/s²"
             if axis >= FORCE_X_EQUATION:
                 words, unit = f"specific force along {ALONG[axis - FORCE_X_EQUATION]}", "m/s²"

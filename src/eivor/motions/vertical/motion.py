@@ -528,9 +528,8 @@ class Vertical(Motion[VerticalFlights]):
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration without mean and line of each run."""
-        best = estimate
-        rows = problem.rows(best.nuisances)
-        predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]
+        rows, theta = problem.rows(estimate.nuisances), estimate.theta
+        predicted, driven = rows.regressors @ theta, rows.regressors[:, 1] * theta[1]
         words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
         return (Trace(*words, rows.response, predicted, driven),)
 
