@@ -338,10 +338,6 @@ class Motion(ABC, Generic[P]):
     abilities: Abilities = Abilities()
     """What only some motions can do."""
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out abilities that were made for this object: they are functions, and are made again."""
-        return {name: item for name, item in vars(self).items() if name != "abilities"}
-
     @abstractmethod
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """Return the channels by role, and which samples count."""

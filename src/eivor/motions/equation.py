@@ -430,7 +430,7 @@ class Machine(Motion[LaggedRuns]):
         order = (*(name for name, *_ in (*terms, *ratios)), *LAG_QUANTITIES)
         return QuantityTable({name: replace(specs[name], headline=name in self.headline) for name in order})
 
-    @cached_property
+    @property
     def words(self) -> Words:  # type: ignore[override]
         """How reports speak of it."""
         named = " and ".join(self.quantities[name].words for name in self.headline)
@@ -461,7 +461,7 @@ class Machine(Motion[LaggedRuns]):
             added=tuple(channel.canonical for channel in self.logged),
         )
 
-    @cached_property
+    @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """Predictions, and how much the machine moved."""
         ahead = partial(equation_prediction, self.axes)
@@ -488,7 +488,7 @@ class Machine(Motion[LaggedRuns]):
         ratios = {r.name: ratio_quantity(estimate, r.above, r.below, r.unit) for r in self.derived}
         return equation_quantities(self.quantities, problem, estimate) | ratios
 
-    @cached_property
+    @property
     def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
         """Rows of the instruments, and of the width of each interval."""
         words = FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")

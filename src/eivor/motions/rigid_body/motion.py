@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -364,7 +363,7 @@ class RigidBody(Motion[LaggedRuns]):
     parts = PARTS
     channels = LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
 
-    @cached_property
+    @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """What only some motions can do."""
         return Abilities(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -467,7 +466,7 @@ class Vertical(Motion[VerticalFlights]):
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
-    @cached_property
+    @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """What only some motions can do."""
         record = {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
