@@ -226,6 +226,9 @@ def test_choices_are_those_that_there_are():
     known = dict(work)
     folders = known.pop("folders")
     assert {".ulg", ".bin", ".csv", ".mcap"} <= set(folders["endings"])
+    assert {".db3", ".mcap"} <= set(folders["bags"])
+    assert re.fullmatch(folders["tables"], "my_log_sensor_combined_0.csv")[1] == "my_log"
+    assert re.fullmatch(folders["tables"], "flight.csv") is None
     assert folders["metadata"] == "metadata.yaml"
     assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
     for entries in known.values():

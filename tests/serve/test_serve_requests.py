@@ -6,7 +6,6 @@ import errno
 import html
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
@@ -19,9 +18,8 @@ import typer
 from eivor.cli.main import app as command_line
 from eivor.serve import app, jobs
 from eivor.serve.app import page_text
-from eivor.serve.jobs import Task, shown_name
+from eivor.serve.jobs import shown_name
 from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
-from eivor.serve.worker import outcome_of
 from serve.conftest import closed, wait_for
 
 # -- Who may ask for what: everything else is refused, in a sentence, and touches nothing --
@@ -157,12 +155,18 @@ def received(line):
     return sentence
 
 
+def sending(page, length, body, more=""):
+    """A connection on which the head of a log of this length and a part of it were sent."""
+    line = socket.create_connection(("127.0.0.1", page.server.port), timeout=10.0)
+    line.sendall(
+        f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\n{more}"
+        f"X-Eivor-Token: {page.server.token}\r\nContent-Length: {length}\r\n\r\n{body}".encode()
+    )
+    return line
+
+
 def test_a_body_beyond_the_limit_is_refused_before_it_is_read(page):
-    with socket.create_connection(("127.0.0.1", page.server.port), timeout=10.0) as line:
-        line.sendall(
-            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\n"
-            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 1001\r\n\r\n".encode()
-        )
+    with sending(page, 1001, "") as line:
         sentence = received(line)
     assert sentence.startswith(b"HTTP/1.1 413 ")
     assert json.loads(sentence.partition(b"\r\n\r\n")[2])["error"]["received"] == "1001 bytes"
@@ -204,13 +208,10 @@ def test_files_are_private(page):
         assert folder.stat().st_mode & 0o077 == 0
 
 
-def test_a_log_that_breaks_off_leaves_nothing(page):
+@pytest.mark.parametrize("more", ["", "X-Eivor-Files: a/3 b/497\r\n"])
+def test_a_log_or_a_folder_that_breaks_off_leaves_nothing(page, more):
     before = set(page.server.folder.rglob("*"))
-    with socket.create_connection(("127.0.0.1", page.server.port)) as line:
-        line.sendall(
-            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\n"
-            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 500\r\n\r\nhalf".encode()
-        )
+    with sending(page, 500, "half", more):
         wait_for(lambda: page.server.logs._coming > 0)
     wait_for(lambda: set(page.server.folder.rglob("*")) == before and page.server.logs._coming == 0)
 
@@ -452,31 +453,9 @@ def test_its_files_are_kept_and_deleted_with_it(page):
     assert page.refused("POST", "/logs", bytes(1001), x_eivor_files="a/1001")[0] == 413
 
 
-def test_a_folder_that_breaks_off_leaves_nothing(page):
-    before = set(page.server.folder.rglob("*"))
-    with socket.create_connection(("127.0.0.1", page.server.port)) as line:
-        line.sendall(
-            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\nX-Eivor-Files: a/3 b/9\r\n"
-            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 12\r\n\r\nabcd".encode()
-        )
-        wait_for(lambda: page.server.logs._coming > 0)
-    wait_for(lambda: set(page.server.folder.rglob("*")) == before)
-
-
 def test_the_example_is_kept_as_if_it_was_dropped(opening):
     page = opening(largest=10**6)
     log = page.json("POST", "/example", {})
     (kept,) = page.server.folder.glob(f"logs/{log['log']}*")
     assert kept.name == f"{log['log']}.parquet"
     assert kept.read_bytes() == resources.files("eivor.data").joinpath(log["name"]).read_bytes()
-
-
-@pytest.mark.thorough
-def test_the_page_is_told_which_files_of_folders_are_logs():
-    outcome = outcome_of(Task("choices"), lambda _report: None)
-    assert isinstance(outcome, dict)
-    folders = outcome["folders"]
-    assert {".ulg", ".bin", ".mcap", ".parquet", ".csv"} <= set(folders["endings"])
-    assert {".db3", ".mcap"} <= set(folders["bags"])
-    assert re.fullmatch(folders["tables"], "my_log_sensor_combined_0.csv")[1] == "my_log"
-    assert re.fullmatch(folders["tables"], "flight.csv") is None
