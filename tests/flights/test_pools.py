@@ -15,6 +15,7 @@ from eivor.errors import UsageError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.pooling import agreement, bootstrap_flights
 from eivor.flights.prepare import prepare
+from eivor.flights.quantity import QuantityTable
 from eivor.flights.result import FitDiagnostics, FlightEstimate
 from eivor.inference.bootstrap import Bootstrap, IntervalKind
 from eivor.inference.diagnostics.instruments import OverIdentification
@@ -99,7 +100,9 @@ def test_common_and_separate_are_what_they_say(alike):
 class Laden(Vertical):
     """The same motion of a vehicle whose load is another one in each flight, in air that is not."""
 
-    of_flight = ("input_gain",)
+    quantities = QuantityTable(
+        {name: replace(spec, of_flight=name == "input_gain") for name, spec in Vertical.quantities.items()}
+    )
 
 
 @pytest.mark.thorough
