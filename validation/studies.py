@@ -223,7 +223,7 @@ class KeptStudy(Generic[Settings, Line]):
     module: str  # Below `validation`
     doc: str | None
     part: str  # Of the page
-    settings: type[Settings]  # What the grid's file holds
+    settings: Callable[..., Settings]  # What the grid's file holds
     line: type[Line]
     key: tuple[str, ...]  # Fields that name a trial among the others
     groups: Callable[[Settings, str, Path], Iterable[Group[Any, Line]]]  # Of grid, size, and file of lines

@@ -246,7 +246,7 @@ def use_commands(eivor: Caller, columns: Columns, fit: Path, folder: Path) -> di
 @pytest.mark.parametrize(
     ("columns", "sentence"),
     [
-        (still_in_turns(), "hardly enters"),
+        (still_in_turns(), "The instruments carry too little information about the viscous friction"),
         (slow_command(), "Expected 2 frequencies or more between 0.04 and 0.25 Hz in the runs used"),
     ],
 )
