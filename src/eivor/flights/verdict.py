@@ -22,6 +22,8 @@ from eivor.models.lagged_runs import ACTUATOR_LAG
 
 #: Smallest part of a factor that is worth a sentence.
 LEAST_FACTOR = 0.02
+#: Edges of commands below this rate are not known: they move lag and gain by half a hold [Hz].
+SLOW_COMMAND_HZ = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +126,14 @@ class VerdictInputs:
 
     @property
     def half_hold_s(self) -> float:
-        """Half a period of the logged command, or what its stamps leave open where that is more [s]."""
+        """Half the time between commands that the log lacks; of its own where that is not known [s]."""
         without_lag = self.lag_prior is not None and self.lag_prior.known == NO_LAG
         if without_lag or any(flight.input.measured for flight in self.flights):
             return 0.0
-        return max(0.5 / self.command_rate_hz, self.command_slack_s)
+        issued_s = max((flight.unlogged_step_s for flight in self.flights), default=0.0)
+        if self.command_slack_s or (issued_s and self.command_rate_hz < SLOW_COMMAND_HZ):
+            return max(0.5 / self.command_rate_hz, self.command_slack_s)
+        return 0.5 * issued_s
 
 
 # -- Systematic parts --
@@ -225,8 +230,8 @@ def half_hold_part(quantities: tuple[str, ...]) -> SystematicPart:
         Counts.ADDED,
         half_s,
         lambda inputs: (
-            f"The command is logged at {inputs.command_rate_hz:.3g} Hz, and it is not known when within a "
-            f"period it was issued: the lag may be {1e3 * inputs.half_hold_s:.2g} ms longer or shorter."
+            f"The command is logged at {inputs.command_rate_hz:.3g} Hz, which lacks some that were issued: "
+            f"the lag may be {1e3 * inputs.half_hold_s:.2g} ms longer or shorter."
         ),
     )
 

@@ -12,6 +12,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
 from eivor.flights.verdict import (
+    SLOW_COMMAND_HZ,
     FlightWords,
     Limit,
     MotionChecks,
@@ -135,8 +136,6 @@ TILT_FACTOR = 2.5
 TILT_UNKNOWN = float(np.deg2rad(1.5))
 #: Share of the gain that rotors change by in air that crosses them at 3 m/s; it grows with the square.
 CROSSFLOW, CROSSFLOW_SPEED = 0.008, 3.0
-#: Commands below this rate move the gain as well, by the sensitivity to half a hold [Hz].
-SLOW_COMMAND_HZ = 45.0
 #: An intercept clearly beyond it is no bias of an accelerometer [m/s^2].
 CLEAR_INTERCEPT = 0.4
 
@@ -223,7 +222,8 @@ def _measured_tilt_sentence(inputs: VerdictInputs) -> str:
 
 def _slow_command(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     slow = inputs.command_rate_hz < SLOW_COMMAND_HZ
-    return _both(inputs.half_hold_s * inputs.checks.sensitivities.to(OFFSET.name, name)) if slow else NOTHING
+    late_s = inputs.half_hold_s if slow else inputs.command_slack_s
+    return _both(late_s * inputs.checks.sensitivities.to(OFFSET.name, name))
 
 
 def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
