@@ -171,7 +171,7 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(
     run = eivor("identify", path, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png", "--compare")
     document = json.loads((tmp_path / "x.json").read_text())
     assert run.code == 3
-    assert "REFUSED" in run.out
+    assert "NOT IDENTIFIED" in run.out
     assert ("never takes off" if grounded else "constant") in run.out
     assert "Flight card" not in run.out
     assert "with --card" in run.out

@@ -45,7 +45,7 @@ def _not_confidently_wrong(result: dict[str, Any]) -> bool:
 def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
     assert run.code == 3
-    assert "REFUSED" in run.out
+    assert "NOT IDENTIFIED" in run.out
     assert "--card" in run.out
     card = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--card")
     assert "SDLOG_PROFILE" in card.out

@@ -254,7 +254,7 @@ def test_what_tells_nothing_is_refused_in_a_sentence(
     eivor: Caller, good_fit: Path, tmp_path: Path, columns: Columns, sentence: str
 ) -> None:
     commands = use_commands(eivor, columns, good_fit, tmp_path)
-    assert "REFUSED" in commands["identify"]
+    assert "NOT IDENTIFIED" in commands["identify"]
     assert sentence in " ".join(commands["identify"].split())
     assert sentence in " ".join(commands["inspect"].split())
 

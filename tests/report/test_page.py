@@ -84,7 +84,7 @@ def test_the_page_is_told_in_order(pages, name):
     (sentence,) = main.all("p", class_="said")
     assert (
         sentence.text
-        == f"{result.verdict.status.value}: {result.motion.words.meanings[result.verdict.status]}"
+        == f"{result.verdict.status.shown}: {result.motion.words.meanings[result.verdict.status]}"
     )
     assert main.children[0].classes[0] == "verdict"
     headings = [item.text for item in page.all("h2")]
@@ -136,7 +136,7 @@ def test_numbers_are_those_of_the_json(pages, name):
         key = by_words[row.all("th")[0].text]
         cells = [child.text for child in row.children if isinstance(child, Element)]
         check(known[key], result.motion.quantities[key].scale, cells[2], cells[3])
-        assert cells[-1] == known[key]["verdict"]
+        assert cells[-1] == Status(known[key]["verdict"]).shown
     for reading in page.all("div", class_="reading"):
         key = reading.attributes["data-quantity"]
         value = reading.all("span", class_="value")[0].text
@@ -162,7 +162,7 @@ def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
     verdict = data_of(page, "verdict")
     (box,) = page.all("div", class_="verdict")
     (texts, *more) = [child.text for child in box.children if child.tag == "p" and child.classes != ["note"]]
-    assert texts == f"{verdict['status']}: {verdict['about']}"
+    assert texts == f"{Status(verdict['status']).shown}: {verdict['about']}"
     assert more == verdict["more"]
     displayed = [
         {
@@ -173,7 +173,8 @@ def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
         for item in box.all("div", class_="reading")
     ]
     assert displayed == [
-        {key: item[key] for key in ("name", "shown", "status")} for item in verdict["readings"]
+        {"name": item["name"], "shown": item["shown"], "status": Status(item["status"]).shown}
+        for item in verdict["readings"]
     ]
     for entry in verdict["readings"]:
         numbers = numbers_in(" ".join(entry["shown"]))

@@ -14,6 +14,19 @@ class Status(Enum):
     PROVISIONAL = "provisional"
     REFUSED = "refused"
 
+    @property
+    def shown(self) -> str:
+        """How screens and pages say it; documents have the value."""
+        return _SHOWN[self]
+
+
+_SHOWN = {
+    Status.IDENTIFIED: "identified",
+    Status.WEAK: "rough",
+    Status.PROVISIONAL: "not identified (provisional)",
+    Status.REFUSED: "not identified",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Reason:

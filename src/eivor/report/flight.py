@@ -442,7 +442,7 @@ def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
     for row in quantities:
         status, wording = row.quantity.verdict, row.wording
         texts = (wording.words, wording.symbol, *row.texts, wording.shown_unit)
-        rows.append((*map(Cell, texts), Cell(status.value, status=status)))
+        rows.append((*map(Cell, texts), Cell(status.shown, status=status)))
     return TableOf(columns, tuple(rows))
 
 
@@ -472,7 +472,7 @@ def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: s
     for row, quantities in rows:
         texts = [quantity.texts for quantity in quantities]
         numbers = (Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
-        cells.append((Cell(row.label, row.verdict.value, row.verdict), *numbers))
+        cells.append((Cell(row.label, row.verdict.shown, row.verdict), *numbers))
     return TableOf(columns, tuple(cells))
 
 

@@ -558,7 +558,7 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
             parts.append(f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip())
-    lines = [f"{text} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
+    lines = [f"{text} — {result.verdict.status.shown}", "; ".join(parts[:2]), "; ".join(parts[2:])]
     figure.suptitle(
         "\n".join(line for line in lines if line),
         fontsize=11,

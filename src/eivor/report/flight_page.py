@@ -383,7 +383,7 @@ def flight_page(result: FlightEstimate) -> str:
     if len(logs) > NAMED:
         title = f"{len(logs)} flights: {title}, …"
     title = title if len(title) <= LONGEST_TITLE else f"{title[: LONGEST_TITLE - 1]}…"
-    status = result.verdict.status.value
+    status = result.verdict.status
     body = rendered(
         "flight.html",
         title=title,
@@ -400,14 +400,14 @@ def flight_page(result: FlightEstimate) -> str:
         figures={name: figures.html(group) for name, group in groups.items()},
     )
     verdict = {
-        "status": status,
+        "status": status.value,
         "about": printable(document.about),
         "more": [printable(detail) for detail in document.details],
         "logs": [printable(log) for log in logs],
         "readings": [_reading(row) for row in readings],
     }
     data = {"result": plain(tree), "charts": figures.charts, "verdict": verdict}
-    return whole_page(f"{title}: {status}", body, data)
+    return whole_page(f"{title}: {status.shown}", body, data)
 
 
 def _reading(row: QuantityRow) -> dict[str, object]:

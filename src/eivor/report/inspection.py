@@ -387,5 +387,5 @@ def _verdict_section(result: Inspection | PooledInspection, of: str = "", *recor
         statement = Statement("nothing: it cannot begin", Status.REFUSED)
     else:
         status = result.result.verdict.status
-        statement = Statement(status.value, status, f" (method {result.result.method})")
+        statement = Statement(status.shown, status, f" (method {result.result.method})")
     return Section(heading, (statement, Bullets((*result.reasons, *record))))

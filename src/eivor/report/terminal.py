@@ -63,7 +63,7 @@ def _head(document: Document) -> Text:
     head.append("\n")
     about = printable(document.about)
     if document.status is not None:
-        head.append(document.status.value.upper(), style=COLOURS[document.status])
+        head.append(document.status.shown.upper(), style=COLOURS[document.status])
         about = f": {about}"
     head.append(about, style="not bold")
     return head

@@ -28,7 +28,8 @@ const said = (text) => cut(visible(cut(String(text), 2 * LONGEST_SENTENCE)), LON
 function shape(name) {
   return draw("svg", { viewBox: "0 0 20 20", class: "shape", "aria-hidden": "true" }, draw("circle", { cx: 10, cy: 10, r: 8.6 }), draw("path", { d: SHAPES[name] || "" }));
 }
-const badge = (status, words) => make("span", { class: `badge ${status}` }, shape(status), words || status);
+const SHOWN = { weak: "rough", provisional: "not identified (provisional)", refused: "not identified" };
+const badge = (status, words) => make("span", { class: `badge ${status}` }, shape(status), words || SHOWN[status] || status);
 const button = (words, click, more) => make("button", { type: "button", click, ...more }, words);
 const seconds = (number) => `${number.toFixed(1)} s`;
 

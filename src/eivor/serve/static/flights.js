@@ -112,7 +112,7 @@ function finished(flight) {
   if (!flights.includes(flight)) return forgottenWhole(flight);
   reported(flight);
   const status = flight.report?.verdict.status;
-  announce(`${flight.name}: ${flight.state === "done" ? status : WORDS[flight.state]}`);
+  announce(`${flight.name}: ${flight.state === "done" ? SHOWN[status] || status : WORDS[flight.state]}`);
   const done = flights.filter((one) => one.report);
   if (!picked && done.length > 1) chosen = "compared";
   else if (!chosen || (!picked && chosen.state === "failed" && flight.state === "done")) chosen = flight;

@@ -25,7 +25,7 @@ function failureOf(error) {
 }
 
 function verdictOf(reported, earlier) {
-  const pieces = [make("p", { class: "said" }, shape(reported.status), make("strong", null, reported.status), `: ${reported.about}`)];
+  const pieces = [make("p", { class: "said" }, shape(reported.status), make("strong", null, SHOWN[reported.status] || reported.status), `: ${reported.about}`)];
   if (earlier) pieces.unshift(make("p", { class: "note" }, "The result before:"));
   pieces.push(...reported.more.map((one) => make("p", null, said(one))));
   if (reported.readings.length) {
