@@ -286,7 +286,7 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
         (
             HOVER,
             {"checks": {"drift": ThrustDrift(-0.02, 0.001, 30.0, 2.0)}},
-            "added",
+            "independent",
             *[0.003823] * 2,
             "fell by",
         ),

@@ -15,6 +15,7 @@ from eivor.flights.grid import on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.inference.covariance import long_run_mean_variance
+from eivor.inference.distributions import normal_quantile
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     BAND_HZ,
@@ -480,6 +481,15 @@ class ThrustDrift:
     def hover_rate(self) -> float:
         """Change of the hover input in a second, as a share of it."""
         return -self.rate / (GRAVITY * self.exponent)
+
+    @property
+    def hover_change(self) -> float:
+        """Change of the hover input over the runs, as a share of it, without what its error alone would be.
+
+        The positive part of Stein's estimate (Efron and Morris 1973), which is zero within its error.
+        """
+        noise = (self.half_width / normal_quantile(0.95) / self.rate) ** 2 if self.rate else 1.0
+        return self.hover_rate * self.duration_s * max(1.0 - noise, 0.0)
 
     @property
     def numbers(self) -> dict[str, float]:

@@ -270,7 +270,7 @@ def _drift(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     drift = inputs.checks.drift
     if drift is None:
         return NOTHING
-    share = 0.25 * abs(drift.hover_rate * drift.duration_s) / max(len(inputs.flights), 1)
+    share = 0.25 * abs(drift.hover_change) / max(len(inputs.flights), 1)
     return _both(share * inputs.quantities[name].value) if share > LEAST_SHARE else NOTHING
 
 
@@ -338,7 +338,7 @@ PARTS = (
     ),
     SystematicPart(
         (HOVER,),
-        Counts.ADDED,
+        Counts.INDEPENDENT,
         _drift,
         lambda inputs: f"The {inputs.checks.drift.sentence}: the value is that of the middle.",
     ),
