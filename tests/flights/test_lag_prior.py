@@ -155,6 +155,16 @@ def test_the_instruments_agree_or_not_whatever_was_given():
     assert wrong.fit.checks.agreement == alone.fit.checks.agreement
 
 
+def test_a_delay_that_the_references_do_not_move_leaves_its_degree_to_them():
+    """The delay ends at zero in some flights without one: J was too large there for its degrees."""
+    estimates = [ev.identify_flight(log).fit.estimate for log in flown(4, seed=900, gust=0.5)]
+    at_end = [estimate.nuisances["delay"] < 1e-4 for estimate in estimates]
+    assert any(at_end)
+    for estimate, ends in zip(estimates, at_end, strict=True):
+        left = estimate.degrees - (estimate.rank - estimate.unknowns)
+        assert left == 1.0 if ends else 0.0 <= left < 1.0
+
+
 @pytest.mark.thorough
 def test_what_is_known_the_instruments_need_not_tell(log):
     alone, known, sure = (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import optimize, stats
+from scipy import linalg, optimize, stats
 
 from eivor.inference.covariance import cosine_averages
 from eivor.inference.diagnostics.instruments import (
@@ -270,6 +270,15 @@ def test_strength_does_not_depend_on_units(seed, scale):
     np.testing.assert_allclose(
         conditional_first_stage(orthonormal_basis(Z * scale), G * units), plain, rtol=1e-5
     )
+
+
+def test_an_exact_instrument_explains_and_lets_no_noise_through():
+    rng = np.random.default_rng(7)
+    Z, prior = rng.standard_normal((400, 5)), np.array([[0.0, 3.0]])
+    idle = rng.standard_normal((300, 400, 2))
+    basis = linalg.block_diag(orthonormal_basis(Z), np.eye(1))
+    strengths = [conditional_first_stage(basis, np.vstack([G, prior]), 1)[0] for G in idle]
+    assert np.mean(strengths) == pytest.approx(1.0, abs=0.1)  # 5 noisy rows are counted in part, not 6
 
 
 def test_strength_of_too_few_or_perfect_instruments():

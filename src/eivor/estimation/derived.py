@@ -178,7 +178,7 @@ class ProfileSets:
         held = set(equations.regressors.tolist())
         strange = tuple(other for number, other in enumerate(parameters) if number not in held)
         unknowns = estimate.unknowns - len(strange) - 1
-        degrees = equations.instruments.shape[1] + len(estimate.misfits) - unknowns
+        degrees = equations.instruments.shape[1] + len(estimate.misfits) - unknowns + estimate.undetermined
 
         def below(bound: float) -> ConfidenceSet:
             return ConfidenceSet.union(piece for criterion in criteria for piece in criterion.below(bound))

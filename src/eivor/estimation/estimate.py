@@ -189,7 +189,7 @@ class Estimate:
             return float("nan"), float("nan")
         equation = self.equation
         J, p_value = over_identification(self._basis, equation.residual, equation.variance, self.unknowns)
-        if self.misfits:
+        if self.known.size:
             J += sum(self.misfits)
             p_value = chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
         return J, p_value
@@ -208,15 +208,30 @@ class Estimate:
         for part, whole in indices:
             share = self.values[part] / (self.values[part] + self.values[whole])
             to_sums[[whole, whole, part], [whole, part, whole]] = 1.0 - share, -1.0, share
-        strengths = conditional_first_stage(basis, np.vstack([self.jacobian, known]) @ to_sums)
+        strengths = conditional_first_stage(basis, np.vstack([self.jacobian, known]) @ to_sums, len(known))
         for part, whole in indices:
             strengths[part] = strengths[whole]
         return strengths
 
     @property
-    def degrees(self) -> int:
-        """Equations that are left over: instruments, and nuisances known beforehand, less unknowns."""
-        return self.rank + len(self.misfits) - self.unknowns
+    def degrees(self) -> float:
+        """Equations that are left over: instruments and known nuisances, less the unknowns they determine."""
+        return self.rank + len(self.misfits) - self.unknowns + self.undetermined
+
+    @cached_property
+    def undetermined(self) -> float:
+        """Unknowns that equations leave to their uniform distribution, in part: how a sum is split.
+
+        At an end of its values, equations do not move it: all of it counts.
+        """
+        uniform = len(self.known) - len(self.misfits)
+        if not uniform or not self.assembler.needs_instruments:
+            return 0.0
+        if any(item.nuisance.at_end(self.nuisances[item.nuisance.name]) for item in self.profiles):
+            return float(uniform)
+        known = np.sqrt(self.equation.variance) * self.prior_rows()
+        directions = np.linalg.qr(np.vstack([self._basis.T @ self.jacobian, known]))[0]
+        return float((directions[-uniform:] ** 2).sum())
 
     @property
     def rank(self) -> int:

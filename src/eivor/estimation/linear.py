@@ -375,11 +375,12 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
 def known_misfits(
     nuisances: Sequence[Nuisance], values: Values
 ) -> tuple[tuple[float, ...], Float[np.ndarray, "k q"]]:
-    """Misfits of the nuisances that are known beforehand, and rows of what is known of all."""
+    """Misfits of the nuisances that have priors; rows of what is known, first theirs and then of parts."""
     searched = [nuisance for nuisance in nuisances if nuisance.searched]
     names = [nuisance.name for nuisance in searched]
-    rows = [np.empty((0, len(names))), *(item.information(names, values) for item in searched)]
-    return tuple(item.misfit(values) for item in searched if item.prior is not None), np.concatenate(rows)
+    ordered = sorted(searched, key=lambda item: item.prior is None)
+    rows = [np.empty((0, len(names))), *(item.information(names, values) for item in ordered)]
+    return tuple(item.misfit(values) for item in ordered if item.prior is not None), np.concatenate(rows)
 
 
 def _minimum(method: LinearMethod, problem: SeparableProblem, weights: WeightedRows) -> Minimum:

@@ -31,12 +31,12 @@ def t_quantile(level: float, degrees: float | int) -> float:
     return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
-def chi_square_quantile(level: float, degrees: int = 1) -> float:
+def chi_square_quantile(level: float, degrees: float = 1) -> float:
     """Value that a chi-square variable stays below with probability `level`."""
     return float(scipy.special.chdtri(degrees, 1.0 - level))
 
 
-def chi_square_tail(value: float, degrees: int) -> float:
+def chi_square_tail(value: float, degrees: float) -> float:
     """Probability that a chi-square variable exceeds `value`."""
     return float(scipy.special.chdtrc(degrees, value))
 

@@ -115,6 +115,8 @@ Number = TypeVar("Number", float, np.ndarray)
 #: The value of every nuisance, by name.
 Values = Mapping[str, float]
 
+#: So many tolerances from an end a search stands at it.
+AT_END = 10.0
 #: Half-step of numerical derivatives, as a share of the value or of the grid's span.
 DIFFERENCE = 1e-3
 
@@ -243,6 +245,10 @@ class Nuisance:
         std = float(np.hypot(total / np.sqrt(12.0), value - 0.5 * total))
         share = {self.name: whole / total, self.part_of: -value / total}
         return np.array([[share.get(name, 0.0) / std for name in names]])
+
+    def at_end(self, value: float) -> bool:
+        """Whether a value is the least or the largest of the grid, as well as a search knows it."""
+        return min(value - self.first, float(self.grid[-1]) - value) <= AT_END * self.tolerance
 
     @property
     def positive(self) -> bool:

@@ -151,7 +151,7 @@ class OverIdentification(Diagnostic):
     """Hansen's J."""
 
     J: float
-    degrees: int  # Equations that are left over
+    degrees: float  # Equations that are left over; unknowns that are determined in part count in part
     p_value: float
     averages: int | None
 
@@ -166,14 +166,15 @@ class OverIdentification(Diagnostic):
 
     def lines(self, _of: Subject, /) -> Iterator[str]:
         """J and its p-value."""
-        yield f"over-identification  {self.J:>10.4g}  J on {self.degrees} degrees, p-value {self.p_value:.3g}"
+        on = f"J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
+        yield f"over-identification  {self.J:>10.4g}  {on}"
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """Instruments that disagree."""
         if self.p_value < SIGNIFICANT:
             yield Reason(
                 Status.WEAK,
-                f"The instruments {self.outcome} about the parameters (J {self.J:.3g} on {self.degrees} "
+                f"The instruments {self.outcome} about the parameters (J {self.J:.3g} on {self.degrees:.3g} "
                 f"degrees, p-value {self.p_value:.1g}): one of them is not exogenous, a declared noise is "
                 "wrong, or the model lacks a term.",
                 "Leave out the most recent lags, check the declared noise, or add the term.",

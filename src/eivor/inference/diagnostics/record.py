@@ -126,13 +126,15 @@ def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndar
 
 
 def conditional_first_stage(
-    basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"]
+    basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"], exact: int = 0
 ) -> Float[np.ndarray, " n"]:
-    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows)."""
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
+
+    The last instruments may be exact, such as a prior: they explain, and no noise passes through them.
+    """
     rows, rank = basis.shape
-    count = jacobian.shape[1]
-    degrees = rank - (count - 1)
-    if degrees < 1 or rows <= rank:
+    count, noisy = jacobian.shape[1], rank - exact
+    if rank < count or rows <= rank:
         return np.zeros(count)
     projected = basis.T @ jacobian
     strengths = np.zeros(count)
@@ -142,7 +144,9 @@ def conditional_first_stage(
         r = jacobian[:, j] - jacobian[:, others] @ delta
         explained = basis.T @ r
         unexplained = float(r @ r - explained @ explained)
-        if unexplained > 0.0:
+        taken = np.linalg.qr(projected[:, others])[0][:noisy]
+        degrees = noisy - float((taken**2).sum())
+        if unexplained > 0.0 and degrees > 0.0:
             strengths[j] = float(explained @ explained) / degrees / (unexplained / (rows - rank))
         else:
             strengths[j] = np.inf
