@@ -73,7 +73,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "max_tilt_deg accelerometer_bias": NUMBER,
         "input input_map method": {"text"},
         "instruments terms": {"list", "texts"},
-        "compare align": {"flag"},
+        "compare align pool_anyway": {"flag"},
         "rotor_radius controller_rate_hz": {*NUMBER, "none"},
         "noise": {"none", "mapping"},
     },

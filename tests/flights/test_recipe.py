@@ -493,6 +493,9 @@ def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     # finding 13: a parameter that one log lacks is of another firmware
     pooled = identify_flight([three, replace(fleet[1], parameters={"THR_MDL_FAC": 0.3})], model=Wheeled())
     assert len(pooled.flights) == 2
+    # a user who knows better pools them
+    logs = [two, replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})]
+    assert len(identify_flight(logs, model=Wheeled(), pool_anyway=True).flights) == 2
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ QUANTITY: dict[str, Any] = {
     "reasons": [str],
     "systematic": [
         {
-            "counts": {"added", "at least", "independent", "reserved"},
+            "counts": {"added", "at least", "independent", "factor"},
             "below": NUMBER,
             "above": NUMBER,
             "sentence": str,
@@ -117,6 +117,7 @@ SCHEMA: dict[str, Any] = {
             "align": bool,
             "accelerometer_bias": float,
             "pool_friction": {"auto", "common", "separate"},
+            "pool_anyway": bool,
             "terms": [str],
             "rotor_radius": (float, type(None)),
             "controller_rate_hz": (float, type(None)),

@@ -102,6 +102,10 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             values=("auto", "common", "separate"),
         ),
     ] = "auto"
+    pool_anyway: Annotated[
+        bool,
+        flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=METHOD),
+    ] = False
     terms: Annotated[
         list[str],
         option(

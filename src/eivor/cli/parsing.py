@@ -292,6 +292,7 @@ def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:
         if words.accelerometer_bias is None
         else words.accelerometer_bias,
         pool_friction=words.pool_friction,
+        pool_anyway=words.pool_anyway,
         terms=tuple(words.terms),
         rotor_radius=words.rotor_radius,
         controller_rate_hz=words.controller_rate,

@@ -43,7 +43,7 @@ def identified(
         prepare(log, motion, options if window is None else replace(options, window=window))
         for log, window in kept
     )
-    check_poolable(prepared, motion)
+    check_poolable(prepared, motion, anyway=options.pool_anyway)
     motion = for_flights(motion, prepared, options)
     neighbours: LagMeasurements = tuple
     if lag_measurements:

@@ -66,6 +66,8 @@ class FlightOptions:
         What flights of a pool share of what belongs to a flight, such as the friction: "auto" for each
         flight's own and a common value where they agree, "separate" for each flight's own and their mean,
         "common" for one value throughout.
+    pool_anyway : bool
+        Pool flights whose autopilots' parameters, or sizes of whose inputs, say that the vehicles differ.
     terms : tuple of str
         Optional terms of the motion that its equation is to have, by the words of `OptionSupport.terms`.
     rotor_radius : float, optional
@@ -94,6 +96,7 @@ class FlightOptions:
     align: bool = False
     accelerometer_bias: float = ACCELEROMETER_BIAS
     pool_friction: str = "auto"
+    pool_anyway: bool = False
     terms: tuple[str, ...] = ()
     rotor_radius: float | None = None
     controller_rate_hz: float | None = None
@@ -157,6 +160,7 @@ class FlightOptions:
         checks.flag("compare", self.compare)
         check_noise(self.noise)
         checks.flag("align", self.align)
+        checks.flag("pool_anyway", self.pool_anyway)
         if self.lag is not None:
             remedy = "Give ev.Prior(0.070, 0.015) or ev.Bounds(0.050, 0.090), in seconds."
             checks.kind("lag", self.lag, (Prior, Bounds), "a Prior, or Bounds,", remedy)

@@ -258,26 +258,35 @@ def without_duplicates(
     return kept, dropped
 
 
-def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any]) -> None:
-    """Refuse flights of vehicles with different input maps, inputs, or parameters."""
+def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any], *, anyway: bool) -> None:
+    """Refuse flights with different inputs or maps; unless `anyway`, those of different vehicles."""
     first = flights[0]
     for other in flights[1:]:
-        what = _difference(first, other, motion)
+        what, remedy = _input_difference(first, other), ""
+        if not what and not anyway:
+            what, remedy = (
+                _vehicle_difference(first, other, motion),
+                " Or pool them all the same: --pool-anyway.",
+            )
         if what:
             raise PoolingError(
                 f"flights of one vehicle: {first.recording.name} and {other.recording.name} alike",
                 what,
-                "Identify them one by one, or pool only those of one vehicle.",
+                f"Identify them one by one.{remedy}",
             )
 
 
-def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
+def _input_difference(first: PreparedFlight, other: PreparedFlight) -> str:
     if first.input_map != other.input_map:
         return f"input maps {first.input_map} and {other.input_map}"
     if (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
         return f"inputs {first.input.name} and {other.input.name}"
     if first.actuators != other.actuators:
         return f"{first.actuators} and {other.actuators} rotors"
+    return ""
+
+
+def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
     for name in motion.channels.vehicle_parameters:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
         # a log that lacks a parameter is of another firmware, not of another vehicle

@@ -43,6 +43,7 @@ class OptionChoices(TypedDict, total=False):
     align: bool
     accelerometer_bias: float
     pool_friction: str
+    pool_anyway: bool
     terms: tuple[str, ...]
     rotor_radius: float | None
     controller_rate_hz: float | None
