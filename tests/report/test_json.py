@@ -50,7 +50,7 @@ ROW: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
     "parameters": {"viscous_friction": QUANTITY, "input_gain": QUANTITY},
-    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY},
+    "derived": {"hover_input": QUANTITY, "effective_lag": QUANTITY},
 }
 
 
