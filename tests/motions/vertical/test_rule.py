@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from eivor.flights.lag_prior import LagPrior
+from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, SensorAgreement
 from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.verdict import (
@@ -29,6 +30,7 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import ThrustDrift
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks
+from flights.flight_logs import flown, prepare_vertical
 
 FRICTION, GAIN, HOVER, LAG = "viscous_friction", "input_gain", "hover_input", "effective_lag"
 NAMES = (FRICTION, GAIN, "actuator_lag")
@@ -57,10 +59,10 @@ GOOD = {
 }
 
 
-def inputs(found=(), **changed) -> VerdictInputs:
+def inputs(found=(), flights=(), **changed) -> VerdictInputs:
     good = {"checks": VerticalChecks(apparent_gravity=GRAVITY), "strength": strength(), "used_s": 300.0}
     good |= {"command_rate_hz": 100.0, "response_rate_hz": 100.0, "exogenous": True, "direct": False}
-    return VerdictInputs((), **good | changed, quantities=GOOD | dict(found))
+    return VerdictInputs(flights, **good | changed, quantities=GOOD | dict(found))
 
 
 def judged(name: str, found=(), **changed) -> Verdict:
@@ -238,6 +240,13 @@ def parts(name: str, found=(), **changed):
     return [(item.counts.value, item.below, item.above, item.sentence) for item in known.get(name, ())]
 
 
+def logged_at(rate_hz: float) -> dict[str, object]:
+    """A command at even stamps, whose controller's rate is not known."""
+    flight = prepare_vertical(flown(1, seconds=10.0)[0], FlightOptions())
+    unknown = replace(flight, command_slack_s=0.25 / rate_hz, unlogged_step_s=0.5 / rate_hz)
+    return {"flights": (unknown,), "command_rate_hz": rate_hz}
+
+
 SENSITIVE = Sensitivities(
     {
         "tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5},
@@ -278,8 +287,9 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
         (LAG, {"sensors": LATE}, "added", 0.01, 0.0, "10.0 ± 2.1 ms behind"),
         (FRICTION, {"sensors": SCALED}, "added", 0.008, 0.0, "reads 2.0%"),
         (GAIN, {"sensors": SCALED}, "added", 0.8, 0.8, "reads 2.0%"),
-        (LAG, {"command_rate_hz": 50.0}, "added", 0.01, 0.01, "logged at 50 Hz"),
-        (GAIN, {"command_rate_hz": 25.0}, "added", 1.0, 1.0, "edges are not known"),
+        (LAG, logged_at(50.0), "added", 0.01, 0.01, "logged at 50 Hz"),
+        (GAIN, logged_at(25.0), "added", 1.0, 1.0, "edges are not known"),
+        (GAIN, logged_at(100.0), "added", 0.125, 0.125, "edges are not known"),
         (GAIN, {"checks": {"sideways_speed": 6.0}}, "added", 1.28, 1.28, "sideways at 6.0 m/s"),
         (GAIN, {"checks": {"omitted": SUPPLY}}, "added", 0.8, 0.8, "fell by 4%"),
         (HOVER, {"checks": {"omitted": SUPPLY}}, "added", 0.005, 0.005, "fell by 4%"),
