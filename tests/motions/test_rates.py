@@ -36,8 +36,15 @@ def changed(log: Recording, **channels: Channel | None) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def log() -> Recording:
+def short() -> Recording:
+    """Steps of 14 degrees for 40 s."""
     return turned(1)
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    """Larger steps for longer, as the remedy of the short flight says."""
+    return turned(1, seconds=80.0, size=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +67,24 @@ def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
 
 
 @pytest.mark.thorough
-def test_least_squares_takes_the_folded_noise_for_the_setpoint(log):
-    plain = identify_flight(log, model="rates", method="least_squares")
+def test_an_interval_wider_than_a_tenth_is_weak(short):
+    flight = identify_flight(short, model="rates")
+    assert flight.verdict.status is Status.WEAK
+    for axis in ("roll", "pitch"):
+        effect = flight.quantities[f"{axis}_effectiveness"]
+        assert effect.interval[0] <= HEADLINE[f"{axis}_effectiveness"] <= effect.interval[1]
+        assert 0.1 * effect.value < effect.half_width <= 0.25 * effect.value
+        (reason,) = effect.reasons
+        assert f"{axis} effectiveness is" in reason.sentence
+        assert "identified needs ±10%" in reason.sentence
+        assert reason.remedy == "Fly larger and quicker steps, or longer."
+    assert flight.quantities["effective_lag"].verdict is Status.IDENTIFIED
+    assert flight.quantities["effective_lag"].value == pytest.approx(TRUTH.effective_lag_s, abs=0.006)
+
+
+@pytest.mark.thorough
+def test_least_squares_takes_the_folded_noise_for_the_setpoint(short):
+    plain = identify_flight(short, model="rates", method="least_squares")
     assert plain.verdict.status is Status.PROVISIONAL
     assert plain.quantities["roll_effectiveness"].interval[1] < 75.0
     assert plain.quantities["pitch_effectiveness"].interval[1] < 60.0
@@ -69,9 +92,8 @@ def test_least_squares_takes_the_folded_noise_for_the_setpoint(log):
 
 @pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
-    exact = identify_flight(
-        turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0), model="rates"
-    )
+    log = turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0)
+    exact = identify_flight(log, model="rates", controller_rate_hz=400.0)
     results = {name: quantity.value for name, quantity in exact.quantities.items()}
     for axis, effect, damping in zip(
         ("roll", "pitch", "yaw"), TRUTH.effectiveness, TRUTH.damping, strict=True
@@ -80,6 +102,10 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
         assert results[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
     assert results["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
     assert results["effective_lag"] == pytest.approx(TRUTH.effective_lag_s, abs=2e-4)
+    unknown = identify_flight(log, model="rates").quantities["effective_lag"]
+    (slack,) = [item for item in unknown.systematic_uncertainties if "how often" in item.sentence]
+    assert slack.above == pytest.approx(0.25 / 400.0)
+    assert abs(unknown.value - TRUTH.effective_lag_s) <= slack.above
 
 
 @pytest.mark.thorough
@@ -167,9 +193,11 @@ def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
 
 
 @pytest.mark.thorough
-def test_a_real_log_of_the_default_profile_is_told_weakly(recordings):
+def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
     flight = identify_flight(read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
-    assert flight.verdict.status is Status.WEAK
+    assert flight.verdict.status is Status.REFUSED
+    refusals = [item.sentence for item in flight.verdict.reasons if item.status is Status.REFUSED]
+    assert all("effectiveness is ±" in item and "it needs ±25%" in item for item in refusals)
     low, high = flight.quantities["pitch_effectiveness"].interval
     assert 100.0 < low < high < 220.0
     assert 0.03 < flight.quantities["effective_lag"].value < 0.06
