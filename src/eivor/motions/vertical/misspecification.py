@@ -366,7 +366,9 @@ def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFligh
 def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
     """Columns of one flight, with its horizontal velocities."""
     A, D = axis_columns.responses.T
-    a, step_s = 0.5 * (A + D), axis_columns.step_s
+    a, step_s, valid = 0.5 * (A + D), axis_columns.step_s, axis_columns.valid
+    if valid is not None and valid.any():  # a slope reads its neighbours, which may be beyond a limit
+        a = np.interp(np.arange(a.size), np.flatnonzero(valid), a[valid])
     slopes = [-np.gradient(v, step_s) for v in sideways]
     return replace(
         axis_columns,
