@@ -18,6 +18,7 @@ from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
+from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import fit_of
 from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
@@ -141,7 +142,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     assert near(fit.quantities["voltage_exponent"], 2.0)
     assert fit.quantities["voltage_exponent"].interval[0] > 1.0
     # a slow column: its covariance is taken row by row as well
-    assert fit.estimate.joint_covariance.part("by_row").matrix.shape == (4, 4)
+    assert fit.estimate.joint_covariance.part("by_row").matrix.shape == (5, 5)
     assert near(fit.quantities["input_gain"], GAIN)
     # at the mean voltage
     assert near(fit.quantities["hover_input"], HOVER)
