@@ -300,6 +300,14 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
             *[0.003823] * 2,
             "fell by",
         ),
+        (
+            HOVER,
+            {"checks": {"omitted": SUPPLY, "drift": ThrustDrift(0.0, 0.001, 30.0, 2.0)}},
+            "at least",
+            0.01,
+            0.01,
+            "",
+        ),
         (HOVER, {}, "at least", 0.01, 0.01, "±2.0% wide"),
         (
             FRICTION,

@@ -43,7 +43,8 @@ from eivor.flights.quantity import (
     Trace,
     TrackedParameter,
 )
-from eivor.inference.distributions import chi_square_quantile, chi_square_tail
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior
@@ -91,6 +92,7 @@ from eivor.motions.vertical.regression import (
     input_variance,
     intercepts_by_run,
     mean_voltage,
+    secant_balance,
     thrust_drift,
     vertical_problem,
     with_surroundings,
@@ -240,9 +242,22 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 # -- Quantities --
 
 
+#: Gains with a wider interval do not serve the hover input, which then rests on thrust that is the weight.
+ROUGH_GAIN = 0.25
+
+
 def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balance) -> QuantityEstimate:
-    """Hover input: the interval of U_h through the input map's inverse."""
+    """Hover input: the interval of U_h through the input map's inverse; by the secant without a gain."""
     chosen = problem.motion.input_map
+    gain, direction = float(estimate.theta[1]), estimate.direction("input_gain")
+    rough = not estimate.joint_covariance.half_width(direction) < ROUGH_GAIN * gain
+    if (rough or estimate.first_stage[1] < STRONG_FIRST_STAGE) and not problem.terms:
+        value, std_error, bound = secant_balance(problem, terms, estimate.nuisances)
+        half, hover = normal_quantile(SET_LEVEL) * std_error + bound, chosen.inverse(value)
+        slope = chosen.slope(hover)
+        if value > half and slope > 0.0:
+            ends = chosen.inverse(value - half), chosen.inverse(value + half)
+            return QuantityEstimate(hover, "", std_error / slope, ends)
     variance = terms.residual_variance / float(estimate.theta[1]) ** 2
     item = linear_quantity(estimate, (*hover_mapped(estimate, terms), variance), "")
     value, (low, high) = chosen.inverse(item.value), item.interval

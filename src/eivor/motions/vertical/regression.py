@@ -551,6 +551,24 @@ def _of_flight(
     return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
 
 
+#: Half of what the friction of a multirotor may be at most [1/s].
+MIDDLE_FRICTION = 0.4
+
+
+def secant_balance(problem: VerticalFlights, terms: Balance, nuisances: Values) -> tuple[float, float, float]:
+    """U_h with the gain g / U_h: mean of U less its part of (z'' + K z') / g; standard error, and bound by K.
+
+    To second order it is the mean of ln(U / (1 + (z'' + K z') / g)), for any K from 0 to twice the middle.
+    """
+    derivative, velocity, mapped = np.concatenate(_columns(problem, nuisances))[:, :3].T
+    driven = (derivative + MIDDLE_FRICTION * velocity) / GRAVITY
+    value = terms.mapped * (1.0 - float(driven.mean()))
+    residual = mapped / terms.mapped - driven
+    variance = long_run_mean_variance(_without_lines(problem, residual - residual.mean()))
+    bound = abs(value * MIDDLE_FRICTION * terms.velocity / GRAVITY)
+    return value, abs(value) * math.sqrt(variance), bound
+
+
 def balance_sums(
     problem: VerticalFlights, nuisance_values: Values
 ) -> dict[str, Float[np.ndarray, " flights"]]:

@@ -260,6 +260,8 @@ def _crossflow(inputs: VerdictInputs, name: str) -> tuple[float, float]:
 
 def _supply(share: float) -> Callable[[VerdictInputs, str], tuple[float, float]]:
     def size(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+        if name == HOVER and inputs.checks.drift is not None:
+            return NOTHING  # the line in time is the same change, and known closer
         return _both(share * inputs.checks.omitted.supply_change * abs(inputs.quantities[name].value))
 
     return size
