@@ -290,7 +290,7 @@ def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_l
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
     vehicle_file(tmp_path).rename("mine.toml")
-    assert len(COMMANDS) == 19
+    assert len(COMMANDS) == 18
     for command in COMMANDS:
         assert command_line(*shlex.split(command)).code == 0, command
         assert written_to(command).stat().st_size > 100

@@ -129,7 +129,14 @@ def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, e
     assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
 
 
-FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")
+FLIGHT = (
+    "fit",
+    "residual",
+    "autocorrelation",
+    "profile of actuator_lag",
+    "profile of delay",
+    "excitation",
+)
 
 
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}

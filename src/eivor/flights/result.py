@@ -600,14 +600,14 @@ class FlightEstimate:
         return saved.export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
-        """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.
+        """Figure of the fit: response, residual, its autocorrelation, profiles, excitation.
 
         Parameters
         ----------
         axes : mapping of str to Axes, or sequence of Axes, optional
-            Where to draw: some of "fit", "residual", "autocorrelation", "profile" and "excitation" by name,
-            or all in this order. Default: a figure of its own. See `eivor.report.figures` for motions
-            of several axes.
+            Where to draw: some of "fit", "residual", "autocorrelation", "profile of actuator_lag", "profile
+            of delay" and "excitation" by name, or all in this order. Default: a figure of its own. See
+            `eivor.report.flight_figures.flight_figure` for other motions and for what was given.
 
         Returns
         -------

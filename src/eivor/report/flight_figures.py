@@ -480,8 +480,9 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
     Notes
     -----
     Panels are "fit", "residual", "autocorrelation", "profile" and "excitation". A motion of several axes has
-    "fit of AXIS" and "residual of AXIS" for each; with several continuous nuisances there is a "profile of
-    NAME" for each. Without an estimate they are what the motion looks at, "input" and "reasons".
+    "fit of AXIS" and "residual of AXIS" for each. Several continuous nuisances, as the lag and the delay,
+    have a "profile of NAME" each. Without an estimate there are what the motion looks at, "input" and
+    "reasons".
     """
     panels = _flight_panels(result) if result.fit is None else _fit_panels(result, result.fit)
     names = tuple(panels)
