@@ -87,10 +87,8 @@ def test_a_filter_that_was_not_passed_is_told(passed):
 
 def stub(J: float) -> Mock:
     """An estimate, as far as its references' disagreement is asked for."""
-    best = Mock(over_identification=(J, 0.0), assembler=Instrumental())
-    estimate = Mock(spec=Estimate, best=best)
-    estimate.method = "reference_iv"
-    return estimate
+    known = {"over_identification": (J, 0.0), "assembler": Instrumental(), "nuisances": {}}
+    return Mock(spec=Estimate, method="reference_iv", **known)
 
 
 @pytest.mark.thorough

@@ -392,12 +392,11 @@ def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
 
 def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     """Of each axis that rotors drive, what it would change the lag by, and the variance of that."""
-    best = estimate
-    names = [profile.nuisance.name for profile in best.profiles]
+    names = [profile.nuisance.name for profile in estimate.profiles]
     if ACTUATOR_LAG.name not in names:
         return
-    rows, moves = best.rows, best.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
-    residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
+    rows, moves = estimate.rows, estimate.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
+    residual, axes = rows.response - rows.regressors @ estimate.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
         neighbours = _unexplained(moves[on_axis], rows.regressors[on_axis])
