@@ -19,6 +19,7 @@ PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 
 
 def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     path = folder / "example.png"
     save_figure(flight_figure(ev.identify_flight(example_flight())), path)
     print(path)

@@ -23,6 +23,7 @@ STEPS_S, SPAN_S, STEP_ORDER = (0.2, 0.1, 0.05), 8.0, 0.6
 
 
 def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     figure = page(10.0, 3.8)
     impedance, error = figure.subplots(1, 2)
     draw_impedance(impedance)

@@ -101,6 +101,7 @@ def truth_record(flight: SimulatedFlight) -> dict[str, object]:
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
     flight = simulate_rotorpy_flight(SPEC)
     if not flight.flew:
         raise SystemExit("The vehicle was lost; the example is a flight, so nothing was written.")
