@@ -19,6 +19,12 @@ from eivor.inference.bootstrap import Bootstrap
 
 #: The first seed that there is; others are shown by `simulate.py --seed`.
 SEED = 1
+#: Rate of the rover's controller [Hz]: the log holds every command.
+CONTROLLER_HZ = 100.0
+#: Seeds of the drives of each pool.
+POOLS = ((1, 2, 3), (4, 5, 6), (7, 8, 9))
+#: Pools, at least, in which the interval of a quantity holds the truth: two misses of 5 % each are rare.
+FEWEST_HELD = 2
 MAP = """name = "rover with its own words"
 
 [time]
@@ -57,6 +63,12 @@ def covered(fit: ev.FlightEstimate) -> list[str]:
     ]
 
 
+def pooled(seeds: tuple[int, ...], controller_rate_hz: float | None = None) -> ev.FlightEstimate:
+    """Identify the pool of several drives."""
+    logs = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in seeds]
+    return ev.identify_flight(logs, model="rover", controller_rate_hz=controller_rate_hz)
+
+
 def identify(*arguments: object) -> subprocess.CompletedProcess[str]:
     """Run ``eivor identify --model rover``."""
     command = [sys.executable, "-c", "from eivor.cli.main import run; run()", "identify", "--model", "rover"]
@@ -85,11 +97,23 @@ def from_python(folder: Path) -> None:
         and "forward_acceleration" not in mapped.channels
         and without.diagnostics["forward_acceleration_rate_hz"] == 0.0,
     )
-    logs = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in (1, 2, 3)]
-    pool = ev.identify_flight(logs, model="rover")
+    pools = [pooled(seeds) for seeds in POOLS]
+    pool = pools[0]
     narrower = pool.quantities["dry_friction"].half_width < fit.quantities["dry_friction"].half_width
     expect("a pool of three knows the dry friction better", holds=narrower and len(pool.flights) == 3)
-    drawn = ev.bootstrap_flights(pool, runs=99)
+    held = [covered(item) for item in pools]
+    times = {name: sum(name in names for names in held) for name in simulate.TRUTH}
+    expect(
+        f"intervals of pools hold the truth in {FEWEST_HELD} of {len(POOLS)} at least ({times})",
+        holds=min(times.values()) >= FEWEST_HELD,
+    )
+    lags = [item.quantities[name] for item in pools for name in ("actuator_lag", "delay", "effective_lag")]
+    expect(
+        "no interval of lag or delay ends at the estimate",
+        holds=all(lag.interval[0] < lag.value < lag.interval[1] for lag in lags),
+    )
+    # drives that are drawn again do not show what the log leaves open of its command's clock
+    drawn = ev.bootstrap_flights(pooled(POOLS[0], controller_rate_hz=CONTROLLER_HZ), runs=99)
     expect(
         "so do drives that are drawn again; without a word on replicates they are of what was searched for",
         holds=drawn.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")

@@ -231,12 +231,14 @@ class ProfileSets:
         lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
         sizes = np.where(lengths > 0.0, lengths, 1.0)
         equations, power = equations / sizes, power / np.outer(sizes, sizes)
+        nodes, box = self.nodes.closer(self.estimate.nuisances)
+        equations, power = self.nodes.over(equations, box), self.nodes.over(power, box)
         priors = {axis.nuisance.name: axis.nuisance.prior for axis in self.nodes.axes}
         known = {name: prior for name, prior in priors.items() if prior is not None}
         theta = theta[of_parameter.regressors]
         return [
             Criterion(part, equations[index], power[index], known, theta, sizes)
-            for part, index in self.nodes.slices()
+            for part, index in nodes.slices()
         ]
 
 

@@ -188,10 +188,15 @@ class PoolCriterion:
     def slices(self) -> list[PoolCriterion]:
         """J over the first nuisance, at values of the others."""
         results = []
-        for part, index in self.nodes.slices():
+        nodes, box = self.nodes.closer(self.minimum[0])
+        forms = [
+            (self.nodes.over(member.equations, box), self.nodes.over(member.power, box))
+            for member in self.members
+        ]
+        for part, index in nodes.slices():
             members = (
-                replace(member, equations=member.equations[index], power=member.power[index])
-                for member in self.members
+                replace(member, equations=equations[index], power=power[index])
+                for member, (equations, power) in zip(self.members, forms, strict=True)
             )
             results.append(replace(self, members=tuple(members), nodes=part, searched=self.unknowns))
         return results

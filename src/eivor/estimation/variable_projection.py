@@ -293,6 +293,8 @@ def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
 FEWEST_NODES, MOST_NODES = 17, 400
+#: Sets have so many slices to a node, so many nodes around the estimate: with fewer they end between slices.
+CLOSER, AROUND = 8, 1
 
 
 @dataclass(frozen=True)
@@ -383,6 +385,19 @@ class Nodes:
         named = [axis.nuisance for axis in self.axes if axis.nuisance.name in known]
         nothing = np.zeros(math.prod(item.size for item in box))
         return sum((known[item.name].misfit(item.with_others(values)) for item in named), nothing)
+
+    def closer(self, nuisance_values: Values) -> tuple[Nodes, Box]:
+        """Nodes with more of all nuisances but the first around some values, and their places here."""
+        axes, box = list(self.axes[:1]), [axis.nodes for axis in self.axes[:1]]
+        for axis in self.axes[1:]:
+            nodes, value = axis.nodes, nuisance_values[axis.nuisance.name]
+            here = float(np.interp(value, axis.values, np.arange(nodes.size)))
+            steps = here + np.arange(-CLOSER * AROUND, CLOSER * AROUND + 1) / CLOSER
+            steps = np.clip(steps, 0.0, nodes.size - 1.0)
+            places = np.unique(np.append(np.interp(steps, np.arange(nodes.size), nodes), nodes))
+            axes.append(NodeAxis(axis.nuisance, axis.values_at(places)))
+            box.append(places)
+        return Nodes(tuple(axes), self.fixed), box
 
     def slices(self) -> Iterator[tuple[Nodes, slice]]:
         """Nodes of the first nuisance at each node of the others, and their places among all."""

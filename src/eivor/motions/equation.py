@@ -53,6 +53,8 @@ from eivor.flights.verdict import (
     FlightWords,
     Limit,
     Rule,
+    SystematicPart,
+    clock_part,
     flight_rules,
     longest_lag_rule,
 )
@@ -510,6 +512,11 @@ class Machine(Motion[LaggedRuns]):
         for name in both:
             rows += flight_rules(words, (name,), stages, name)
         return (*rows, longest_lag_rule((), "Check that the command is that of this machine."))
+
+    @property
+    def parts(self) -> tuple[SystematicPart, ...]:  # type: ignore[override]
+        """Commands that may have been issued between those that are logged."""
+        return (clock_part((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG)),)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Response of each axis within the band."""
