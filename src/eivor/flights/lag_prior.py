@@ -164,10 +164,14 @@ class LagPrior:
             return known
         if isinstance(known, Prior):
             return replace(known, std=float(np.hypot(known.std, slack * EVEN_STD)))
-        low, high = max(known.low - slack, 0.0), known.high + slack
+        low, high = self._ends(known)
         own_low, own_high = self.alone.interval if self.strong else (low, high)
         within = max(low, own_low), min(high, own_high)
         return Bounds(*within) if within[0] < within[1] else Bounds(low, high)
+
+    def _ends(self, bounds: Bounds) -> tuple[float, float]:
+        """Bounds that were given, widened by the command's lateness."""
+        return max(bounds.low - self.slack_s, 0.0), bounds.high + self.slack_s
 
     @property
     def p_value(self) -> float:
@@ -201,14 +205,14 @@ class LagPrior:
 
     def within(self, interval: tuple[float, float], value: float) -> tuple[float, float]:
         """Interval of lag and delay, no wider to either side than what was known before the flight."""
-        known = self.for_the_log
+        known = self.known
         if self.contradicted or known == NO_LAG:
             return interval
-        low, high = (
-            (known.mean - NORMAL * known.std, known.mean + NORMAL * known.std)
-            if isinstance(known, Prior)
-            else (known.low, known.high)
-        )
+        if isinstance(known, Prior):
+            std = float(np.hypot(known.std, self.slack_s * EVEN_STD))
+            low, high = known.mean - NORMAL * std, known.mean + NORMAL * std
+        else:  # the flight's own interval is no such end: it has no systematic parts
+            low, high = self._ends(known)
         return max(interval[0], min(low, value)), min(interval[1], max(high, value))
 
     @property
