@@ -201,7 +201,7 @@ def test_a_likelihood_under_control_is_provisional_at_most() -> None:
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spectral_iv, "_least_distance", lambda *_: (30.0, 13.8))
+    monkeypatch.setattr(spectral_iv, "_squared_distance", lambda *_: 100.0)
     result, plain = identified("spectral_giv"), identified("generalized_iv")
     assert result.verdict.status is Status.WEAK
     assert any("generalized IV's numbers" in sentence for sentence in result.verdict.sentences)
@@ -239,11 +239,13 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
 ) -> None:
     problem = problem_of_flight()
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
-    distance, farthest = spectral_iv._least_distance(spectral_giv, spectral_giv)
-    assert distance == 0.0
+    farthest = spectral_iv.hotelling_quantile(
+        spectral_iv.ALLOWED, spectral_giv.theta.size, spectral_iv.COSINE_AVERAGES
+    )
+    assert spectral_iv._squared_distance(spectral_giv, spectral_giv) == 0.0
     theta = spectral_giv.theta * np.array([1.0, 2.0])
     moved = replace(spectral_giv, solution=replace(spectral_giv.solution, theta=theta))
-    assert spectral_iv._least_distance(spectral_giv, moved)[0] > farthest
+    assert spectral_iv._squared_distance(spectral_giv, moved) > farthest
 
 
 # -- pairs ------------------------------------------------------------------------------------------------
