@@ -124,7 +124,7 @@ def test_checks_are_said_in_words(example):
     assert sentence["agreement"].startswith("the instruments agree")
     assert sentence["constancy"].startswith("the parameters stay the same")
     assert sentence["periods"].startswith("no periodic component in the residual (p ")
-    assert sentence["least squares"] == "would give K 0.185 1/s"
+    assert sentence["least squares"] == "would give K 0.183 1/s"
     result = example.fit.checks
     index = example.names.index("viscous_friction")
 

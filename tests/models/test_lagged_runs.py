@@ -358,22 +358,6 @@ def test_band_without_a_bin_is_empty():
     assert run.spectrum(np.random.default_rng(0).standard_normal((20, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("exponent", [0.0, 2.0, 4.0])
-def test_whitened_power_of_red_noise_is_one_at_the_lowest_bins(exponent):
-    """A mean over a window leaves power several times too large where a red spectrum is steep."""
-    run = SpectralRun(0, 3300, 0.01, (0.04, 5.0))
-    truth = 1.0 + (0.3 / run.frequency_hz) ** exponent
-    draws = truth * np.random.default_rng(4).exponential(size=(300, run.count))
-    spline = np.mean([draw / run.log_spline(draw) for draw in draws], axis=0)
-    assert np.abs(spline[:20].mean() - 1.0) < 0.1
-    assert 0.6 < spline[0] < 1.4
-    if exponent == 4.0:
-        window = np.mean([draw / run.smoothed(draw[:, None])[:, 0] for draw in draws], axis=0)
-        assert window[0] > 4.0
-    few = SpectralRun(0, 300, 0.01, (0.04, 3.0))
-    np.testing.assert_array_equal(few.log_spline(np.ones(few.count)), np.ones(few.count))
-
-
 @pytest.mark.parametrize("length", [300, 1000, 6001])
 def test_smoothing_is_the_mean_over_a_share_of_the_frequency(length):
     run = SpectralRun(0, length, 0.01, (0.04, 5.0))

@@ -367,7 +367,7 @@ def residual_spectrum(
         spread = S11 + S22 - 2.0 * S12
         q = np.clip(np.divide(S11 - S12, spread, out=np.full_like(S11, 0.5), where=spread > 0.0), 0.0, 1.0)
         blended = np.abs((1.0 - q) * first[here] + q * last[here]) ** 2
-        S = run.log_spline(blended)
+        S = run.smoothed(blended[:, None])[:, 0]
         blend[here] = q
         power[here] = np.maximum(S, POWER_FLOOR * float(np.median(S)) if S.size else 0.0)
         start += run.count

@@ -21,10 +21,6 @@ LINE_S = 15.0
 #: Half-width of the smoothing window: a share of the frequency, and at least so many bins.
 SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
-#: Octaves from the lowest bin to the second knot of the splines of a power's logarithm, and between others.
-FIRST_OCTAVES, KNOT_OCTAVES = 3.0, 1.5
-#: Steps of the likelihood's maximum, the largest of them, and that which ends it, of the logarithm.
-WHITTLE_STEPS, LARGEST_STEP, LAST_STEP = 50, 1.0, 1e-9
 
 
 @dataclass(frozen=True)
@@ -127,36 +123,6 @@ class SpectralRun:
         total = np.zeros((self.count + 1, values.shape[1]))
         np.cumsum(values, axis=0, out=total[1:])
         return (total[upper] - total[lower]) / (upper - lower)[:, None]
-
-    @cached_property
-    def _log_splines(self) -> Float[np.ndarray, "bins k"]:
-        """Orthonormal basis of the natural cubic splines of the frequency's logarithm."""
-        octaves = np.log2(self.frequency_hz / self.frequency_hz[0])
-        further = max(round((octaves[-1] - FIRST_OCTAVES) / KNOT_OCTAVES), 0)
-        knots = np.array([0.0, *np.linspace(min(FIRST_OCTAVES, octaves[-1]), octaves[-1], further + 1)])
-        cubes = np.maximum(octaves[:, None] - knots, 0.0) ** 3
-        slopes = (cubes[:, :-1] - cubes[:, -1:]) / (knots[-1] - knots[:-1])
-        bends = slopes[:, :-1] - slopes[:, -1:]
-        return np.linalg.qr(np.column_stack([np.ones(octaves.size), octaves, bends]))[0]
-
-    def log_spline(self, power: Float[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
-        """Smooth power: its logarithm is a spline of log frequency, by the maximum of Whittle's likelihood.
-
-        A window's mean is too small at the bottom of a red spectrum, where half of it is missing; a straight
-        line of the logarithm is not. Few bins, or power without noise, have the mean over a window.
-        """
-        smoothed = self.smoothed(power[:, None])[:, 0]
-        if self.count <= SMOOTHING_BINS or not smoothed.all():
-            return smoothed
-        basis, logarithm = self._log_splines, np.log(smoothed)
-        logarithm = basis @ (basis.T @ logarithm)
-        for _ in range(WHITTLE_STEPS):
-            step = basis @ (basis.T @ (power * np.exp(-logarithm) - 1.0))
-            largest = float(np.abs(step).max())
-            logarithm += step * min(1.0, LARGEST_STEP / max(largest, LAST_STEP))
-            if largest < LAST_STEP:
-                break
-        return np.exp(logarithm)
 
 
 def trend(length: int, step_s: float) -> Float[np.ndarray, "length k"]:

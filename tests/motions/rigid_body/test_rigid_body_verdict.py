@@ -212,7 +212,7 @@ def told(log_wind):
 def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
     assert told(through_the_air(log_wind)) is None
     windy = told(log_wind)
-    assert (windy.x, windy.y) == pytest.approx(WIND[:2], abs=0.7)
+    assert (windy.x, windy.y) == pytest.approx(WIND[:2], abs=0.5)
 
 
 def test_without_velocity_nothing_is_said_of_the_wind(log_wind):

@@ -383,10 +383,10 @@ def test_a_tilt_moves_the_estimate_as_its_sensitivity_says(log):
         estimate = identify(problem, method)
         return sensitivities(problem, estimate, flights), estimate.parameters
 
-    lean = 0.01
+    lean = 0.1
     (known, level), (_, leaning) = estimated(0.0), estimated(lean)
     moved = leaning["input_gain"] - level["input_gain"]
-    assert moved == pytest.approx(lean * known.to("tilt_x", "input_gain"), rel=0.2)
+    assert moved == pytest.approx(lean * known.to("tilt_x", "input_gain"), rel=0.3)
     # the velocity leans here as well; with the acceleration alone the friction would grow as the gain does
     grown = 2.0 * level["viscous_friction"]
-    assert known.to("tilt_x", "viscous_friction") == pytest.approx(grown, rel=0.2)
+    assert known.to("tilt_x", "viscous_friction") == pytest.approx(grown, rel=0.05)
