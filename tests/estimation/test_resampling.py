@@ -397,7 +397,7 @@ def test_what_is_known_beforehand_is_measured_again():
 def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     together = replace(lag(prior=Prior(0.48, 0.002)), known_with=("curve_share",))
     nuisances = (together, share(grid=np.linspace(0.35, 0.42, 5)))
-    problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
+    problem = pool([0, 1, 2, 3], *nuisances, noise=3.0)
     estimate = ev.identify(problem, reference_iv())
     again, random = pool_flights(problem, estimate), np.random.default_rng(2)
     ats = [again.replicate(random)[0].nuisances for _ in range(100)]
