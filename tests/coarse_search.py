@@ -19,8 +19,24 @@ LAGS_S, DELAYS_S = np.geomspace(0.002, 0.3, 12), (0.0, 0.020)
 @contextmanager
 def coarse() -> Iterator[None]:
     """Flights are searched on the coarse grids."""
+    with searched_on((LAGS_S, DELAYS_S)):
+        yield
+
+
+@contextmanager
+def searched_on(grids: tuple[object, ...] | None) -> Iterator[None]:
+    """Flights are searched on these grids."""
     from eivor.models.lagged_runs import lag_and_delay
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(inspect.unwrap(lag_and_delay), "__defaults__", (LAGS_S, DELAYS_S))
+        patch.setattr(inspect.unwrap(lag_and_delay), "__defaults__", grids)
+        yield
+
+
+@contextmanager
+def full() -> Iterator[None]:
+    """Flights are searched as a user's are."""
+    from eivor.models.lagged_runs import DELAYS_S, LAG_GRID_S
+
+    with searched_on((LAG_GRID_S, DELAYS_S)):
         yield

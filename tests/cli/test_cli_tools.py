@@ -19,6 +19,7 @@ import polars as pl
 import pytest
 
 import eivor as ev
+from coarse_search import full
 from eivor.cli import tools
 from eivor.cli.tools import PublicLog, fetched, public_logs
 from eivor.errors import CorruptLogError, InputError
@@ -502,7 +503,8 @@ def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeyp
         if fetched:  # as if it had been downloaded before
             (origin,) = recordings.rglob(f"{fetched[2]}.*[gv]")
             shutil.copy(origin, cache)
-        ran = eivor(*words[1:])
+        with full():
+            ran = eivor(*words[1:])
         if fetched:
             shutil.copy(ran.out.strip(), tmp_path)
         check(entry, ran.out + ran.err)
