@@ -2,7 +2,7 @@
 
     python -m validation.house [--package FOLDER] [--no-walks] [--page docs/architecture.md]
 
-prints the table of `docs/architecture.md`: the counts of a checkout beside those of two earlier versions. The
+prints the table of `docs/architecture.md`: the counts of a checkout beside those before the redesign. The
 walks run public doors under `sys.setprofile`, each in a process of its own; that of a PX4 log needs the
 recordings (EIVOR_DATA, or ../shared/data).
 """
@@ -35,11 +35,8 @@ ROOT = Path(__file__).resolve().parents[1]
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 #: Lines from which a file is large, and below which it is small.
 LARGE, SMALL = 900, 60
-#: Rooms that must not know a parameter of a motion, and what they must not know.
-GENERAL_ROOMS = ("flights", "report", "cli", "estimation", "inference")
 #: Rooms that a single flight does not need.
 LEAF_ROOMS = frozenset({"lab", "fleet", "serve"})
-A_PARAMETER = re.compile(r"viscous_friction|input_gain|hover_input")
 
 
 @dataclass(frozen=True)
@@ -84,20 +81,6 @@ def prose_lines(module: Module) -> tuple[int, int]:
                 docstrings += (first.end_lineno or 0) - first.lineno + 1
     tokens = tokenize.generate_tokens(io.StringIO(module.text).readline)
     return docstrings, sum(token.type == tokenize.COMMENT for token in tokens)
-
-
-def public_names(tree: ast.Module) -> Iterator[str]:
-    """Classes, functions and constants of a module that have no underscore."""
-    for node in tree.body:
-        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            names = [node.name]
-        elif isinstance(node, ast.Assign):
-            names = [target.id for target in node.targets if isinstance(target, ast.Name)]
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            names = [node.target.id]
-        else:
-            continue
-        yield from (name for name in names if not name.startswith("_"))
 
 
 def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = None) -> list[set[str]]:
@@ -252,6 +235,15 @@ def rover(root: Path) -> tuple[int, int]:
     return sum(text.count("\n") for text in texts), len(names)
 
 
+#: Pages whose text is made when the documentation is built.
+GENERATED_PAGES = frozenset({"api.md", "changelog.md", "cli.md"})
+
+
+def words(page: str) -> int:
+    """Words of a page without its tables."""
+    return sum(len(line.split()) for line in page.splitlines() if not line.startswith("|"))
+
+
 def project(root: Path) -> dict[str, int]:
     """Counts of tests, studies and pages of a checkout."""
     import eivor
@@ -259,7 +251,7 @@ def project(root: Path) -> dict[str, int]:
     public = {f"eivor.{name}" for name in eivor.__all__}
     tests = [path.read_text(encoding="utf-8") for path in sorted((root / "tests").rglob("*.py"))]
     studies = (path.read_text(encoding="utf-8") for path in (root / "validation").rglob("*.py"))
-    pages = [path.read_text(encoding="utf-8") for path in (root / "docs").rglob("*.md")]
+    pages = [path for path in (root / "docs").rglob("*.md") if path.name not in GENERATED_PAGES]
     return {
         "files of tests": len(tests),
         "lines of tests": sum(text.count("\n") for text in tests),
@@ -268,7 +260,7 @@ def project(root: Path) -> dict[str, int]:
         ),
         "lines of `validation/`": sum(text.count("\n") for text in studies),
         "pages of `docs/`": len(pages),
-        "words of `docs/`": sum(len(text.split()) for text in pages),
+        "words of `docs/`": sum(words(path.read_text(encoding="utf-8")) for path in pages),
     }
 
 
@@ -276,26 +268,6 @@ def spread(numbers: list[int]) -> str:
     """Median, 90th percentile and largest of some numbers."""
     ordered = sorted(numbers)
     return f"{statistics.median(ordered):.0f} / {ordered[int(0.9 * len(ordered))]} / {ordered[-1]}"
-
-
-def parameter_files(result: list[Module]) -> int:
-    """Files of general rooms that name a parameter of a motion."""
-    rooms = [module for module in result if module.name.split(".")[1:2] and A_PARAMETER.search(module.text)]
-    return sum(module.name.split(".")[1] in GENERAL_ROOMS for module in rooms)
-
-
-def product_types(result: list[Module]) -> list[str]:
-    """Classes that hold sums, means or roots of products of rows themselves; views of one do not count."""
-    fields = re.compile(r"^    (?:cross|sums|products|root|table|own|moving)\b[^:]*: Float", re.MULTILINE)
-    kinds = re.compile(r"[Mm]oments|[Pp]roducts|Pieces|Blocks|Record")
-    return [
-        node.name
-        for module in result
-        for node in module.tree.body
-        if isinstance(node, ast.ClassDef)
-        and kinds.search(node.name)
-        and fields.search(ast.get_source_segment(module.text, node) or "")
-    ]
 
 
 @dataclass
@@ -400,40 +372,34 @@ def walks(package: Path) -> Iterator[dict[str, int]]:
         yield json.loads(done.stdout)
 
 
-#: Counts of the version that the plan was drawn from, and of that before the redesign, by row.
-EARLIER: Mapping[str, tuple[str, str]] = {
-    "files / lines": ("230 / 31.5k", "732 / 92.1k"),
-    "without `lab`, `fleet` and `serve`: files / lines": ("", "659 / 82.0k"),
-    "lines of code without docstrings and imports": ("", "47.1k"),
-    "lines of a file: median / p90 / max": ("131 / - / 401", "106 / - / 461"),
-    "lines of a function: median / p90 / max": ("5 / 18 / 58", "4 / 16 / 54"),
-    "docstring / comment share": ("26% / 1.3%", "25% / 1.5%"),
-    "public top-level names, constants included": ("1116", "3216"),
-    "modules that one other imports": ("73", "231"),
-    "circles of imports / files in them / in the largest": ("", "6 / 125 / 105"),
-    "imports of Eivor inside functions / for type checking only": ("", "214 / 119"),
-    "files of general rooms that name a parameter of a motion": ("13", "0"),
-    "types that hold sums of products of rows": ("9", "3"),
-    "files of fewer than 60 lines / of more than 900 / in the largest folder": ("", "145 / 0 / 52"),
-    "members of `Motion`": ("", "60"),
-    "own motion of the rover: lines / names imported": ("", "353 / 39"),
-    "walk from arrays to a covariance: functions / files / depth / types": ("", "101 / 29 / 11 / 24"),
-    "walk from the example flight to JSON": ("", "805 / 159 / 29 / 118"),
-    "walk from a PX4 log to JSON": ("", "868 / 163 / 29 / 120"),
-    "tests: files / lines / files that use internal doors": ("", "358 / 51.8k / 303"),
-    "lines of `validation/`": ("", "10.7k"),
-    "pages / words of `docs/`": ("", "46 / 115.7k"),
+#: Counts of the version before the redesign, by row.
+BEFORE: Mapping[str, str] = {
+    "files / lines": "732 / 92.1k",
+    "without `lab`, `fleet` and `serve`: files / lines": "659 / 82.0k",
+    "lines of code without docstrings and imports": "47.1k",
+    "lines of a file: median / p90 / max": "106 / - / 461",
+    "lines of a function: median / p90 / max": "4 / 16 / 54",
+    "docstring / comment share": "25% / 1.5%",
+    "circles of imports / files in them / in the largest": "6 / 125 / 105",
+    "imports of Eivor inside functions / for type checking only": "214 / 119",
+    "files of fewer than 60 lines / of more than 900 / in the largest folder": "145 / 0 / 52",
+    "members of `Motion`": "60",
+    "own motion of the rover: lines / names imported": "353 / 39",
+    "walk from arrays to a covariance: functions / files / depth / types": "101 / 29 / 11 / 24",
+    "walk from the example flight to JSON": "805 / 159 / 29 / 118",
+    "walk from a PX4 log to JSON": "868 / 163 / 29 / 120",
+    "tests: files / lines / files that use internal doors": "358 / 51.8k / 303",
+    "lines of `validation/`": "10.7k",
+    "pages / words of `docs/` without tables and generated pages": "43 / 52.8k",
 }
 PART = "counts"
 
 
 def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
-    """Rows of `EARLIER` with the counts of today."""
+    """Rows of `BEFORE` with the counts of today."""
     result = modules(package)
-    plain = [module for module in result if module.name != package.name]
     lengths = [length for module in result for length in function_lengths(module.tree)]
     docstrings, comments = (sum(part) for part in zip(*map(prose_lines, result), strict=True))
-    importers = Counter(name for imported in import_graph(result).values() for name in imported)
     a, p = architecture(package), project(package.parents[1])
 
     def each(counted: Mapping[str, int], *names: str) -> str:
@@ -446,12 +412,8 @@ def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
         spread([module.lines for module in result]),
         spread(lengths),
         f"{docstrings / a['lines']:.0%} / {comments / a['lines']:.1%}",
-        f"{sum(len(list(public_names(module.tree))) for module in result)}",
-        f"{sum(importers[module.name] == 1 for module in plain)}",
         each(a, "circles of imports", "files in circles of imports", "files in the largest circle"),
         each(a, "imports of the package inside functions", "imports of the package for type checking only"),
-        f"{parameter_files(result)}",
-        f"{len(product_types(result))}",
         each(
             a,
             f"files of fewer than {SMALL} lines",
@@ -465,8 +427,8 @@ def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
         each(p, "lines of `validation/`"),
         each(p, "pages of `docs/`", "words of `docs/`"),
     ]
-    rows = [(name, *before, value) for (name, before), value in zip(EARLIER.items(), now, strict=True)]
-    return markdown(("", "first plan", "before the redesign", "now"), rows)
+    rows = [(name, before, value) for (name, before), value in zip(BEFORE.items(), now, strict=True)]
+    return markdown(("", "before the redesign", "now"), rows)
 
 
 def _thousands(number: int) -> str:

@@ -126,7 +126,8 @@ def test_tests_studies_and_pages_are_counted(tmp_path):
         "tests/room/test_b.py": "from eivor import estimation\n",
         "tests/room/test_c.py": "def f():\n    import eivor.logs.read\n",
         "validation/study.py": "x = 1\ny = 2\n",
-        "docs/page.md": "Three words here\n",
+        "docs/cli.md": "Generated.\n",
+        "docs/page.md": "Three words here\n\n| a | table |\n",
     }
     for name, text in texts.items():
         path = tmp_path / name

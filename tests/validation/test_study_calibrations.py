@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 from msgspec.structs import replace as struct_replace
-from scipy.linalg import expm
 from scipy.stats import binom
 
 import eivor as ev
@@ -23,13 +22,10 @@ from validation.efficiency.known_spectra import rows_of as known_rows_of
 from validation.efficiency.known_spectra import trial as known_trial
 from validation.fleet_changes.study import Cell, told
 from validation.fleet_changes.study import Grid as FleetGrid
-from validation.fleet_run import study as fleet_run
-from validation.fleet_run.study import Told as FleetTold
 from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
 from validation.plan.study import main as plan_command
 from validation.pooling.study import cell as pooling_cell
 from validation.recursion.study import trial as recursion_trial
-from validation.response_band.study import TIMES_S, climb_rates
 from validation.studies import WRONG
 from validation.suite_files import coverage_suite, read_suite
 
@@ -235,31 +231,6 @@ def test_steps_are_dated_and_nothing_is_not_told():
     assert wear.covered >= 0.8
 
 
-FLEET_TOLD = FleetTold("one", "one process", 17, 17, 17, {"weak": 17}, "a", 1_000_000, 3, 0, 9.0, 8.0, 100.0)
-
-
-@pytest.mark.long
-def test_whatever_computes_a_fleet_and_whatever_is_killed(tmp_path, capsys):
-    """Two processes, runs that are killed and interrupted, two workers of Dask of which one is killed."""
-    assert fleet_run.main(["--kept", str(tmp_path / "kept.jsonl")]) == 0
-    assert "| different tables, compared to the byte | 1 | 1 | yes |" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("other", "code"), [({}, 0), ({"sha256": "b"}, 3)])
-def test_the_page_of_a_fleet_that_is_run_four_ways(tmp_path, capsys, monkeypatch, other, code):
-    killed = replace(FLEET_TOLD, mode="ended", what="killed", **{"ended": 5, **other})
-    modes = {"one": lambda *_: FLEET_TOLD, "ended": lambda *_: killed}
-    monkeypatch.setattr(fleet_run, "MODES", modes)
-    monkeypatch.setattr(fleet_run, "write_logs", lambda *_: None)
-    page, arguments = tmp_path / "page.md", ["--kept", str(tmp_path / "kept.jsonl"), "--page"]
-    page.write_text("<!-- generated: fleet run -->\n<!-- end: fleet run -->\n")
-    assert fleet_run.main([*arguments, str(page)]) == code
-    table = capsys.readouterr().out
-    assert table.strip() in page.read_text()
-    modes.update(dict.fromkeys(modes, lambda *_: 1 / 0))  # what was kept is not made again
-    assert fleet_run.main([*arguments, str(page)]) == code
-
-
 def test_planned_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch, capsys):
     def flown(vehicle, seed, keys):
         asked_of.append(list(keys))
@@ -289,12 +260,3 @@ def test_planned_flights_reach_what_was_predicted():
     assert 0.6 < np.median(ratios["friction"]) < 1.6
     assert 0.5 < np.median(ratios["lag"]) < 2.0
     assert all(item.kept for item in result)
-
-
-def test_climb_rates_are_those_of_the_state_space() -> None:
-    friction, gain, lag, delay = 0.3, 23.9, 0.05, 0.012
-    motion = np.array([[-1.0 / lag, 0.0, 1.0 / lag], [gain, -friction, 0.0], [0.0, 0.0, 0.0]])
-    (rates,) = climb_rates(*(np.array([item]) for item in (friction, gain, lag, delay)))
-    for time, rate in zip(TIMES_S, rates, strict=True):
-        assert rate == pytest.approx(expm(motion * (time - delay))[1, 2], rel=1e-9)
-    assert climb_rates(*(np.array([item]) for item in (friction, gain, lag, 0.06)))[0, 0] == 0.0

@@ -6,7 +6,6 @@ import importlib
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from validation.studies import NOT_MET, WRONG
@@ -52,12 +51,6 @@ KEPT = {
         "flight-methods",
         FLIGHTS,
         ["| left out | least_squares | 1 |", "| searched for | least_squares | 1 |"],
-    ),
-    "response band": (
-        "response_band.study",
-        "response band",
-        '[[flights]]\nname = "calm"\nsmall = 2\nfull = 2\n',
-        ["| calm | 2 | 2 |"],
     ),
 }
 METHOD = '[[methods]]\nname = "{}"\nlags = [0, 10]\n'
@@ -155,33 +148,3 @@ def test_a_wrong_call_is_a_sentence(module, arguments, message, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     assert command(module)(arguments) == WRONG
     assert message in capsys.readouterr().err
-
-
-@thorough
-def test_orders_of_fractional_equations(tmp_path, monkeypatch, capsys):
-    """At 40 dB total least squares and the methods that allow for noise err by less than a hundredth."""
-    from validation.fractional.study import Cell, Relaxation, answers, formulas, sharper_ways
-
-    for scenario in (Relaxation(), Cell()):
-        errors = answers(scenario, formulas()["total_least_squares"], range(3))[:, -1, 0]
-        assert errors.size == 3
-        assert np.abs(errors).max() < 0.01
-    plain = answers(Cell(), formulas()["least_squares"], range(3))[:, -1]
-    assert (plain[:, 0] < -0.03).all()
-    assert not plain[:, 1].any()
-    for name in ("bias_compensated_least_squares, again", "generalized_iv, far"):
-        errors = answers(Cell(), sharper_ways()[name], range(4))[:, -1, 0]
-        assert errors.size == 4
-        assert np.abs(errors).max() < 0.006
-
-
-def test_the_fractional_page(tmp_path, monkeypatch, capsys):
-    from validation.fractional import study
-
-    total = {"total_least_squares": study.formulas()["total_least_squares"]}
-    monkeypatch.setattr(study, "SCENARIOS", (study.Relaxation(),))
-    monkeypatch.setattr(study, "formulas", lambda: total)
-    page = page_of(tmp_path, study.PART)
-    assert study.main(["--runs", "1", "--page", str(page)]) == 0
-    assert "| `total_least_squares` | 1 | `output_coefficient_2` | 8 |" in page.read_text(encoding="utf-8")
-    assert "relaxation" in capsys.readouterr().out

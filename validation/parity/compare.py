@@ -1,11 +1,11 @@
-"""Compare a checkout, or its record, with a record of what Eivor answered before.
+"""Compare what two checkouts of Eivor answer.
 
-    python -m validation.parity.compare OLD.json.xz [NEW] [--exact [--reworded]] [--part NAME]
+    python -m validation.parity.compare OLD [NEW] [--exact [--reworded]] [--part NAME]
 
-NEW is a checkout (default: this one), whose record is made, or a record. With --exact every entry must have
-the SHA-256 of the old one; --reworded lets sentences and printed text differ. Without --exact numbers agree
-as `allowed` says, and all else but sentences exactly. What a repaired defect changes is listed in
-changed.toml. The exit code is 0 when nothing else differs and every entry of that list was met, else 3.
+OLD and NEW are checkouts (NEW by default this one), whose records are made, or records. With --exact every
+entry must have the SHA-256 of the old one; --reworded lets sentences and printed text differ. Without --exact
+numbers agree as `allowed` says, and all else but sentences exactly. The exit code is 0 when nothing else
+differs, else 3.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from validation.parity.record import PARTS, ROOT, SENTENCES, read_record, record_of_checkout
 
-CHANGED = Path(__file__).with_name("changed.toml")
 #: Exit code when the records differ.
 DIFFERENT = 3
 #: What stands for a value that the other record does not have.
@@ -43,15 +40,6 @@ NOT_SEARCHED = frozenset({"logs", "window", "rate_hz", "samples", "provenance", 
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """A difference that a repaired defect makes: paths with * for any characters, its number, and why."""
-
-    pattern: str
-    finding: int
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
 class Difference:
     """One value that differs: where, and what it was and is."""
 
@@ -65,25 +53,11 @@ class Difference:
 
 @dataclass
 class Comparison:
-    """What differs between two records: entries that agree, rewordings, listed changes, and the rest."""
+    """What differs between two records: entries that agree, rewordings, and the rest."""
 
     equal: int = 0
     reworded: list[Difference] = field(default_factory=list)
-    explained: list[tuple[Change, list[Difference]]] = field(default_factory=list)
-    unexplained: list[Difference] = field(default_factory=list)
-
-    @property
-    def unmet(self) -> list[Change]:
-        return [change for change, differences in self.explained if not differences]
-
-    @property
-    def agrees(self) -> bool:
-        return not self.unexplained and not self.unmet
-
-
-def changes(text: str) -> list[Change]:
-    """Changes of a TOML text; each is a table `[[changed]]` of pattern, finding and why."""
-    return [Change(**entry) for entry in tomllib.loads(text).get("changed", [])]
+    different: list[Difference] = field(default_factory=list)
 
 
 def leaves(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Leaf]]:
@@ -97,14 +71,9 @@ def leaves(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
 
 
 def compare(
-    old: Mapping[str, Any],
-    new: Mapping[str, Any],
-    listed: Sequence[Change] = (),
-    *,
-    exact: bool = False,
-    reworded: bool = False,
+    old: Mapping[str, Any], new: Mapping[str, Any], *, exact: bool = False, reworded: bool = False
 ) -> Comparison:
-    result = Comparison(explained=[(change, []) for change in listed])
+    result = Comparison()
     for name in [*old, *(name for name in new if name not in old)]:
         missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
         results: list[tuple[tuple[str, ...], Difference]] = []
@@ -114,16 +83,9 @@ def compare(
             results = list(differences(name, old[name], new[name], exact=exact))
         result.equal += not results
         for path, difference in results:
-            owners = [
-                mine for change, mine in result.explained if fnmatchcase(difference.path, change.pattern)
-            ]
-            for mine in owners:
-                mine.append(difference)
             both = not {difference.old, difference.new} & {NEW, GONE}
-            if not owners and both and is_sentence(path) and (reworded or not exact):
-                result.reworded.append(difference)
-            elif not owners:
-                result.unexplained.append(difference)
+            may_differ = both and is_sentence(path) and (reworded or not exact)
+            (result.reworded if may_differ else result.different).append(difference)
     return result
 
 
@@ -211,19 +173,13 @@ def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
 
 
 def report(result: Comparison) -> Iterator[str]:
-    for change, item in result.explained:
-        yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(item)} values)"
-        yield from (f"    {difference}" for difference in item)
     if result.reworded:
         yield f"Sentences and texts that read differently: {len(result.reworded)}"
         yield from (f"    {difference}" for difference in result.reworded)
-    for change in result.unmet:
-        yield f"LISTED, BUT NOTHING DIFFERS: {change.pattern} (finding {change.finding})"
-    yield from (f"DIFFERENT: {difference}" for difference in result.unexplained)
-    listed = sum(len(entry) for _, entry in result.explained)
+    yield from (f"DIFFERENT: {difference}" for difference in result.different)
     yield (
-        f"{result.equal} entries agree; {listed} values differ as listed, {len(result.reworded)} texts read "
-        f"differently, {len(result.unexplained)} values differ."
+        f"{result.equal} entries agree; {len(result.reworded)} texts read differently, "
+        f"{len(result.different)} values differ."
     )
 
 
@@ -244,19 +200,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("old", type=Path, metavar="OLD.json.xz")
+    parser.add_argument("old", type=Path, metavar="OLD", help="checkout or record")
     parser.add_argument("new", type=Path, nargs="?", default=ROOT, metavar="NEW", help="checkout or record")
     parser.add_argument("--exact", action="store_true", help="the same bytes, by SHA-256 of the content")
     parser.add_argument("--reworded", action="store_true", help="with --exact: texts may differ")
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part; may be repeated")
-    parser.add_argument("--changed", type=Path, default=CHANGED, metavar="FILE.toml")
     chosen = parser.parse_args(arguments)
     parts = chosen.part or PARTS
     old, new = (entries_of(path, parts) for path in (chosen.old, chosen.new))
-    listed = changes(chosen.changed.read_text(encoding="utf-8"))
-    result = compare(old, new, listed, exact=chosen.exact, reworded=chosen.reworded)
+    result = compare(old, new, exact=chosen.exact, reworded=chosen.reworded)
     print("\n".join(report(result)))
-    return 0 if result.agrees else DIFFERENT
+    return DIFFERENT if result.different else 0
 
 
 if __name__ == "__main__":

@@ -1,1 +1,0 @@
-"""Whether a fleet's table is the same whatever computes it and whatever is killed meanwhile."""

@@ -1,1 +1,0 @@
-"""Fractional difference equations against analytic truth: records, and the study of their estimates."""

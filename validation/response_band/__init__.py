@@ -1,1 +1,0 @@
-"""Whether bands of joint draws hold the true response as often as they say."""
