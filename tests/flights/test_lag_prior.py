@@ -11,7 +11,7 @@ from flight_logs import LAG_S, changed, flown, prepare_vertical
 
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
-from eivor.flights.estimate import SENSORS_APART_S, estimated, lags_from_rates
+from eivor.flights.estimate import SENSORS_APART_S, FlightState, estimated, lags_from_rates
 from eivor.flights.lag_prior import LagMeasurement, LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
@@ -275,7 +275,7 @@ def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other")
 def estimate(log: Recording, *lag_measurement: LagMeasurement, options: FlightOptions | None = None):
     chosen = options or FlightOptions()
     return estimated(
-        Vertical(), (prepare_vertical(log, chosen),), chosen, lag_measurements=lambda: lag_measurement
+        FlightState(Vertical(), (prepare_vertical(log, chosen),), chosen, lambda: lag_measurement)
     )
 
 
@@ -305,7 +305,7 @@ def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
     for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
         options = FlightOptions(lag=lag)
         flights = (prepare_vertical(slow, options),)
-        given = estimated(Vertical(), flights, options, lag_measurements=asked).fit.lag_prior
+        given = estimated(FlightState(Vertical(), flights, options, asked)).fit.lag_prior
         assert given.by is None
         assert given.known == lag
 

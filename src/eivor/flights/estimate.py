@@ -42,12 +42,11 @@ from eivor.flights.quantity import (
     SystematicUncertainty,
     widened,
 )
-from eivor.flights.references import check_declared
+from eivor.flights.references import CONSTANT, check_declared
 from eivor.flights.result import (
     Fit,
     FitDiagnostics,
     FlightEstimate,
-    WithoutPrior,
     fit_diagnostics,
     fit_numbers,
     fitted_noise_findings,
@@ -97,11 +96,6 @@ class Instruments:
     names: tuple[str, ...] = ()  # The references among them
     past_inputs: bool = False  # They are past inputs, which a controller computes
 
-    @property
-    def absent(self) -> bool:
-        """There are none."""
-        return isinstance(self.rule, NoInstruments)
-
 
 def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
     """Instruments of a method: those that were asked for, else its natural ones."""
@@ -111,14 +105,15 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
     if wanted == (NaturalInstruments.LAGS.value,):
         return Instruments(LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
     references = [reference for flight in flying for reference in flight.references]
-    usable = [set(flight.usable_references) for flight in flying]
-    shared = tuple(name for name in flying[0].usable_references if all(name in names for names in usable))
+    usable = [flight.usable_references for flight in flying]
+    shared = tuple(name for name in usable[0] if all(name in names for names in usable))
     if shared:
         clean = all(reference.exogenous for reference in references if reference.usable)
         return Instruments(LaggedReferences(shared), exogenous=clean, names=shared)
     remarks = {f"{reference.name}: {reference.remark}" for reference in references if not reference.usable}
     missing = "; ".join(sorted(remarks)) or "the log has none"
-    return Instruments(NoInstruments(), missing=missing, constant=any(item.constant for item in references))
+    constant = any(reference.remark == CONSTANT for reference in references)
+    return Instruments(NoInstruments(), missing=missing, constant=constant)
 
 
 def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
@@ -166,7 +161,7 @@ class FlightState:
     aligned: bool = False
     estimate: Estimate | Any = None
     lag_prior: LagPrior | None = None
-    without_prior: WithoutPrior | None = None
+    without_prior: tuple[SeparableProblem, Estimate] | None = None
     findings: tuple[Finding, ...] = ()
     checks: FitDiagnostics | Any = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
@@ -175,21 +170,15 @@ class FlightState:
 
     @property
     def flying(self) -> tuple[PreparedFlight, ...]:
-        """Flights with runs."""
-        return tuple(flight for flight in self.prepared if flight.runs)
-
-    @property
-    def shortened(self) -> tuple[PreparedFlight, ...]:
-        """The same without what no run needs."""
-        return tuple(flight.shortened for flight in self.flying)
+        """Flights with runs, without what no run needs."""
+        return tuple(flight.shortened for flight in self.prepared if flight.runs)
 
 
 def choose_instruments(state: FlightState) -> FlightState:
     """The method that was requested, and its instruments; without any the direct method of the motion."""
-    motion, method = state.motion, by_name(state.options.method)
-    chosen = instruments(state.flying, state.options, method)
-    whitened = motion.abilities.whitened
-    if method.of_flights.needs_instruments and chosen.absent:
+    method = by_name(state.options.method)
+    chosen, whitened = instruments(state.flying, state.options, method), state.motion.abilities.whitened
+    if method.of_flights.needs_instruments and isinstance(chosen.rule, NoInstruments):
         method = by_name("whitened_least_squares" if whitened else "least_squares")
     elif whitened and method.name == TOTAL_LEAST_SQUARES and isinstance(method, LinearMethod):
         method = replace(method, row_weighting=SpectralWhitening())
@@ -198,25 +187,24 @@ def choose_instruments(state: FlightState) -> FlightState:
 
 def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights; with sensors aligned where that is requested and they disagree."""
-    motion, rule = state.motion, state.instruments.rule
+    motion, flying, rule = state.motion, state.flying, state.instruments.rule
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
     own = state.method.takes_out_own_noise
     by_input = own or (state.instruments.past_inputs and state.method.first_past_input == 0)
     needed = [
-        (*(flight.states if own else ()), *(flight.driving if by_input and flight.input.measured else ()))
-        for flight in state.flying
+        (f.noise, (*(f.states if own else ()), *(f.driving if by_input and f.input.measured else ())))
+        for f in flying
     ]
-    check_declared([flight.noise for flight in state.flying], needed, state.options.method)
-    problem = motion.problem(state.shortened, rule)
+    check_declared(needed, state.options.method)
+    state = replace(state, problem=motion.problem(flying, rule))
     comparison = motion.abilities.sensors
     if comparison is None:
-        return replace(state, problem=problem)
-    sensors = comparison.agreement(problem, state.shortened)
-    if not (state.options.align and sensors is not None and sensors.significant):
-        return replace(state, problem=problem, sensors=sensors)
-    aligned = comparison.aligned(state.prepared, sensors)
-    state = replace(state, prepared=aligned, sensors=sensors, aligned=True)
-    return replace(state, problem=motion.problem(state.shortened, rule))
+        return state
+    state = replace(state, sensors=comparison.agreement(state.problem, flying))
+    if not (state.options.align and state.sensors is not None and state.sensors.significant):
+        return state
+    state = replace(state, prepared=comparison.aligned(state.prepared, state.sensors), aligned=True)
+    return replace(state, problem=motion.problem(state.flying, rule))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
@@ -235,16 +223,16 @@ def estimate_parameters(state: FlightState) -> FlightState:
 
 def apply_lag_prior(state: FlightState) -> FlightState:
     """The same with what is known of the lag from elsewhere, where something is."""
-    motion, problem, estimate = state.motion, state.problem, state.estimate
+    problem, estimate = state.problem, state.estimate
     prior, findings = known_lag(
-        motion, state.flying, state.options, problem, estimate, state.lag_measurements
+        state.motion, state.flying, state.options, problem, estimate, state.lag_measurements
     )
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None and not prior.closer_alone:
-        alone = None if estimate is None else WithoutPrior(problem, estimate)
+        alone = None if estimate is None else (problem, estimate)
         problem = with_lag_prior(problem, prior.for_the_log)
         state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
-    refinement = motion.abilities.refinement
+    refinement = state.motion.abilities.refinement
     if refinement is None or refinement.flights is None:
         return state
     return replace(state, prepared=refinement.flights(state.prepared, state.problem))
@@ -252,11 +240,10 @@ def apply_lag_prior(state: FlightState) -> FlightState:
 
 def diagnose_fit(state: FlightState) -> FlightState:
     """Diagnostics of the estimate and of its residual."""
-    estimate = state.estimate
-    checks = fit_diagnostics(state.motion.traces(state.problem, estimate), estimate)
+    checks = fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
     if state.without_prior is not None:
         # what was given is compared with the flight by itself, and is nothing that instruments say
-        checks = replace(checks, agreement=diagnose(state.without_prior.estimate).over_identification)
+        checks = replace(checks, agreement=diagnose(state.without_prior[1]).over_identification)
     if state.agreement is not None and checks.agreement is not None:
         checks = replace(checks, agreement=state.agreement)
     return replace(state, checks=checks)
@@ -264,39 +251,36 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 def build_confidence_sets(state: FlightState) -> FlightState:
     """Confidence sets of the headline and of lag and delay; of all parameters where instruments are weak."""
-    linear = [parameter.name for parameter in state.estimate.rows.parameters]
-    headline = [name for name in state.motion.quantities.headline if name in linear]
     if not state.with_sets:
         return state
+    linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
-    known = {name: maker.of_parameter(name) for name in headline}
+    known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
     lags = {name: maker.of_nuisances(parts) for name, parts in LAG_SUMS.items()}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
         known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
-    return replace(
-        state,
-        sets={name: item for name, item in known.items() if item is not None},
-        profiles={name: item.profile for name, item in lags.items() if item is not None},
-    )
+    sets = {name: item for name, item in known.items() if item is not None}
+    profiles = {name: item.profile for name, item in lags.items() if item is not None}
+    return replace(state, sets=sets, profiles=profiles)
 
 
 def judge(state: FlightState) -> FlightState:
     """The result: quantities with systematic parts and verdicts."""
-    motion, label = state.motion, state.instruments.rule.label
+    motion, flying = state.motion, state.flying
     fit = Fit(
         state.problem,
         state.estimate,
-        label,
+        state.instruments.rule.label,
         state.checks,
         state.lag_prior,
         state.sets,
         state.sensors,
         state.without_prior,
-        motion_checks=motion.checks(state.problem, state.estimate, state.shortened),
+        motion_checks=motion.checks(state.problem, state.estimate, flying),
         profiles=state.profiles,
     )
-    inputs = verdict_inputs(motion, state.flying, state.instruments, fit, aligned=state.aligned)
+    inputs = verdict_inputs(motion, flying, state.instruments, fit, aligned=state.aligned)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
@@ -312,31 +296,21 @@ STAGES = (
 )
 
 
-def estimated(
-    motion: Motion[Any],
-    prepared: tuple[PreparedFlight, ...],
-    options: FlightOptions,
-    agreement: OverIdentification | None = None,
-    lag_measurements: LagMeasurements = tuple,
-    progress: Progress = no_stage_callback,
-    *,
-    with_sets: bool = True,
-) -> FlightEstimate:
+def estimated(state: FlightState, progress: Progress = no_stage_callback) -> FlightEstimate:
     """Result of prepared flights: one set of parameters by the `STAGES`, or why there is none."""
-    state = FlightState(motion, prepared, options, lag_measurements, agreement, with_sets)
-    if not state.flying:
-        return without_fit(motion, prepared, options, _reason_of_use(motion, prepared))
-    if all(flight.constant_input for flight in state.flying):
+    words, flying = state.motion.words, state.flying
+    if not flying:
+        return without_fit(state, *_unused(state))
+    if all(flight.constant_input for flight in flying):
         sentence = "The input is constant: it carries no information about the vehicle."
-        return without_fit(motion, prepared, options, _refused(sentence, motion.words.fly))
+        return without_fit(state, sentence, words.fly)
     try:
         for stage in STAGES:
             if stage is diagnose_fit:
                 progress(Stage.DIAGNOSING)
             state = stage(state)
     except (EstimationError, TooFewSamplesError) as error:
-        remedy = "" if isinstance(error, MissingNoiseError) else motion.words.fly
-        return without_fit(motion, state.prepared, options, _refused(str(error), remedy))
+        return without_fit(state, str(error), "" if isinstance(error, MissingNoiseError) else words.fly)
     return state.result
 
 
@@ -359,13 +333,13 @@ def known_lag(
         return LagPrior(options.lag, own, slack_s, strong=strong), ()
     if alone is None or not lag_searched(problem):
         return None, ()
-    by_telemetry = telemetry_lag(flying, motion.channels.telemetry) if motion.channels.telemetry else None
+    by_telemetry = telemetry_lag(flying, motion.channels.telemetry)
     measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
+    own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.prior.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
-        lag_quantity = lag_quantities(problem, alone)[EFFECTIVE_LAG]
-        result = LagPrior(item.prior, lag_quantity, 0.0 if item is by_telemetry else slack_s, by=item)
+        result = LagPrior(item.prior, own, 0.0 if item is by_telemetry else slack_s, by=item)
         if result.agrees:
             return result, tuple(noticed)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
@@ -383,12 +357,15 @@ def verdict_inputs(
 ) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
+    # share of the variance of each joint parameter that what is known beforehand makes
+    known, covariance = fit.estimate.prior_rows() @ fit.estimate.covariance, fit.estimate.covariance
+    shares = np.clip((known**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if known.size else ()
     return VerdictInputs(
         flights=flying,
         command_rate_hz=min(flight.rates_hz[COMMAND] for flight in flying),
-        response_rate_hz=min(max(rates) for rates in measured),
+        response_rate_hz=min(map(max, measured)),
         exogenous=chosen.exogenous,
-        direct=chosen.absent,
+        direct=isinstance(chosen.rule, NoInstruments),
         missing_reference=chosen.missing,
         constant_reference=chosen.constant,
         excitation="" if motion.abilities.excitation is None else motion.abilities.excitation(flying),
@@ -400,17 +377,8 @@ def verdict_inputs(
         aligned=aligned,
         used_s=sum(flight.used_s for flight in flying),
         past_inputs=chosen.past_inputs,
-        prior_share=_prior_share(fit.estimate),
+        prior_share=dict(zip(fit.estimate.names, map(float, shares), strict=False)),
     )
-
-
-def _prior_share(estimate: Estimate) -> dict[str, float]:
-    """Share of the variance of each joint parameter that what is known beforehand makes."""
-    known = estimate.prior_rows() @ estimate.covariance
-    if not known.size:
-        return {}
-    shares = np.clip((known**2).sum(axis=0) / np.diag(estimate.covariance), 0.0, 1.0)
-    return dict(zip(estimate.names, shares.tolist(), strict=True))
 
 
 def with_fit(
@@ -421,53 +389,46 @@ def with_fit(
     inputs: VerdictInputs,
 ) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
-    estimates = motion.derive(fit.problem, fit.estimate)
+    wording, best = motion.quantities, fit.estimate
+    estimates = dict(motion.derive(fit.problem, best))
     if fit.by_sets:
         # those that are judged by confidence sets have the hulls of these as intervals
-        by_sets = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
-        estimates = {**estimates, **by_sets}
-        estimates = {**estimates, **_reciprocals(motion, estimates)}
-    best, agreement = fit.estimate, fit.checks.agreement
+        hulls = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
+        estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
-    strength = InstrumentStrength(fit.checks.first_stage, agreement, searched, fit.by_sets)
+    strength = InstrumentStrength(fit.checks.first_stage, fit.checks.agreement, searched, fit.by_sets)
     inputs = replace(inputs, strength=strength, quantities=estimates)
     parts = systematic_uncertainties(motion.parts, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
     if fit.lag_prior is not None and EFFECTIVE_LAG in estimates:
         lag = estimates[EFFECTIVE_LAG]
         within = fit.lag_prior.within(lag.interval, lag.value)
-        estimates = {**estimates, EFFECTIVE_LAG: replace(lag, interval=within)}
-    by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), motion.quantities)
+        estimates |= {EFFECTIVE_LAG: replace(lag, interval=within)}
+    by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
-    reasons = {name: [*own, *fit.estimate.reasons] for name, own in by_rules.items()}
-    against = dict.fromkeys(reason for name in motion.quantities.headline for reason in reasons[name])
+    reasons = {name: [*own, *best.reasons] for name, own in by_rules.items()}
+    against = dict.fromkeys(reason for name in wording.headline for reason in reasons[name])
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), spec)
-        for name, spec in motion.quantities.items()
+        for name, spec in wording.items()
         if name in estimates or not spec.optional
     }
-    return FlightEstimate(
-        motion,
-        options,
-        prepared,
-        fit,
-        verdict(list(against)),
-        quantities,
-        {
-            **flight_diagnostics(prepared),
-            **fit_numbers(fit.checks, fit.estimate, motion.quantities.headline),
-            **({} if fit.sensors is None else fit.sensors.numbers),
-            **inputs.checks.numbers,
-        },
-        (
-            *flight_findings(prepared, motion.words),
-            *fitted_noise_findings(fit.estimate),
-            *own_findings(motion, prepared, quantities),
-        ),
+    numbers = {
+        **flight_diagnostics(prepared),
+        **fit_numbers(fit.checks, best, wording.headline),
+        **({} if fit.sensors is None else fit.sensors.numbers),
+        **inputs.checks.numbers,
+    }
+    findings = (
+        *flight_findings(prepared, motion.words),
+        *fitted_noise_findings(best),
+        *own_findings(motion, prepared, quantities),
     )
+    overall = verdict(list(against))
+    return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, findings)
 
 
 def own_findings(
@@ -481,11 +442,10 @@ def _reciprocals(
     motion: Motion[Any], estimates: Mapping[str, QuantityEstimate]
 ) -> dict[str, QuantityEstimate]:
     """Quantities that are one over a quantity of the headline."""
-    headline = motion.quantities.headline
     return {
         name: reciprocal(estimates[spec.reciprocal_of], spec.unit)
         for name, spec in motion.quantities.items()
-        if spec.reciprocal_of in headline
+        if spec.reciprocal_of in motion.quantities.headline
     }
 
 
@@ -493,27 +453,24 @@ def with_systematic_uncertainties(
     motion: Motion[Any],
     estimates: Mapping[str, QuantityEstimate],
     parts: Mapping[str, tuple[SystematicUncertainty, ...]],
-) -> Mapping[str, QuantityEstimate]:
+) -> dict[str, QuantityEstimate]:
     """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
     quantities = dict(estimates)
     for name, part in parts.items():
         interval = widened(estimates[name].interval, estimates[name].value, part)
         quantities[name] = replace(estimates[name], interval=interval, systematic_uncertainties=part)
-    if all(quantities[name].interval == estimates[name].interval for name in motion.quantities.headline):
-        return quantities
-    return {**quantities, **_reciprocals(motion, quantities)}
+    if any(quantities[name].interval != estimates[name].interval for name in motion.quantities.headline):
+        quantities |= _reciprocals(motion, quantities)
+    return quantities
 
 
-def without_fit(
-    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions, reason: Reason
-) -> FlightEstimate:
+def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimate:
     """Result of flights that gave no estimate."""
-    known = motion.abilities.known
-    values = {} if known is None else known(tuple(flight for flight in prepared if flight.runs))
-    quantities = not_estimated(motion, values)
+    motion, prepared, known = state.motion, state.prepared, state.motion.abilities.known
+    quantities = not_estimated(motion, {} if known is None else known(state.flying))
     findings = (*flight_findings(prepared, motion.words), *own_findings(motion, prepared, quantities))
-    numbers = flight_diagnostics(prepared)
-    return FlightEstimate(motion, options, prepared, None, verdict([reason]), quantities, numbers, findings)
+    refused, numbers = verdict([Reason(Status.REFUSED, sentence, remedy)]), flight_diagnostics(prepared)
+    return FlightEstimate(motion, state.options, prepared, None, refused, quantities, numbers, findings)
 
 
 def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, Quantity]:
@@ -525,19 +482,16 @@ def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, 
     }
 
 
-def _refused(sentence: str, remedy: str) -> Reason:
-    return Reason(Status.REFUSED, sentence, remedy)
-
-
-def _reason_of_use(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
-    words = motion.words
-    name, alone = prepared[0].recording.name, len(prepared) == 1
+def _unused(state: FlightState) -> tuple[str, str]:
+    """Why no sample of the flights is used, and what to do."""
+    words, prepared = state.motion.words, state.prepared
+    name = prepared[0].recording.name if len(prepared) == 1 else "No flight of the pool"
     if not any(flight.active.mask.any() for flight in prepared):
-        which = f"{name} never {words.begins}" if alone else f"No flight of the pool {words.begins}"
-        return _refused(f"{which} (by {prepared[0].active.rule}).", words.another_log)
-    which = f"{name} has no" if alone else "No flight of the pool has"
-    sentence = f"{which} three seconds {words.where} in runs of a second or more, {words.limits}."
-    return _refused(sentence, words.loosen)
+        never = " never" if len(prepared) == 1 else ""
+        return f"{name}{never} {words.begins} (by {prepared[0].active.rule}).", words.another_log
+    has = "has no" if len(prepared) == 1 else "has"
+    sentence = f"{name} {has} three seconds {words.where} in runs of a second or more, {words.limits}."
+    return sentence, words.loosen
 
 
 # -- Lag from rates --
@@ -585,22 +539,21 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagM
     except InputError:
         return None
     clean = any(reference.usable and reference.exogenous for reference in flight.references)
-    if not flight.runs or not clean or not _may_be_identified(motion, flight, options):
+    state = FlightState(motion, (flight,), options, with_sets=False)
+    if not flight.runs or not clean or not _may_be_identified(state):
         return None
-    result = estimated(motion, (flight,), options, with_sets=False)
-    return lag_measured_by(motion, result.quantities[EFFECTIVE_LAG])
+    return lag_measured_by(motion, estimated(state).quantities[EFFECTIVE_LAG])
 
 
-def _may_be_identified(motion: Motion[Any], flight: PreparedFlight, options: FlightOptions) -> bool:
+def _may_be_identified(state: FlightState) -> bool:
     """Whether instruments identify anything of the lag, by a coarse search: most flights end here."""
-    method = by_name(options.method)
-    chosen = instruments((flight,), options, method)
-    if chosen.absent:
+    method = by_name(state.options.method)
+    chosen = instruments(state.flying, state.options, method)
+    if isinstance(chosen.rule, NoInstruments):
         return False
     try:
-        problem = motion.problem((flight.shortened,), chosen.rule)
-        coarse = problem.with_nuisances(tuple(map(_coarse, problem.nuisances)))
-        result = identify(coarse, method)
+        problem = state.motion.problem(state.flying, chosen.rule)
+        result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), method)
     except EstimationError:
         return False
     first_stage = dict(zip(result.names, result.first_stage, strict=True))

@@ -9,7 +9,7 @@ from typing import Any
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import TABLE, by_name
-from eivor.flights.estimate import LagMeasurements, estimated, lag_measured_by, lags_from_rates
+from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagMeasurement
 from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
@@ -44,32 +44,28 @@ def identified(
         for log, window in kept
     )
     check_poolable(prepared, motion, anyway=options.pool_anyway)
-    motion = for_flights(motion, prepared, options)
-    neighbours: LagMeasurements = tuple
-    if lag_measurements:
-        neighbours = cache(lambda: lag_measurements)
-    elif len(kept) == 1 and others:
+    neighbours: LagMeasurements = partial(tuple, lag_measurements)
+    if not lag_measurements and len(kept) == 1 and others:
         ((log, window),) = kept
         neighbours = cache(partial(lags_from_rates, others, log, window or options.window))
+    state = FlightState(for_flights(motion, prepared, options), prepared, options, neighbours)
     progress(Stage.IDENTIFYING)
     if len(prepared) == 1:
-        result = estimated(motion, prepared, options, lag_measurements=neighbours, progress=progress)
+        result = estimated(state, progress)
     else:
-        alone = [estimated(motion, (flight,), options) for flight in prepared]
-        pool = pooled_result(motion, prepared, options, alone)
-        if pool is None:
-            over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
-            pool = estimated(motion, prepared, options, over_identification)
+        singly = replace(state, lag_measurements=tuple)
+        alone = [estimated(replace(singly, prepared=(flight,))) for flight in prepared]
+        over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
+        result = pooled_result(state.motion, prepared, options, alone) or estimated(
+            replace(singly, agreement=over_identification)
+        )
         progress(Stage.DIAGNOSING)
         each = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
-        result = replace(pool, flights=tuple(each))
+        result = replace(result, flights=tuple(each))
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
-        others_options = {name: replace(options, method=name, compare=False) for name in TABLE}
-        rows = [
-            _row(name, estimated(motion, prepared, other, lag_measurements=neighbours))
-            for name, other in others_options.items()
-        ]
+        by_method = {name: replace(options, method=name, compare=False) for name in TABLE}
+        rows = [_row(name, estimated(replace(state, options=each))) for name, each in by_method.items()]
         result = replace(result, comparisons=tuple(rows))
     return result
 

@@ -34,7 +34,6 @@ from eivor.flights.result import (
     FitDiagnostics,
     FlightEstimate,
     FlightRow,
-    WithoutPrior,
     fit_diagnostics,
     flight_findings,
     pooled_traces,
@@ -44,7 +43,7 @@ from eivor.inference.bootstrap import Bootstrap, check_draws
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
-from eivor.models.separable import SeparableProblem
+from eivor.models.separable import NoInstruments, SeparableProblem
 from eivor.signals.recording import Finding
 from eivor.tools import Float
 
@@ -216,7 +215,7 @@ def pooled_result(
     if len(members) < 2 or any(member.flight.input_map != member.logged.input_map for member in members):
         return None  # a map that was found out is another one in each flight
     chosen = instruments(tuple(member.flight for member in members), options, by_name(options.method))
-    if chosen.absent:
+    if isinstance(chosen.rule, NoInstruments):
         return None
     try:
         result = _Pool(motion, members, options, chosen).result()
@@ -281,7 +280,7 @@ class _Pool:
         estimate = pool.whole()
         given, noticed = known_lag(motion, flights, self.options, problem, estimate)
         if given is not None:
-            without_prior = WithoutPrior(problem, estimate)
+            without_prior = problem, estimate
             problem = with_lag_prior(problem, given.for_the_log)
             pool = self._pooled(problem)
             estimate = pool.whole()
@@ -318,10 +317,11 @@ class _Pool:
         )
 
     def _pooled(self, whole: SeparableProblem) -> Pooled:
-        each = [member.fit.estimates_without_prior for member in self.members]
+        fits = [member.fit for member in self.members]
+        problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
         return pooled(
-            [item.problem for item in each],
-            [item.estimate for item in each],
+            problems,
+            estimates,
             self.motion.quantities.of_flight,
             nuisances=whole.nuisances,
             separate=self.options.pool_friction == "separate",

@@ -122,13 +122,11 @@ def share_left(
     return total * separated / chosen.size
 
 
-def check_declared(
-    levels: Sequence[Mapping[str, NoiseLevel]], needed: Sequence[Sequence[str]], method: str
-) -> None:
+def check_declared(needed: Iterable[tuple[Mapping[str, NoiseLevel], Sequence[str]]], method: str) -> None:
     """Refuse to estimate with noises that nothing is declared of."""
     missing = {
         name: level[name].unit if name in level else ""
-        for level, names in zip(levels, needed, strict=True)
+        for level, names in needed
         for name in names
         if name not in level or not level[name].source
     }
@@ -223,11 +221,6 @@ class Reference:
     remark: str
     values: Float[np.ndarray, " n"]
     logged: Float[np.ndarray, " n"] | None = None  # With what answers the vehicle; None where nothing does
-
-    @property
-    def constant(self) -> bool:
-        """It is logged, and does not vary."""
-        return self.remark == CONSTANT
 
 
 def references(

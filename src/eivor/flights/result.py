@@ -52,34 +52,6 @@ OUTPUTS = "eivor.outputs"
 
 
 @runtime_checkable
-class StateSpaceArrays(Protocol):
-    """x' = A x + B u(t - delay_s), y = C x + D u, with the names of states, inputs and outputs."""
-
-    @property
-    def A(self) -> Float[np.ndarray, "n n"]:  # noqa: D102, N802
-        ...
-
-    @property
-    def B(self) -> Float[np.ndarray, "n 1"]:  # noqa: D102, N802
-        ...
-
-    @property
-    def C(self) -> Float[np.ndarray, "1 n"]:  # noqa: D102, N802
-        ...
-
-    @property
-    def D(self) -> Float[np.ndarray, "1 1"]:  # noqa: D102, N802
-        ...
-
-    @property
-    def delay_s(self) -> float:  # noqa: D102
-        ...
-
-    def to_control(self) -> Any:
-        """The same as a ``control.StateSpace`` of python-control, without the delay."""
-
-
-@runtime_checkable
 class ResultOutputs(Protocol):
     """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
 
@@ -149,21 +121,21 @@ class FitDiagnostics:
 
 def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnostics:
     """Diagnostics of an estimate and of its residual in time, of several axes one after the other."""
-    record, best = diagnose(estimate), estimate
+    record = diagnose(estimate)
     measured = np.concatenate([trace.measured for trace in traces])
     residual = measured - np.concatenate([trace.predicted for trace in traces])
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
     power, left = float(centred @ centred), float(residual @ residual)
     return FitDiagnostics(
-        first_stage=dict(zip(estimate.names, (float(F) for F in best.first_stage), strict=True)),
-        rank=best.rank,
+        first_stage=dict(zip(estimate.names, map(float, estimate.first_stage), strict=True)),
+        rank=estimate.rank,
         agreement=record.over_identification,
         endogeneity=record.endogeneity,
         constancy=record.constancy,
         periodicity=record.periodicity_with(left_over_swings(record, traces)),
         leverage=run_leverage(record),
         memory=residual_memory(residual),
-        residual_variance=best.equation.variance,
+        residual_variance=estimate.equation.variance,
         condition=estimate.condition,
         durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
         r_squared=1.0 - left / power if power > 0.0 else NAN,
@@ -305,14 +277,6 @@ def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
 
 
 @dataclass(frozen=True)
-class WithoutPrior:
-    """What flights identify by themselves, without what was given beside them."""
-
-    problem: SeparableProblem
-    estimate: Estimate
-
-
-@dataclass(frozen=True)
 class Fit:
     """What was estimated, and how."""
 
@@ -323,18 +287,13 @@ class Fit:
     lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)  # 95 %, of the motion's headline
     sensors: SensorAgreement | None = None  # Whether two measurements of the response agree, as logged
-    without_prior: WithoutPrior | None = None  # The same without what was known of the lag
+    #: Problem and estimate without what was known of the lag
+    without_prior: tuple[SeparableProblem, Estimate] | None = None
     pooled: Pooled | None = None  # Behind a pool some of whose parameters belong to the flight
     #: 95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-    motion_checks: MotionChecks = field(
-        default_factory=MotionChecks
-    )  # What the motion alone finds out about the estimate
-
-    @property
-    def estimates_without_prior(self) -> WithoutPrior:
-        """What the flights identify without what was given beside them."""
-        return WithoutPrior(self.problem, self.estimate) if self.without_prior is None else self.without_prior
+    #: What the motion alone finds out about the estimate
+    motion_checks: MotionChecks = field(default_factory=MotionChecks)
 
     def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
         """Measured and predicted, each flight of a pool by its own parameters."""
@@ -365,20 +324,16 @@ class Fit:
         """Confidence interval of a parameter: the hull of its set where it is judged by one."""
         result, pooled, sums = self.by_sets.get(name), self.pooled, LAG_SUMS.get(name)
         if result is not None and level != 0.95:
-            if sums is not None:
-                maker = ProfileSets(self.problem, self.estimate)
-                if pooled is None:
-                    sets = maker.of_nuisances(sums, level)
-                    robust = name in self.robust_sets
-                    result = None if sets is None else sets.robust if robust else sets.profile
-                else:
-                    result = pooled.lag_set(sums, level)
+            if pooled is not None and sums is not None:
+                result = pooled.lag_set(sums, level)
             else:
-                sets = (
-                    ProfileSets(self.problem, self.estimate).of_parameter(name, level)
-                    if pooled is None
-                    else pooled.whole_sets(name, level)
-                )
+                alone = ProfileSets(self.problem, self.estimate)
+                if pooled is not None:
+                    sets = pooled.whole_sets(name, level)
+                else:
+                    sets = (
+                        alone.of_parameter(name, level) if sums is None else alone.of_nuisances(sums, level)
+                    )
                 robust = name in self.robust_sets
                 result = None if sets is None else sets.robust if robust else sets.profile
         return self.estimate.interval(name, level) if result is None else result.hull
@@ -581,7 +536,7 @@ class FlightEstimate:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
         return _outputs().saved(self).sample(n, seed)
 
-    def to_statespace(self) -> StateSpaceArrays:
+    def to_statespace(self) -> Any:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
         return _outputs().saved(self).to_statespace()
 
