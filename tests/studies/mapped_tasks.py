@@ -21,12 +21,6 @@ def refusing(item: int) -> int:
     raise InputError(f"no {item}", "one", "Leave it out.")
 
 
-def late_first(item: int) -> int:
-    """The first item is done last."""
-    time.sleep(0.5 if item == 0 else 0.0)
-    return item
-
-
 def interrupted_on_the_way() -> object:
     """What a worker calls while it takes over its function, before it is set up."""
     os.kill(os.getpid(), signal.SIGINT)

@@ -52,22 +52,6 @@ def test_tables_have_measured_beside_printed():
 
 
 @pytest.mark.thorough
-def test_without_names_there_is_an_overview(two_readings, monkeypatch):
-    """The nearest reading in full, every reading in a line; a screen or two, not hundreds of lines."""
-    monkeypatch.setattr("eivor.lab.cli.run_paper", lambda *_, **__: iter(two_readings))
-    short = eivor(*SMALL)
-    assert short.exit_code == 0, short.output
-    assert "187.2 ± 119.4" in short.output
-    assert short.output.count("example 1: NRMSE") == 1
-    for name in ("ratios-of-variances", "white-input"):
-        assert f"\n{name} " in short.output
-    assert "Every reading's tables: eivor paper --readings all" in short.output
-    assert len(short.output.splitlines()) < 60
-    full = eivor(*SMALL, "--readings", "all")
-    assert full.output.count("example 1: NRMSE") == 2
-
-
-@pytest.mark.thorough
 def test_weak_instruments_are_told(two_readings):
     run = eivor(*SMALL, "--readings", "white-input")
     text = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."
@@ -231,14 +215,6 @@ def regressors(scenario: Scenario) -> Float[np.ndarray, "n 2"]:
         v_K[k + 1] = decay * v_K[k] - T * decay * v[k] + held_K * b * u[k]
     X = np.stack([-v - K * v_K, u - K * v / b], axis=1)
     return np.asarray(X - X.mean(axis=0))
-
-
-def test_exact_regressors_give_the_bound_of_least_squares() -> None:
-    """It is s_a^2 (X'X)^-1."""
-    scenario = exact_regressors(None, 1e-3)
-    X = regressors(scenario)
-    expected = 1e-3**2 * np.linalg.inv(X.T @ X)
-    np.testing.assert_allclose(ev.bounds.cramer_rao(scenario, runs=1).covariance, expected, rtol=0.01)
 
 
 def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -> None:

@@ -15,7 +15,6 @@ from eivor.lab import paper as paper_trials
 from eivor.lab.paper import (
     EXAMPLES,
     METHODS,
-    RATE_HZ,
     READINGS,
     TRUTH,
     AlternatingNoise,
@@ -24,7 +23,6 @@ from eivor.lab.paper import (
     PaperReading,
     PaperResult,
     estimates,
-    euler_steps,
     integrated_height,
     named_readings,
     nearness,
@@ -192,24 +190,6 @@ def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
 
 
 # -- the whole study ---------------------------------------------------------------------------------
-
-
-@pytest.mark.thorough
-def test_euler_steps_scale_both_parameters():
-    """y[k] (1 - K T) = -K v[k] + K_u u[k]: least squares errs alike in both, by 100 K T / (1 - K T) %."""
-    drive = np.random.default_rng(0).standard_normal(200)
-    velocity, acceleration = euler_steps(drive)
-    np.testing.assert_allclose(np.diff(velocity), acceleration[1:] / RATE_HZ, rtol=1e-9, atol=1e-15)
-    theta = np.array(list(TRUTH.values()))
-    np.testing.assert_allclose(
-        acceleration[1:], np.column_stack([-velocity[:-1], drive[1:]]) @ theta, atol=1e-14
-    )
-    fitted = np.linalg.lstsq(np.column_stack([-velocity, drive]), acceleration, rcond=None)[0]
-    shrunk = 1.0 - TRUTH["viscous_friction"] / RATE_HZ
-    np.testing.assert_allclose(fitted, theta / shrunk, rtol=1e-9)
-    for example in EXAMPLES:
-        friction, gain, _ = run_example(reading("euler-steps"), example, 10).spreads("least_squares")
-        assert (friction.mean, gain.mean) == pytest.approx((100 / shrunk - 100,) * 2, abs=0.1)
 
 
 def test_nrmse_is_the_papers():

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,19 +19,10 @@ from eivor.process_pool import (
     Limits,
     LocalProcesses,
     LocalThreads,
-    in_order,
     local_executor,
 )
-from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
-from studies.study_parts import (
-    SOURCES,
-    Cluster,
-    content,
-    dask_cluster,
-    small_study,
-    wait_for_workers,
-    wait_until,
-)
+from studies.mapped_tasks import Arriving, Patient, refusing, text_of
+from studies.study_parts import Cluster, content, dask_cluster, small_study, wait_for_workers
 from worker_answers import answered
 
 #: Enough shards that every worker has some and a killed one leaves some.
@@ -45,65 +34,6 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("expected")
     run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
-
-
-SCRIPT = """
-import sys
-from pathlib import Path
-from studies.study_parts import small_study
-from eivor.process_pool import InProcess, LocalProcesses
-from eivor.lab.study import run_study
-if __name__ == "__main__":
-    run_study(small_study({runs}), Path({folder!r}), executor={executor})
-"""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("executor", ["InProcess()", "LocalProcesses(2)"])
-def test_killed_and_resumed(expected, tmp_path, executor):
-    """SIGKILL in the middle, then the rest: no trial twice, none lost, no worker left behind."""
-    folder = tmp_path / "study"
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(runs=RUNS, folder=str(folder), executor=executor), encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": SOURCES}
-    with subprocess.Popen([sys.executable, script], env=environment, start_new_session=True) as process:
-        wait_until(lambda: len(list(folder.glob("shards/*.parquet"))) >= 2, process)
-        process.kill()
-    wait_until(lambda: not group_lives(process.pid))
-    kept = {path: path.stat().st_mtime_ns for path in folder.glob("shards/*.parquet")}
-    assert 2 <= len(kept) < len(expected) - 1
-    assert not (folder / "trials.parquet").exists()
-    run_study(small_study(RUNS), folder, executor=InProcess())
-    left_over = [path.name for path in (folder / "shards").glob(".*")]
-    assert {name: text for name, text in content(folder).items() if name not in left_over} == expected
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-
-
-def group_lives(group: int) -> bool:
-    """Whether a process of a group is alive."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-@pytest.mark.thorough
-def test_a_study_outlives_its_workers(expected, tmp_path):
-    """Its worker processes are killed again and again; what they worked on is tried in new ones."""
-    study = small_study(RUNS)
-    done: list[int] = []
-
-    def kill(finished: int, total: int) -> None:
-        done.append(finished)
-        if finished:
-            for child in children():
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(child, signal.SIGKILL)
-
-    run_study(study, tmp_path, executor=LocalProcesses(1), progress=kill)
-    assert done[-1] == RUNS
-    assert content(tmp_path) == expected
 
 
 def test_a_lost_worker_is_a_sentence():
@@ -135,14 +65,6 @@ def test_a_worker_that_begins_is_not_interrupted(capfd):
     """Ctrl-C reaches a worker while it still imports; it is the parent's business all the same."""
     assert dict(LocalProcesses(2).map(Arriving(), [1, 2])) == {0: "<1>", 1: "<2>"}
     assert capfd.readouterr().err == ""
-
-
-@pytest.mark.thorough
-def test_results_in_the_order_of_their_items():
-    mapped = LocalProcesses(2).map(late_first, range(6))
-    assert list(in_order(mapped)) == list(range(6))
-    shuffled = ((item, 10 * item) for item in (3, 0, 2, 1))
-    assert list(in_order(shuffled)) == [0, 10, 20, 30]
 
 
 def test_items_are_taken_as_there_is_room():

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
-import sys
 import time
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
@@ -19,7 +17,7 @@ import pytest
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
 from eivor.lab.study import PARTS, Row, Share, StudyResult, run_study, schema, scores, trial_nrmse
-from eivor.process_pool import Executor, InProcess, Item, Result
+from eivor.process_pool import Executor, Item, Result
 from studies.study_parts import METHODS, content, small_study
 
 
@@ -146,38 +144,6 @@ def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tm
     shard.write_bytes(shard.read_bytes()[:-1])
     with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
         run_study(small_study(), tmp_path)
-
-
-@dataclass(frozen=True)
-class FullDisk(Executor):
-    """After some shards the system takes no more than a few bytes for a file."""
-
-    shards: int
-
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
-        for count, result in enumerate(InProcess().map(function, items)):
-            if count == self.shards:
-                resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-            yield result
-
-
-@pytest.mark.thorough
-def test_a_full_disk_keeps_what_was_complete(finished, tmp_path, monkeypatch):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a module cut short would stay behind
-    try:
-        with pytest.raises(InputError, match=r"the system says: File too large\. Trials .* are kept"):
-            run_study(small_study(), tmp_path, executor=FullDisk(2))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert [path.name for path in sorted((tmp_path / "shards").iterdir())] == [
-        "000000.parquet",
-        "000001.parquet",
-    ]
-    run_study(small_study(), tmp_path)
-    assert content(tmp_path) == content(finished.folder)
 
 
 def test_scores_by_hand():

@@ -111,15 +111,6 @@ def test_a_walk_counts_functions_files_depth_and_types():
     assert taken.deepest == 2
 
 
-def test_arrays_to_a_covariance_is_walked():
-    import eivor
-
-    numbers = house.walk("arrays", Path(eivor.__file__).resolve().parent)
-    assert 10 < numbers["functions"] < 200
-    assert numbers["files"] < numbers["functions"]
-    assert 1 < numbers["types"] < 60
-
-
 def test_tests_studies_and_pages_are_counted(tmp_path):
     texts = {
         "tests/test_a.py": "import eivor\nfrom eivor import methods\nfrom eivor.errors import EivorError\n",

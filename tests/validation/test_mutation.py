@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import re
-import sys
 from pathlib import Path
 
 import pytest
 
-from validation.mutation.check import (
-    PASSED,
-    TABLE,
-    UNNOTICED,
-    Mutant,
-    Workspace,
-    check_lines,
-    main,
-    read_mutants,
-    sample,
-)
+from validation.mutation.check import TABLE, Mutant, check_lines, main, read_mutants, sample
 
 SOURCE = """def twice(x):
     doubled = 2 * x
@@ -106,42 +93,6 @@ def test_what_is_noticed_is_told_and_shown(project, capsys):
     )
     assert f"{row} |" in text.splitlines()
     assert text.index("## Signs") < text.index("## Solvers")
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"line": "doubled = 2 * y"}, "was found 0 times in src/toy.py"),
-        ({"line": "return x / 2", "file": "src/other.py"}, r"there is no src/other.py.*it is in src/toy.py"),
-        ({"replacement": "doubled = = x"}, "no Python any more"),
-        ({"replacement": "doubled = 2 * x"}, "swapped for itself"),
-        ({"tests": []}, "names no test"),
-        ({"tests": ["tests/test_none.py::test_twice"]}, "there is no test tests/test_none.py::test_twice"),
-        ({"tests": ["tests/test_toy.py::test_thrice"]}, "must pass before a line is swapped"),
-        ({"name": "half"}, "two mutants have this name"),
-    ],
-)
-def test_mutants_that_cannot_be_tried(project, capsys, change, said):
-    assert main(["--only", "twice"], project=project, table=table(project, TWICE | change, HALF)) == UNNOTICED
-    readouterr = capsys.readouterr()
-    assert re.search(said, readouterr.err)
-    assert "noticed" not in readouterr.out
-
-
-@pytest.mark.thorough
-def test_what_was_compiled_before_a_swap_is_not_run(project, monkeypatch):
-    """Of a file with the size and the time of the one before, Python cannot tell that it was swapped."""
-    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-    monkeypatch.setenv("PYTHONPYCACHEPREFIX", sys.pycache_prefix or str(project / "compiled"))
-    copied = Workspace(project, project / "copy")
-    [mutant] = read_mutants(table(project, TWICE))
-    assert copied.tested(mutant.tests).code == PASSED
-    swapped = copied.root / mutant.file
-    stamp = swapped.stat()
-    with copied.swapped(mutant):
-        os.utime(swapped, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
-        assert copied.tested(mutant.tests).failed_of(mutant.tests[0]) == 1
 
 
 def test_every_line_of_the_table_is_in_the_project_once():

@@ -14,21 +14,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageError
-from eivor.motions.rigid_body.dynamics import (
-    BODY,
-    body_derivative,
-    side_by_side,
-    speed_derivative,
-)
-from eivor.signals.recording import Recording
-from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
-from validation.effective_parameters import effective_parameters
+from eivor.motions.rigid_body.dynamics import BODY, body_derivative, side_by_side, speed_derivative
 from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import (
     GRAVITY,
     STEP_S,
-    RotorpyFlightSpec,
     Vehicle,
     rigid_body,
     simulate_rotorpy_flight,
@@ -42,77 +32,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 DATA = ROOT / "src" / "eivor" / "data"
-
-
-# One flight serves several tests: a second of it costs a quarter of a second.
-fly = functools.lru_cache(maxsize=None)(simulate_rotorpy_flight)
-
-
-def calm(vehicle: Vehicle = Vehicle.CRAZYFLIE, **changes: object) -> RotorpyFlightSpec:
-    """Four noise-free seconds in still air."""
-    chosen = {"noise": SensorNoise.none(), "duration": 4.0, "seed": 11} | changes
-    return RotorpyFlightSpec(vehicle, **chosen)
-
-
-def values(recording: Recording, name: str) -> np.ndarray:
-    return recording.channel(name).values
-
-
-def commands(flight: SimulatedFlight) -> np.ndarray:
-    return np.column_stack([channel.values for channel in flight.recording.family("rotor_command_*")])
-
-
-def everywhere(truth: FlightTruth) -> np.ndarray:
-    return np.ones(truth.time_s.size, dtype=bool)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("vehicle", "lag", "delay"),
-    [(Vehicle.CRAZYFLIE, None, 0.0), (Vehicle.CRAZYFLIE, 0.12, 0.02), (Vehicle.HUMMINGBIRD, None, 0.02)],
-)
-def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
-    flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=2.0, seed=13))
-    assert flight.flew
-    truth, reported = flight.truth, commands(flight)
-    late = round(delay / STEP_S)
-    acting = np.vstack([np.full((late, reported.shape[1]), truth.hover_input), reported])
-    decay = np.exp(-STEP_S / truth.actuator_lag)
-    state = np.full(reported.shape[1], truth.hover_input)
-    expected = np.empty_like(truth.rotor_state)
-    for k in range(truth.time_s.size):
-        expected[k] = state
-        state = decay * state + (1.0 - decay) * acting[k]
-    np.testing.assert_allclose(truth.rotor_state, expected, rtol=1e-6)
-    assert np.std(truth.rotor_state) > 0.005 * truth.hover_input  # the comparison is not of constants
-
-
-@pytest.mark.thorough
-def test_rows_without_motion_or_of_another_flight_have_no_effective_parameters():
-    hover = fly(calm(trajectory=TrajectoryKind.HOVER, duration=2.0)).truth
-    with pytest.raises(CollinearError, match="a velocity and an input that vary"):
-        effective_parameters(hover, everywhere(hover), np.square)
-    truth = fly(calm()).truth
-    with pytest.raises(ShapeError, match="a mask of 400 rows"):
-        effective_parameters(truth, everywhere(truth)[1:], np.square)
-    with pytest.raises(TooFewSamplesError, match="at least four rows"):
-        effective_parameters(truth, ~everywhere(truth), np.square)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"delay": 0.015}, "a multiple of 0.01"),
-        ({"delay": -0.01}, "between 0 and 0.2 s"),
-        ({"actuator_lag": 0.0}, r"a lag in \(0, 0.5\] s"),
-        ({"gust_rms": -1.0}, "gusts of at least 0"),
-        ({"duration": 0.5}, "a duration of 2 to 3600 s"),
-        ({"noise": {"velocity": -0.1}}, "finite noise levels"),
-    ],
-)
-def test_specification_is_checked(wrong, message):
-    with pytest.raises(UsageError, match=message):
-        SensorNoise(**wrong["noise"]) if "noise" in wrong else RotorpyFlightSpec(**wrong)
 
 
 @functools.cache

@@ -11,53 +11,18 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from msgspec.structs import replace as struct_replace
 from scipy.stats import binom
 
 import eivor as ev
-from eivor.errors import InputError
-from validation.coverage import study as coverage_study
 from validation.coverage.study import BOUNDS, PART, read_coverage
 from validation.efficiency.known_spectra import rows_of as known_rows_of
 from validation.efficiency.known_spectra import trial as known_trial
-from validation.fleet_changes.study import Cell, told
-from validation.fleet_changes.study import Grid as FleetGrid
-from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
-from validation.plan.study import main as plan_command
+from validation.plan.study import OWN, PLANNED_FOR, outcomes
 from validation.pooling.study import cell as pooling_cell
-from validation.recursion.study import trial as recursion_trial
-from validation.studies import WRONG
 from validation.suite_files import coverage_suite, read_suite
 
 COVERAGE_RUNS = 20
 COVERAGE_CHANCE = 1e-4
-SUITE = """
-runs = {runs}
-seed = 1
-samples = [500]
-scenarios = ["rich-high", "mine.toml"]
-[[methods]]
-label = "default"
-name = "generalized_iv"
-lags = [0, 5]
-[[methods]]
-label = "classical"
-name = "generalized_iv"
-lags = [0, 5]
-covariance = "classical"
-"""
-
-
-MINE = """
-viscous_friction = 0.293
-input_gain = 0.021
-[excitation]
-kind = "white"
-std = 1.0
-[noise.input]
-kind = "white"
-ratio_to_signal = 0.1
-"""
 
 
 @dataclass(frozen=True)
@@ -122,50 +87,6 @@ def test_rivals_fall_short(run):
     assert paper["hits"].sum() < binom.ppf(COVERAGE_CHANCE, paper["count"].sum(), 0.75)
 
 
-def test_own_suite_with_own_scenario(tmp_path, capsys):
-    (tmp_path / "suite.toml").write_text(SUITE.format(runs=3))
-    (tmp_path / "mine.toml").write_text(MINE)
-    suite = read_suite(tmp_path / "suite.toml")
-    assert [(item.scenario, item.samples) for item in suite.studies] == [
-        ("rich-high", 500),
-        ("mine.toml", 500),
-    ]
-    code = coverage_study.main(
-        [str(tmp_path / "suite.toml"), "--folder", str(tmp_path / "trials"), "--workers", "1"]
-    )
-    assert code == 0
-    assert "| mine.toml |" in capsys.readouterr().out
-    assert (tmp_path / "trials" / "rich-high-500" / "trials.parquet").exists()
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (
-            SUITE.replace("rich-high", "rich-hihg"),
-            "names out of arch, .*, or files at scenarios .*; received 'rich-hihg'",
-        ),
-        (
-            SUITE.replace("[500]", "[500.5]"),
-            r"a whole number at samples.1. of suite.toml; received 500.5",
-        ),
-        (SUITE.replace('"classical"', '"clasical"'), "Did you mean 'classical'"),
-        (SUITE + "\nextra = 1\n", "extra"),
-        (SUITE.replace("[500]", "[]"), "one length or more"),
-        (SUITE.replace("[500]", "[500, 500]"), "each once"),
-        (SUITE.replace("[500]", "[1e12]"), "a whole number at samples"),
-        (SUITE.replace("runs = {runs}", "runs = 0"), "runs from 1"),
-    ],
-)
-def test_wrong_suites_are_refused(tmp_path, wrong, message, capsys):
-    (tmp_path / "suite.toml").write_text(wrong.replace("{runs}", "3"))
-    (tmp_path / "mine.toml").write_text(MINE)
-    with pytest.raises(InputError, match=message):
-        read_suite(tmp_path / "suite.toml")
-    assert coverage_study.main([str(tmp_path / "suite.toml")]) == WRONG
-    assert "Expected" in capsys.readouterr().err
-
-
 HELD = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"
 
 
@@ -189,18 +110,6 @@ def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Pa
     assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
 
 
-@pytest.mark.thorough
-def test_drops_are_told_and_nothing_else():
-    delays = []
-    for run in range(5):
-        assert recursion_trial("rich", "nothing", run).alarms == 0
-        delays.append(recursion_trial("rich", "input_gain", run).delay)
-    assert None not in delays
-    assert 0 < np.median(delays) <= 150
-    # a memory that follows the friction would leave most of these untold
-    assert sum(recursion_trial("rich", "viscous_friction", run).delay is not None for run in range(10)) >= 6
-
-
 @pytest.mark.parametrize(("flights", "heterogeneity"), [(4, 0.05), (10, 0.02)])
 def test_intervals_hold_and_those_of_others_do_not(flights, heterogeneity):
     reported = pooling_cell(flights, heterogeneity, 1000, (0.01, 0.05))
@@ -209,44 +118,6 @@ def test_intervals_hold_and_those_of_others_do_not(flights, heterogeneity):
     assert reported.fixed < reported.moments < reported.mean
     assert reported.spread == pytest.approx(0.95, abs=0.03)
     assert pooling_cell(flights, heterogeneity, 1000, (0.01, 0.05)) == reported
-
-
-CELL = Cell("nothing", 0.0, 40, 20, 1, 1)
-
-
-def told_of(**what):
-    return told(FleetGrid(0.05, 0.03, []), struct_replace(CELL, **what), 1)
-
-
-@pytest.mark.thorough
-def test_steps_are_dated_and_nothing_is_not_told():
-    assert told_of().changes <= 0.1
-    step = told_of(what="step", share=0.08)
-    assert step.dated >= 0.8
-    assert step.held >= 0.8
-    assert told_of(outliers=2).deviating >= 0.9
-    assert told_of(payload=0.3).changes <= 0.1
-    wear = told_of(what="wear", share=0.10)
-    assert wear.sign == 1.0
-    assert wear.covered >= 0.8
-
-
-def test_planned_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch, capsys):
-    def flown(vehicle, seed, keys):
-        asked_of.append(list(keys))
-        return ([Outcome(*key, "steps", 1.0, 1.2, True, True)] for key in keys)
-
-    monkeypatch.setattr("validation.plan.study.outcomes", flown)
-    asked_of: list[list[tuple[str, str, int]]] = []
-    kept = tmp_path / "kept.jsonl"
-    assert plan_command(["--kept", str(kept)]) == 0
-    first = capsys.readouterr().out
-    assert [len(keys) for keys in asked_of] == [len(PLANNED_FOR) * 2] * len(OWN)
-    kept.write_text("".join(kept.read_text().splitlines(keepends=True)[:-1]))
-    asked_of.clear()
-    assert plan_command(["--kept", str(kept)]) == 0
-    assert capsys.readouterr().out == first
-    assert asked_of == [[("heavy, slow", "lag", 1)]]
 
 
 @pytest.mark.calibration
