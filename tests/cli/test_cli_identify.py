@@ -60,16 +60,6 @@ def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals
 
 
 @pytest.mark.thorough
-def test_json_and_figure_go_to_files(eivor: Caller, log: Path, tmp_path: Path) -> None:
-    for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
-        figure = tmp_path / f"fit{ending}"
-        run = eivor("identify", log, "--json", tmp_path / "fit.json", "--figure", figure)
-        assert "viscous friction" in run.out
-        assert figure.read_bytes().startswith(magic)
-    assert json.loads((tmp_path / "fit.json").read_text())["logs"][0]["name"] == "flight.csv"
-
-
-@pytest.mark.thorough
 def test_the_window_is_used(eivor: Caller, log: Path, flight: polars.DataFrame, tmp_path: Path) -> None:
     early = tmp_path / "early.csv"
     flight.with_columns(polars.col("time") - 10.0).write_csv(early)
@@ -139,21 +129,6 @@ def test_a_channel_map_is_used(eivor: Caller, flight: polars.DataFrame, tmp_path
     run = eivor("identify", table, "--map", mapping)
     assert run.code == 1
     assert "mine.toml" in run.err
-
-
-@pytest.mark.thorough
-def test_measured_rotor_speeds_have_no_lag(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
-    path = tmp_path / "measured.csv"
-    rotors = {f"rotor_command_{n}": f"rotor_speed_{n}" for n in range(1, 5)}
-    flight.rename(rotors).write_csv(path)
-    run = eivor("identify", path, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png")
-    document = json.loads((tmp_path / "x.json").read_text())
-    assert run.code in {0, 3}
-    assert document["model"]["input_measured"] is True
-    assert document["parameters"]["actuator_lag"]["value"] == 0.0
-    # they are commands in truth, which the rotors follow 72 ms later
-    assert document["parameters"]["delay"]["value"] > 0.04
-    assert document["covariance"]["names"] == ["viscous_friction", "input_gain", "delay"]
 
 
 @pytest.mark.parametrize(
@@ -281,35 +256,6 @@ def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path, tmp_path: Path) -> None:
-    run = eivor("identify", log, "--lag", "70:15", "--json", tmp_path / "fit.json")
-    document = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
-    assert document["provenance"]["options"]["lag"] == {"mean": 0.07, "std": 0.015}
-    assert document["given_lag"]["mean"] == 0.07
-    assert "given 70 ± 15 ms" in run.out
-    document = json.loads(
-        eivor("identify", log, "--lag", "50..90", "--controller-rate", 100, "--json", "-").out
-    )
-    assert document["provenance"]["options"]["lag"] == {"low": 0.05, "high": 0.09}
-    given = document["given_lag"]
-    assert [given[name] for name in ("mean", "std", "low", "high")] == [None, None, 0.05, 0.09]
-    # instruments are strong for the sum of lag and delay: bounds intersect what the flight says
-    assert document["diagnostics"]["first_stage_F_actuator_lag"] > 10.0
-    alone = json.loads(eivor("identify", log, "--controller-rate", 100, "--json", "-").out)
-    inside = document["derived"]["effective_lag"]["interval"]
-    assert inside == pytest.approx(alone["derived"]["effective_lag"]["interval"], rel=1e-3)
-    document = json.loads(
-        eivor("identify", log, "--lag", "71..90", "--controller-rate", 100, "--json", "-").out
-    )
-    low, high = document["derived"]["effective_lag"]["interval"]
-    assert low == pytest.approx(0.071, rel=1e-12)
-    assert low < high < 0.09
-    run = eivor("identify", log, "--lag", "none")
-    assert "given neither lag nor delay; the flight alone says" in run.out.replace("\n", " ")
-    assert "they contradict each other" in " ".join(run.out.split())
-
-
-@pytest.mark.thorough
 def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0
@@ -347,30 +293,6 @@ def test_a_short_track_says_what_is_missing(eivor):
     assert (run.code, "the length of the flight" in run.err) == (2, True)
     run = eivor("track", "--example", "--window", "10:12")
     assert (run.code, "no moment identifies it" in run.out) == (3, True)
-
-
-DAMAGED = """
-kind = "flight"
-trajectory = "steps"
-gust_rms = 0.2
-duration = 40.0
-gain_after = 0.8
-gain_changes_at = 25.0
-"""
-
-
-@pytest.mark.thorough
-def test_a_damaged_propeller_is_told(eivor, tmp_path):
-    scenario, log, known, gain = (tmp_path / f"damaged{end}" for end in (".toml", ".csv", ".json", "-k.json"))
-    scenario.write_text(DAMAGED, encoding="utf-8")
-    assert eivor("simulate", scenario, "-o", log, "--truth", known).code == 0
-    assert json.loads(known.read_text())["gain_after"] == 0.8
-    run = eivor("track", log, "--json", gain)
-    assert run.code == 0
-    (change,) = json.loads(gain.read_text())["changes"]
-    assert not change["upwards"]
-    assert 25.0 < change["time_s"] <= 29.0
-    assert re.search(r"input gain K_u fell by (19|20|21)\s%", run.out)
 
 
 # -- `eivor validate` as it is called --

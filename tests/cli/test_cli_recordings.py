@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -35,11 +34,6 @@ def _document(run: Any) -> dict[str, Any]:
     return document
 
 
-def _not_confidently_wrong(result: dict[str, Any]) -> bool:
-    low, high = result["parameters"]["viscous_friction"]["interval"]
-    return result["verdict"] != "identified" or (low >= 0.2 and high <= 0.8)
-
-
 @pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
@@ -67,41 +61,6 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
     assert 0.0 < friction["interval"][0] < low
     low, high = given["given_lag"]["alone_interval"]
     assert high - low > 0.2
-
-
-def _widened(quantity: dict[str, Any], name: str) -> list[float]:
-    """A set's ends with the systematic parts: factors, then independent parts, then those that are added."""
-    (ends,) = quantity["sets"][name]
-    value, widened = quantity["value"], []
-    for sign, end, side in zip((-1.0, 1.0), ends, ("below", "above"), strict=True):
-        parts: dict[str, list[float]] = {"factor": [], "independent": [], "added": []}
-        for item in quantity["systematic"]:
-            parts[item["counts"]].append(item[side])
-        random = abs(end - value) * math.prod(parts["factor"])
-        widened.append(value + sign * (math.hypot(random, *parts["independent"]) + sum(parts["added"])))
-    return widened
-
-
-TREFOILS = ("fast_rep14", "fast_rep3", "slow_rep13")
-
-
-@pytest.mark.recordings
-@pytest.mark.thorough
-def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, recordings: Path) -> None:
-    """Instruments of one of them are weak for the friction: its set is bounded, and tells."""
-    intervals = {}
-    for name in TREFOILS:
-        path = recordings / "nanobench" / f"B9_trefoil_{name}.csv"
-        document = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
-        friction = document["parameters"]["viscous_friction"]
-        assert document["verdict"] in {"weak", "identified"}
-        assert 0.15 < friction["value"] < 0.7
-        intervals[name] = friction["interval"]
-        if name == "fast_rep3":
-            assert document["diagnostics"]["first_stage_F_viscous_friction"] < 10.0
-            assert friction["interval"] == pytest.approx(_widened(friction, "anderson_rubin"))
-    lows, highs = zip(*intervals.values(), strict=True)
-    assert max(lows) < min(highs)
 
 
 @pytest.mark.recordings
@@ -165,50 +124,12 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recording
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", CLEAN)
-def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name: str) -> None:
-    run = eivor("identify", recordings / "nanobench" / f"{name}.csv", "--json", "-")
-    document = _document(run)
-    assert run.code in {0, 3}
-    assert document["parameters"]["viscous_friction"]["value"] is not None
-    assert _not_confidently_wrong(document)
-
-
-@pytest.mark.recordings
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")  # single flights are identified with these checks
-def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
-    logs = [recordings / "nanobench" / f"{name}.csv" for name in CLEAN]
-    run = eivor("identify", *logs, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png")
-    document = json.loads((tmp_path / "x.json").read_text())
-    assert run.code in {0, 3}
-    assert len(document["flights"]) == 5
-    assert _not_confidently_wrong(document)
-    low, high = document["derived"]["effective_lag"]["interval"]
-    assert low <= 0.100
-    assert high is None or high >= 0.050  # these flights hardly climb: the set may have no end
-    mean = document["diagnostics"]["mean_input"]
-    assert document["derived"]["hover_input"]["value"] == pytest.approx(mean, rel=0.1)
-
-
-@pytest.mark.recordings
-@pytest.mark.thorough
 def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
     run = eivor(
         "identify", recordings / "nanobench" / "B6_linear_ramp_rep1.csv", "--figure", tmp_path / "x.png"
     )
     assert run.code == 3
     assert "never takes off" in run.out
-
-
-@pytest.mark.recordings
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
-    logs = [recordings / "nanobench" / f"B9_trefoil_fast_rep{n}.csv" for n in (3, 15)]
-    document = _document(eivor("identify", *logs, "--json", "-"))
-    assert len(document["logs"]) == 1
-    assert any(finding["name"] == "duplicate_log" for finding in document["findings"])
 
 
 @pytest.mark.recordings
@@ -264,29 +185,6 @@ def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example | true"
     run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
     assert run.stderr == ""
-
-
-@pytest.mark.thorough
-@pytest.mark.long
-def test_signs_that_an_encoding_lacks_are_spelt(shell: Caller) -> None:
-    """A question mark in the equation would say nothing; the columns of the table stay where they are."""
-    poor = shell("identify", "--example", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
-    rich = shell("identify", "--example", PYTHONIOENCODING="utf-8")
-    latin = shell("identify", "--example", encoding="latin-1", PYTHONIOENCODING="latin-1", PYTHONUTF8="0")
-    for run in (poor, rich, latin):
-        assert run.code == 0, run.err
-        assert run.err == ""
-        assert "identified" in run.out
-    assert "z'' + g = K_u U - K z' + b" in poor.out
-    assert "U = cos(tilt) x the mean" in poor.out
-    assert "?" not in poor.out
-    assert "z'' + g = K_u U − K z' + b" in rich.out
-    rows = [
-        [line for line in run.out.splitlines() if line.startswith("effective lag")] for run in (poor, rich)
-    ]
-    assert rows[0][0] == rows[1][0].replace("τ + d  ", "tau + d")
-    assert "m/s²" in latin.out
-    assert "K_u U - K z'" in latin.out
 
 
 @pytest.mark.thorough

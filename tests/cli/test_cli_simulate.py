@@ -125,21 +125,6 @@ def test_csv_has_the_same_numbers(eivor):
     assert pl.read_csv("log.csv").equals(pl.read_parquet("log.parquet"))
 
 
-@pytest.mark.thorough
-def test_flight_with_its_weight_is_identified(eivor, tmp_path):
-    """From the scenario to the verdict: the truth lies within the interval."""
-    (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
-    arguments = ("simulate", "flight.toml", "-o", "flight.parquet", "--hover", "--truth", "truth.json")
-    assert eivor(*arguments).code == 0
-    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
-    fit = ev.identify_flight(ev.read_log(tmp_path / "flight.parquet"))
-    low, high = fit.interval("viscous_friction", level=0.999)
-    assert low < truth["viscous_friction"] < high
-    assert fit.parameters["input_gain"] == pytest.approx(20.0, rel=0.03)
-    assert truth["hover_input"] == pytest.approx(9.80665 / 20.0)
-    assert "reference_velocity_z" in ev.read_log(tmp_path / "flight.parquet").channels
-
-
 def test_flight_under_altitude_control_logs_altitude_and_reference(eivor, tmp_path):
     control = 'kind = "altitude"\naltitude_gain = 0.5\nvelocity_gain = 0.15'
     text = FLIGHT.replace('kind = "velocity"\nvelocity_gain = 0.15', control)
@@ -172,28 +157,6 @@ def test_a_slow_log_with_its_weight_is_told(eivor, tmp_path):
     assert eivor("simulate", "closed-loop", "-o", "about_hover.csv").err == ""
     (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
     assert eivor("simulate", "flight.toml", "-o", "quick.parquet", "--hover").err == ""
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-@pytest.mark.parametrize("ending", ["parquet", "csv"])
-def test_shipped_flight_is_identified(eivor, tmp_path, ending):
-    """With the first seed intervals hold the truth, those of the joint vector at 99.9 %."""
-    log, truth_file = tmp_path / f"flight.{ending}", tmp_path / "truth.json"
-    run = eivor("simulate", "flight", "-o", log, "--truth", truth_file)
-    assert (run.code, run.err) == (0, "")
-    assert run.out.endswith("6000 samples at 100 Hz, 60 s\n")
-    truth = json.loads(truth_file.read_text(encoding="utf-8"))
-    assert (truth["schema"], truth["seed"], truth["samples"]) == ("eivor.simulate/1", 0, 6000)
-    assert truth["input_gain"] == pytest.approx(9.80665 / truth["hover_input"] ** 2)
-    fit = ev.identify_flight(ev.read_log(log))
-    assert fit.verdict.status.value == "identified"
-    for name in ("viscous_friction", "input_gain", "actuator_lag"):
-        low, high = fit.interval(name, level=0.999)
-        assert low < truth[name] < high, name
-    low, high = fit.interval("hover_input")
-    assert low < truth["hover_input"] < high
-    assert eivor("identify", log).code == 0
 
 
 FLOWN = """
@@ -429,22 +392,6 @@ def test_json(eivor, file, tmp_path):
     assert "together" in again.out
 
 
-@pytest.mark.long
-def test_figures_lie_beside_the_trials(eivor, file):
-    run = eivor("study", file, "--workers", 1, "--figures")
-    assert (run.code, run.err) == (0, "")
-    folder = Path("small-study")
-    assert {path.name for path in folder.glob("*.*") if path.suffix in {".png", ".svg"}} == {
-        *("nrmse.png", "nrmse.svg", "coverage.png", "coverage.svg")
-    }
-    assert "a [red]small[/red] one" in (folder / "coverage.svg").read_text(encoding="utf-8")
-    # The study goes on in a folder with pictures; without intervals there is no coverage to draw.
-    assert eivor("study", file, "--workers", 1, "--runs", 31).code == 0
-    file.write_text(STUDY.replace("intervals = true", ""), encoding="utf-8")
-    assert eivor("study", file, "--workers", 1, "--out", "plain", "--figures").code == 0
-    assert {path.stem for path in Path("plain").glob("*.png")} == {"nrmse"}
-
-
 @pytest.mark.thorough
 def test_failures_are_told(eivor, file):
     file.write_text(STUDY + BLIND, encoding="utf-8")
@@ -485,30 +432,6 @@ def test_files_that_are_none(eivor, file):
     run = eivor("study", file)
     assert run.code == 1
     assert "Is 'rusn' meant to be it?" in run.err
-
-
-@pytest.mark.thorough
-def test_another_study_in_the_folder(eivor, file):
-    eivor("study", file, "--workers", 1)
-    file.write_text(STUDY.replace("seed = 3", "seed = 4"), encoding="utf-8")
-    run = eivor("study", file)
-    assert run.code == 2
-    assert "Choose another folder with --out" in run.err
-
-
-@pytest.mark.thorough
-def test_more_runs_go_on(eivor, file):
-    eivor("study", file, "--workers", 1)
-    assert eivor("study", file, "--runs", 31, "--workers", 1).code == 0
-    assert pl.read_parquet("small-study/trials.parquet").height == 31
-    assert "at least 31 runs" in eivor("study", file).err
-
-
-@pytest.mark.thorough
-def test_help_is_quick(shell):
-    run = shell("study", "--help")
-    assert run.code == 0
-    assert "--dask" in run.out
 
 
 @pytest.mark.thorough

@@ -183,24 +183,6 @@ def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tu
 
 
 @pytest.mark.thorough
-def test_several_logs_are_told_one_by_one_and_together(eivor: Caller, log: Path) -> None:
-    run = eivor("inspect", f"{log}@0:14", f"{log}@14:29")
-    assert run.code == 0
-    assert run.out.count("What identify says (found by running it)") == 2
-    assert "What identify says of the 2 logs together" in run.out
-    assert "flight.csv@0:14" in run.out
-    document = json.loads(eivor("inspect", f"{log}@0:14", f"{log}@14:29", "--json", "-").out)
-    described = (
-        (Path(__file__).parents[2] / "docs" / "json.md").read_text().partition("## `eivor.inspect_pool/1`")[2]
-    )
-    assert document["schema"] == "eivor.inspect_pool/1"
-    assert all(f"| `{key}` |" in described for key in document)
-    ends = [part["airborne"]["used"][-1][1] for part in document["logs"]]
-    assert ends == pytest.approx([14.0, 29.0], abs=0.05)
-    assert {part["schema"] for part in document["logs"]} == {"eivor.inspect/1"}
-
-
-@pytest.mark.thorough
 def test_a_log_of_several_windows_is_read_once(
     eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -277,18 +277,6 @@ def test_commands_end_in_a_documented_code(eivor: Caller, good_fit: Path, tmp_pa
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(20, 320))
-def test_many_more_calls_end_so(good_fit: Path, seed: int) -> None:
-    check_library(seed, good_fit)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(4, 60))
-def test_many_more_commands_end_so(eivor: Caller, good_fit: Path, tmp_path: Path, seed: int) -> None:
-    use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
-
-
 def cut_short(log: Any, rng: np.random.Generator) -> Any:
     """A random part of a recording, without some of its channels."""
     from dataclasses import replace

@@ -131,17 +131,6 @@ def test_the_seed_decides_and_is_told() -> None:
 
 
 @pytest.mark.thorough
-def test_standard_errors_agree_with_the_spread_of_replicates() -> None:
-    problem = rows_of(np.arange(ROWS), compensated=True)
-    for method in (methods.least_squares(), methods.total_least_squares(), methods.generalized_iv()):
-        result = bootstrap(problem, method, runs=500, block_length=10, seed=1)
-        assert result.std_errors is not None
-        spread = [result.std_error(name) for name in result.names]
-        # 3 % is the chance of 500 runs
-        assert result.std_errors == pytest.approx(spread, rel=0.1)
-
-
-@pytest.mark.thorough
 def test_the_spread_of_independent_rows_is_the_robust_standard_error() -> None:
     """Block length one: White's heteroskedasticity-robust covariance, but for the chance of the runs."""
     random = np.random.default_rng(12)
@@ -322,27 +311,6 @@ def test_what_least_squares_leaves():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "nuisances",
-    [
-        (lag(), KNOWN_SHARE),
-        (lag(), share()),
-        (share(), lag()),
-        (KNOWN_LAG, KNOWN_SHARE),
-        (KNOWN_LAG, share(prior=Prior(0.41, 0.002))),
-    ],
-    ids=["one", "two", "in another order", "none", "one known beforehand"],
-)
-def test_all_flights_once_give_the_estimate_again(nuisances):
-    problem = pool([0, 1, 2, 3], *nuisances)
-    estimate = ev.identify(problem, reference_iv())
-    whole = pool_flights(problem, estimate).whole
-    assert (np.abs(joint(estimate, whole) - estimate.values) < 0.01 * errors(estimate)).all()
-    assert whole.nuisances == pytest.approx(estimate.nuisances, rel=1e-3)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_replicate_written_out():
     """Two-stage equations of the drawn rows, without the pool's own misfit."""
     problem = pool([0, 1, 2, 3], KNOWN_LAG, KNOWN_SHARE)
@@ -390,21 +358,6 @@ def test_what_is_known_beforehand_is_measured_again():
     assert abs(again.whole.nuisances["curve_share"] - estimate.parameters["curve_share"]) < 1e-3
     assert result.std() == pytest.approx(0.05, rel=0.15)
     assert result.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
-    together = replace(lag(prior=Prior(0.48, 0.002)), known_with=("curve_share",))
-    nuisances = (together, share(grid=np.linspace(0.35, 0.42, 5)))
-    problem = pool([0, 1, 2, 3], *nuisances, noise=3.0)
-    estimate = ev.identify(problem, reference_iv())
-    again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-    ats = [again.replicate(random)[0].nuisances for _ in range(100)]
-    sums = np.array([item["actuator_lag"] + item["curve_share"] for item in ats])
-    wanted = estimate.parameters["actuator_lag"] + estimate.nuisances["curve_share"]
-    assert sums.std() == pytest.approx(0.002, rel=0.25)
-    assert sums.mean() == pytest.approx(wanted, abs=0.001)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

@@ -101,23 +101,6 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
     assert both[1] < 0.9 * both[0]
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("method", "delay_s"),
-    [(method(), delay) for method in (least_squares, reference_iv) for delay in (0.0, 0.01, 0.03)]
-    + [(total_least_squares(), 0.01)],
-    ids=lambda value: getattr(value, "name", str(value)),
-)
-def test_delay_is_found_and_told_from_the_others(method, delay_s):
-    (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
-    fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
-    assert fit.parameters["delay"] == pytest.approx(delay_s, abs=0.003)
-    assert fit.parameters["delay"] + fit.parameters["actuator_lag"] == pytest.approx(
-        LAG_S + delay_s, abs=0.004
-    )
-
-
 def test_unknown_names_and_levels_are_refused():
     (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=6)
     fit = identify(problem(flight), least_squares())

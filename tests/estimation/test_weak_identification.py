@@ -37,12 +37,6 @@ def simulated(name: str, samples: int, seed: list[int]) -> ev.Signals:
     return ev.simulate(scenario, np.random.default_rng(seed)).signals
 
 
-def exact_input(signals: ev.Signals, truth: ev.Signals) -> ev.Signals:
-    """The same record with an input that is known without noise."""
-    channels = dict(signals.channels) | {"input": truth.channel("input")}
-    return ev.Signals(signals.rate_hz, channels, noise=dict(signals.noise) | {"input": ev.WhiteNoise(0.0)})
-
-
 @pytest.mark.calibration
 @pytest.mark.parametrize("name", ["rich", "white"])
 def test_generalized_iv_with_lag_zero_covers_at_500_samples(name):
@@ -142,46 +136,6 @@ def test_partialling_out_equals_concentrating_out(housing):
     assert whole.interval("hsngval").hull == pytest.approx(result.interval("hsngval").hull, rel=1e-9)
     # For an exogenous parameter the endogenous one is concentrated out, and its own column kept.
     assert whole.interval("pcturban").hull == pytest.approx(result.interval("pcturban").hull, rel=1e-9)
-
-
-@pytest.mark.long
-def test_an_intercept_costs_nothing():
-    """With the intercept partialled out the response may be shifted as one likes."""
-    signals = simulated("rich", 800, [34])
-    shifted = ev.Signals(
-        signals.rate_hz,
-        dict(signals.channels) | {"acceleration_z": signals.channel("acceleration_z") + 9.8},
-        noise=dict(signals.noise),
-    )
-    sets = [
-        anderson_rubin_set(
-            ev.VerticalMotion().regression(item, ev.lags("input", 0, 3)), ev.methods.generalized_iv()
-        )
-        for item in (signals, shifted)
-    ]
-    assert sets[0].partialled_out == ("intercept",)
-    for name in ("viscous_friction", "input_gain"):
-        assert sets[0].interval(name).hull == pytest.approx(sets[1].interval(name).hull, rel=1e-6)
-    moved = [item.interval("intercept").hull for item in sets]
-    assert moved[1] == pytest.approx(tuple(end + 9.8 for end in moved[0]), rel=1e-5)
-
-
-@pytest.mark.thorough
-def test_sign_perturbed_set_of_a_record_with_an_exact_input():
-    scenario = dataclasses.replace(shipped_scenario("white"), samples=300)
-    record = ev.simulate(scenario, np.random.default_rng(35))
-    signals = exact_input(record.signals, record.truth)
-    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 3))
-    result, again, other = (
-        sign_perturbed_set(problem, ev.methods.extended_iv(), np.random.default_rng(seed))
-        for seed in (0, 0, 1)
-    )
-    assert result.region.contains(np.array([0.293, 0.021]))
-    assert result.intervals == again.intervals
-    assert result.intervals != other.intervals
-    assert not result.is_empty
-    assert result.interval("input_gain").contains(0.021)
-    assert "symmetric" in result.summary()
 
 
 def test_sign_perturbation_refuses_what_would_break_its_exactness():

@@ -6,16 +6,13 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import eivor as ev
-from eivor.simulation.environment import TrajectoryKind, altitude_reference
-from exports.documents import FRICTION, GAIN, GRAVITY, HOVER, LAG, climb, quad_params, saved
+from exports.documents import GAIN, GRAVITY, HOVER, LAG, climb, quad_params, saved
 
 STEP, SECONDS = 1.02, 1.0
 
@@ -102,74 +99,3 @@ def test_drone_models_accelerate_as_the_flight_says(tmp_path: Path) -> None:
 
 
 LOG_STEP_S, FLIGHT_S = 0.01, 40.0
-
-
-#: Standard deviations of height [m], velocity [m/s] and force [m/s^2] as logged.
-NOISE = (0.005, 0.02, 0.3)
-
-
-#: From a wanted acceleration to a command; then height, velocity and acceleration, and the same after a step.
-Command = Callable[[float], float]
-
-
-Measure = Callable[[], tuple[float, float, float]]
-
-
-Advance = Callable[[float], None]
-
-
-def identified_again(
-    command: Command, measure: Measure, advance: Advance, channel: str, input_map: str
-) -> dict[str, Any]:
-    """Quantities of a flight under control, of what a simulator gave."""
-    rng = np.random.default_rng(0)
-    count = round(FLIGHT_S / LOG_STEP_S)
-    wanted = altitude_reference(TrajectoryKind.MULTISINE, count=count, step_s=LOG_STEP_S, rng=rng)
-    errors = rng.standard_normal((count, 3)) * NOISE
-    rows = []
-    for k in range(count):
-        height, velocity, acceleration = np.array(measure()) + errors[k]
-        correction = 6.0 * (wanted.position[k] - height) + 4.0 * (wanted.velocity[k] - velocity)
-        reported = command(wanted.acceleration[k] + correction)
-        rows.append((height, velocity, acceleration + GRAVITY, reported))
-        advance(reported)
-    logged = dict(
-        zip(("position_z", "velocity_z", "specific_force_z", channel), np.array(rows).T, strict=True)
-    )
-    references = {
-        f"reference_{name}_z": getattr(wanted, name)[:count]
-        for name in ("position", "velocity", "acceleration")
-    }
-    time = {"time": LOG_STEP_S * np.arange(count)}
-    fit = ev.identify_flight(ev.recording_from_columns(time | logged | references, input_map=input_map))
-    assert fit.verdict.status.value == "identified", fit.verdict.sentences
-    return dict(fit.quantities)
-
-
-def holds(quantities: dict[str, Any], **truth: float) -> None:
-    for name, value in truth.items():
-        low, high = quantities[name].interval
-        assert low <= value <= high, (name, low, value, high)
-        assert high - low < 0.5 * value
-
-
-@pytest.mark.thorough  # RotorPy takes a millisecond for a step
-def test_rotorpy(tmp_path: Path) -> None:
-    rotorpy = pytest.importorskip("rotorpy.vehicles.multirotor", reason="RotorPy is not installed")
-    rest = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}
-    state: dict[str, Any] = rest | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, HOVER)}
-    vehicle = rotorpy.Multirotor(quad_params(tmp_path), state, "cmd_motor_speeds")
-    selected = [HOVER]
-
-    def measure() -> tuple[float, float, float]:
-        rate = vehicle.statedot(state, {"cmd_motor_speeds": np.full(4, selected[-1])}, LOG_STEP_S)["vdot"]
-        return state["x"][2], state["v"][2], rate[2]
-
-    def advance(command: float) -> None:
-        selected.append(command)
-        state.update(vehicle.step(state, {"cmd_motor_speeds": np.full(4, command)}, LOG_STEP_S))
-
-    again = identified_again(
-        lambda wanted: HOVER * (1.0 + 0.5 * wanted / GRAVITY), measure, advance, "rotor_command_1", "square"
-    )
-    holds(again, viscous_friction=FRICTION, input_gain=GAIN, actuator_lag=LAG, hover_input=HOVER)

@@ -512,37 +512,6 @@ def test_region_is_the_rank_of_explicit_sums():
     assert order.size == 20
 
 
-@pytest.mark.thorough
-def test_lines_and_shadows_agree_with_membership():
-    rng = np.random.default_rng(3)
-    psi, columns = record_sign(rng.standard_t(3, ROWS), rng)
-    region = sign_perturbed_region(("a", "b"), psi, columns, rng, level=0.9, sums=20)
-    low, high = region.interval("a").hull
-    grid = np.column_stack([np.ones(20001), np.zeros(20001), np.linspace(-50.0, 50.0, 20001)])
-    for a, inside in ((low + 1e-4, True), (low - 1e-4, False), (high - 1e-4, True), (high + 1e-4, False)):
-        grid[:, 1] = (a - region.frame.pivot[0]) / region.frame.scale[0]
-        line = region.shape.along(grid[0] * [1, 1, 0], np.array([0.0, 0.0, 1.0]))
-        assert line.is_empty != inside
-        assert (region.shape.excess(grid).min() <= 1.0) <= inside
-    (outline,) = region.outline()
-    assert outline[:, 0].min() == pytest.approx(low)
-    middle = outline.mean(axis=0)
-    assert all(region.contains(middle + 0.999 * (corner - middle)) for corner in outline[::20])
-    assert not any(region.contains(middle + 1.01 * (corner - middle)) for corner in outline[::20])
-
-
-@pytest.mark.thorough
-def test_region_does_not_depend_on_units_or_on_the_mixture_of_instruments():
-    rng = np.random.default_rng(9)
-    psi, columns = record_sign(rng.standard_t(2, ROWS), rng)
-    mixed, units = psi @ rng.standard_normal((2, 2)), np.array([1e3, 1e-3, 7.0])
-    region = sign_perturbed_region(("a", "b"), psi, columns, np.random.default_rng(1), level=0.95, sums=100)
-    other = sign_perturbed_region(
-        ("a", "b"), mixed, columns * units, np.random.default_rng(1), level=0.95, sums=100
-    )
-    assert region.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-6).hull, rel=1e-7)
-
-
 def test_a_useless_instrument_gives_the_whole_line():
     rng = np.random.default_rng(2)
     e = rng.standard_normal(200)

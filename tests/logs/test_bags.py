@@ -23,9 +23,7 @@ from dataflash_writer import simulated
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-import eivor as ev
 from eivor.errors import ChannelMapError, EmptyLogError, InputError, MissingReaderError
-from eivor.inference.verdict import Status
 from eivor.logs.read import read_log
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
@@ -246,25 +244,6 @@ def test_without_rosbags_one_sentence_says_what_to_install(tmp_path, monkeypatch
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     with pytest.raises(MissingReaderError, match=r"pip install 'eivor\[ros\]'"):
         read_log(path)
-
-
-@pytest.mark.thorough
-def test_the_numbers_are_those_of_the_ulog(tmp_path, store):
-    flight = simulated(seed=3, duration=40.0)
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(bag_writer.ulog(flight))
-    expected = ev.identify_flight(read_log(path))
-    assert expected.verdict.status is Status.IDENTIFIED
-    messages = px4_messages(store["ros2"], flight)
-    bag = write_ros2(tmp_path / "px4", messages, store["ros2"], StoragePlugin.MCAP)
-    fit = ev.identify_flight(read_log(bag))
-    mavros = write_ros1(tmp_path / "mavros.bag", mavros_messages(store["ros1"], flight), store["ros1"])
-    turned = ev.identify_flight(read_log(mavros))
-    for name, quantity in expected.quantities.items():
-        assert fit.quantities[name].value == pytest.approx(quantity.value, rel=1e-6)
-        assert fit.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-6)
-        low, high = quantity.interval
-        assert abs(turned.quantities[name].value - quantity.value) <= 0.01 * (high - low) / 4.0
 
 
 # -- A channel map names fields of a bag's topics --

@@ -151,33 +151,6 @@ def test_a_few_damaged_files(tmp_path, seeds, name):
         survives(tmp_path / name, damaged(seeds[name], rng))
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(("name", "trials"), [("t.bin", 10_000), ("t.bag", 1000), ("t.db3", 1000)])
-def test_thousands_of_damaged_files(tmp_path, seeds, name, trials):
-    rng = np.random.default_rng(8)
-    for _ in range(trials):
-        survives(tmp_path / name, damaged(seeds[name], rng))
-
-
-@pytest.mark.thorough
-@pytest.mark.recordings
-@pytest.mark.parametrize(
-    "name",
-    [
-        "px4/sample_appended_multiple.ulg",
-        "px4/sample_px4_events.ulg",
-        "nanobench/B2_circle_fast_rep1.csv",
-        "arpl-crazyflie/log10",
-    ],
-)
-def test_real_files(tmp_path, recordings, name):
-    rng = np.random.default_rng(11)
-    blob = (recordings / name).read_bytes()[:600_000]
-    for _ in range(12):
-        survives(tmp_path / "damaged", damaged(blob, rng))
-
-
 #: Beginnings of files, which any bytes follow.
 HEADS = {
     "": b"",

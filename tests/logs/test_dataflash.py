@@ -458,12 +458,6 @@ def identified(tmp_path, writer):
     return fit
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("dialect", ["3.4", "4.1", "4.6"])
-def test_the_truth_is_in_the_intervals(tmp_path, dialect):
-    identified(tmp_path, flight_log(simulated(seed=3, duration=60.0), dialect))
-
-
 def swept(seconds=80.0, start=12.0, end=70.0):
     """A flight that holds its height in gusts, and in between sweeps the throttle of a resting stick."""
     rng, step, gain, lag = np.random.default_rng(0), 0.0025, TRUTH["input_gain"], TRUTH["effective_lag"]

@@ -22,7 +22,6 @@ from eivor.errors import (
 from eivor.flights import prepare
 from eivor.flights.grid import upward
 from eivor.flights.options import FlightOptions
-from eivor.inference.verdict import Status
 from eivor.logs import common, read_log
 from eivor.logs.common import KeptChannels
 from eivor.logs.dataflash import channels, messages, sources
@@ -315,18 +314,6 @@ def test_channels_by_their_names_and_by_a_map(whole, tmp_path, kind):
     for name, channel in mapped.channels.items():
         sign = -1.0 if name.endswith("_z") else 1.0
         np.testing.assert_array_equal(sign * channel.values, flight.channels[name].values, err_msg=name)
-
-
-@pytest.mark.thorough
-def test_the_truth_is_in_the_intervals(whole, tmp_path):
-    flight = simulated(seed=3, duration=40.0)
-    (tmp_path / "rig.toml").write_text(MAP)
-    path = write(tmp_path / "b.mat", "hdf5", flight, tree=True)
-    fit = identify_flight(read_log(path, channel_map=tmp_path / "rig.toml"))
-    assert fit.verdict.status is Status.IDENTIFIED
-    for name, value in {"viscous_friction": 0.4, "effective_lag": 0.04, "hover_input": 0.5}.items():
-        low, high = fit.quantities[name].interval
-        assert low <= value <= high, name
 
 
 def test_variables_of_several_lengths_are_told(whole, tmp_path):

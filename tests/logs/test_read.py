@@ -7,7 +7,6 @@ import gzip
 import io
 import os
 import struct
-import subprocess
 import sys
 import tempfile
 from dataclasses import replace
@@ -64,15 +63,7 @@ def test_known_formats_without_a_reader(tmp_path, content, words):
         read_log(written(tmp_path, content, "misleading.csv"))
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"hello world\n",
-        b"\x00" * 100,
-        bytes(range(256)),
-        b"\n\n\n",
-    ],
-)
+@pytest.mark.parametrize("content", [b"hello world\n", b"\x00" * 100, bytes(range(256)), b"\n\n\n"])
 def test_unknown_formats(tmp_path, content):
     with pytest.raises(UnknownFormatError, match="content is that of none of them"):
         read_log(written(tmp_path, content))
@@ -412,16 +403,6 @@ def test_pipes_that_were_opened_for_this_process(temporary):
         assert read_log(f"/dev/fd/{reading}").channels["velocity_z"].values.tolist() == [1.0, 2.0]
     finally:
         os.close(reading)
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(sys.platform == "win32", reason="no such paths there")
-@pytest.mark.parametrize("path", ["-", "/dev/stdin"])
-def test_the_command_line(tmp_path, path):
-    command = [sys.executable, "-c", "from eivor.cli.main import run; run()", "inspect", path]
-    done = subprocess.run(command, input=TABLE, capture_output=True, check=False, cwd=tmp_path)
-    assert b"standard input" in done.stdout
-    assert done.stderr == b""
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

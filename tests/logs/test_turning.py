@@ -20,17 +20,6 @@ from motions.turning_logs import STEP_S, Vehicle, turned
 # -- What a Crazyflie's log holds of turning: torque setpoints, and what was asked of attitude  --
 
 FULL = 65535.0
-#: Variable of the firmware, canonical channel, and its factor from the canonical value.
-TURNING = (
-    ("gyro.x", "angular_rate_x", 180.0 / np.pi),
-    ("gyro.y", "angular_rate_y", 180.0 / np.pi),
-    ("gyro.z", "angular_rate_z", 180.0 / np.pi),
-    ("controller.cmd_roll", "torque_setpoint_x", FULL),
-    ("controller.cmd_pitch", "torque_setpoint_y", -FULL),
-    ("controller.cmd_yaw", "torque_setpoint_z", -FULL),
-    ("ctrltarget.roll", "reference_roll", 180.0 / np.pi),
-    ("ctrltarget.pitch", "reference_pitch", -180.0 / np.pi),
-)
 
 
 def read(tmp_path: Path, log: UsdLog) -> Recording:
@@ -93,31 +82,6 @@ def test_what_is_turned_by_the_mixer_turns_that_way():
         assert np.sign(torque) == pytest.approx(np.array(item))
 
 
-@pytest.mark.thorough
-def test_the_rates_model_takes_such_a_log(tmp_path):
-    vehicle = Vehicle()
-    flight = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
-    clock = flight.channels["angular_rate_x"].time_s
-    columns = []
-    for _, name, factor in TURNING:
-        channel = flight.channels[name]
-        indices = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
-        columns.append(factor * channel.values[np.maximum(indices, 0)])
-    log = UsdLog()
-    log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name, _, _ in TURNING))
-    for second, row in zip(clock, np.column_stack(columns), strict=True):
-        log.add_record(0xFFFF, 1_000_000 + round(1e6 * second), *row)
-    result = identify_flight(read(tmp_path, log), model="rates")
-    assert result.verdict.status is Status.IDENTIFIED
-    for axis, truth in zip(("roll", "pitch"), vehicle.effectiveness, strict=False):
-        assert result.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
-    # the reader takes the delay of a low-pass off the gyroscope's stamps that this flight did not have
-    late = read_log(tmp_path / "log03").channels["angular_rate_x"].delay_s
-    assert result.quantities["effective_lag"].value + late == pytest.approx(
-        vehicle.effective_lag_s, abs=0.006
-    )
-
-
 # -- Turning in ArduPilot's logs: fast logging of RATE tells effectiveness and lag; sweeps are  --
 
 DEG = 180.0 / np.pi
@@ -165,12 +129,6 @@ def identified(tmp_path, writer):
         low, high = fit.quantities[name].interval
         assert low <= value <= high, name
     return fit
-
-
-@pytest.mark.thorough
-def test_sticks_in_stabilize(tmp_path):
-    flight = turned(1, command_hz=400.0, rate_hz=400.0)
-    identified(tmp_path, turning_log(flight, STABILIZE))
 
 
 @pytest.mark.thorough

@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import ParameterError
-from eivor.estimation.methods import TABLE, by_name, identify
-from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import prepare
-from eivor.models.lagged_runs import lag_and_delay
-from eivor.models.separable import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import vertical_problem
-from eivor.signals.thrust_map import Power
 from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
 from eivor.simulation.excitation import (
     Chirp,
@@ -35,7 +26,6 @@ from eivor.simulation.excitation import (
     maximal_sequence,
 )
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from simulation.rotor_states import actual_state_recording
 
 # -- Excitations: their peaks, their bands, and what they refuse --
 
@@ -182,8 +172,6 @@ def test_impossible_excitations_are_refused(make, said):
 # -- With no noise and no gust on the linear simulator, every method finds the parameters --
 
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
-#: Methods that listen to the differentiated velocity too.
-WHITENED = ("reference_iv", "whitened_least_squares", "spectral_giv", "whittle_ml")
 #: Relative tolerance of K and of K_u.
 EXACT, SPECTRAL = 1e-6, 0.015
 #: Vehicles at the corners of the study's grid: lag [s], delay [s], K [1/s].
@@ -212,43 +200,6 @@ FAINT = tuple(
 def flights() -> dict[VerticalFlightSpec, SimulatedFlight]:
     specs = [*QUIET, *LEVEL, *FAINT]
     return dict(zip(specs, simulate_vertical_flights(specs), strict=True))
-
-
-def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
-    flight = prepare(flights()[spec].recording, Vertical(), FlightOptions())
-    rule: InstrumentRule = {
-        "reference_iv": LaggedReferences(flight.usable_references),
-        "extended_iv": LaggedInputs(),
-        "generalized_iv": LaggedReferences(flight.usable_references),
-        "generalized_iv_tls": LaggedReferences(flight.usable_references),
-    }.get(method, NoInstruments())
-    nuisances = lag_and_delay(delays_s=[spec.delay])
-    problem = vertical_problem((vertical_flight(flight),), VerticalMotion(Power(2.0)), rule, nuisances)
-    return identify(problem, by_name(method)).parameters
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
-@pytest.mark.parametrize("method", list(TABLE))
-def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method, spec):
-    recording = actual_state_recording(flights()[spec])
-    exact = {"velocity_z": 0.0, "rotor_speed_1": 0.0} if method == "bias_compensated_least_squares" else None
-    quantities = identify_flight(recording, FlightOptions(method=method, noise=exact)).quantities
-    tolerance = SPECTRAL if method in WHITENED else EXACT
-    assert quantities["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=tolerance)
-    assert quantities["input_gain"].value == pytest.approx(spec.input_gain, rel=tolerance)
-    # The velocity's derivative carries the balance, hence the difference quotient's error.
-    assert quantities["hover_input"].value == pytest.approx(spec.hover_input, rel=1e-4)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("spec", LEVEL, ids=lambda spec: f"lag {spec.actuator_lag}")
-@pytest.mark.parametrize("method", [name for name in TABLE if name not in WHITENED])
-def test_method_told_the_delay_recovers_the_lag_from_commands(method, spec):
-    delay = told_the_delay(spec, method)
-    assert delay["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=1e-5)
-    assert delay["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=1e-3)
-    assert delay["input_gain"] == pytest.approx(spec.input_gain, rel=1e-3)
 
 
 @pytest.mark.thorough

@@ -177,18 +177,6 @@ def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-def test_declared_noises_are_taken_as_they_are() -> None:
-    result = identified("spectral_giv", noise={"velocity_z": 0.03, "specific_force_z": 0.3})
-    assert result.fit is not None
-    velocity, acceleration, disturbance = result.fit.estimate.noises
-    assert velocity.strength == pytest.approx(0.03 * np.sqrt(2.0 * STEP_S), rel=1e-3)
-    assert acceleration.strength == pytest.approx(0.3 * np.sqrt(2.0 * STEP_S), rel=1e-3)
-    assert velocity.strength_error == velocity.order == velocity.order_error == 0.0
-    assert disturbance.strength_error > 0.0
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.thorough
 def test_a_likelihood_under_control_is_provisional_at_most() -> None:
     result = identified("whittle_ml")
     assert result.verdict.status is Status.PROVISIONAL

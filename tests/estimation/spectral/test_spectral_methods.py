@@ -139,25 +139,6 @@ def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of:
         ev.identify(bare, ev.methods.whittle_ml())
 
 
-@pytest.mark.thorough
-def test_an_unknown_noise_of_a_coloured_input_is_told_with_the_parameters(problem_of: ProblemOf) -> None:
-    problem = problem_of("rich-high", 4000, 3)
-    known = ev.identify(problem, ev.methods.spectral_giv())
-    result = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
-    assert result.status is Status.IDENTIFIED
-    (noise,) = (item for item in result.noises if item.of == "input")
-    true = problem.signals.noise["input"].std
-    assert noise.strength == pytest.approx(true, abs=3.0 * noise.strength_error)
-    assert 0.02 * true < noise.strength_error < 0.2 * true
-    for name, truth in zip(result.names, TRUTH, strict=True):
-        low, high = result.interval(name)
-        assert low < truth < high
-        assert result.std_error(name) >= 0.95 * known.std_error(name)
-    assert not any(item.of == "input" for item in known.noises)
-    combined = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv_combined())
-    assert any(item.of == "input" for item in combined.noises)
-
-
 def test_an_unknown_noise_of_a_white_input_is_refused(problem_of: ProblemOf) -> None:
     result = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
     assert result.status is Status.REFUSED
