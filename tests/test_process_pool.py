@@ -12,7 +12,7 @@ import pytest
 
 from eivor import process_pool
 from eivor.errors import InputError
-from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
+from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess
 from studies.study_parts import SOURCES, wait_until
 from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
@@ -150,34 +150,6 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
     assert decoded() == 1
     monkeypatch.setenv(SANDBOX, "1")
     assert decoded() == 1
-
-
-@pytest.fixture
-def begun(monkeypatch):
-    """Processes that are begun."""
-    popen, results = subprocess.Popen, []
-
-    def beginning(*given, **options):
-        results.append(popen(*given, **options))
-        return results[-1]
-
-    monkeypatch.setattr(subprocess, "Popen", beginning)
-    return results
-
-
-def test_a_process_that_was_begun_in_advance_is_taken(begun):
-    with begun_in_advance("worker_answers"), contextlib.closing(WorkerProcess(answered)) as worker:
-        assert worker("pid") == begun[0].pid
-    assert len(begun) == 1
-
-
-def test_a_process_that_nobody_took_is_ended(begun):
-    with pytest.raises(ZeroDivisionError), begun_in_advance("worker_answers"):
-        raise ZeroDivisionError
-    assert begun[0].returncode == -signal.SIGKILL
-    with contextlib.closing(WorkerProcess(answered)) as worker:
-        assert worker("a") == "<a>"
-    assert len(begun) == 2
 
 
 def test_progress_does_not_hide_limits():

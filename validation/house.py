@@ -248,7 +248,7 @@ def project(root: Path) -> dict[str, int]:
     """Counts of tests, studies and pages of a checkout."""
     import eivor
 
-    public = {f"eivor.{name}" for name in eivor.__all__}
+    public = {f"eivor.{name}" for name in dir(eivor)}
     tests = [path.read_text(encoding="utf-8") for path in sorted((root / "tests").rglob("*.py"))]
     studies = (path.read_text(encoding="utf-8") for path in (root / "validation").rglob("*.py"))
     pages = [path for path in (root / "docs").rglob("*.md") if path.name not in GENERATED_PAGES]

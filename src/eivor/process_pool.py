@@ -13,12 +13,11 @@ import tempfile
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from itertools import islice
 from multiprocessing import spawn
 from pathlib import Path
@@ -103,7 +102,7 @@ class WorkerProcess:
         """Result of an item."""
         given_up = given_up or abandoned
         for attempt in range(TRIES):
-            process, self._process = self._process or _process(), None  # until it has answered
+            process, self._process = self._process or _Process(), None  # until it has answered
             try:
                 kind, value = process.result(self._pickled, self._limits, item, report, given_up)
             except _DiedError as died:
@@ -137,7 +136,7 @@ class WorkerProcess:
 class _Process:
     """A process with two pipes: items go in, results come out."""
 
-    def __init__(self, *modules: str) -> None:
+    def __init__(self) -> None:
         if _LOADING_MAIN:
             expected = "a script that runs tasks of its own guarded by `if __name__ == '__main__':`"
             received = "one that runs them where it is imported"
@@ -155,7 +154,6 @@ class _Process:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         self._has_function = False
-        self._send(modules)
 
     def result(
         self,
@@ -238,40 +236,16 @@ class _Process:
         self._printed.close()
 
 
-#: Processes begun in advance that nobody has taken yet.
-_IN_ADVANCE: queue.SimpleQueue[_Process] = queue.SimpleQueue()
-
-
-def _process() -> _Process:
-    try:
-        return _IN_ADVANCE.get_nowait()
-    except queue.Empty:
-        return _Process()
-
-
-@contextmanager
-def begun_in_advance(module: str) -> Iterator[None]:
-    """Begin a process that loads a module meanwhile; it ends with the block where nobody took it."""
-    _IN_ADVANCE.put(_Process(module))
-    try:
-        yield
-    finally:
-        with suppress(queue.Empty):
-            _IN_ADVANCE.get_nowait().end()
-
-
 #: In a worker process: not empty while it imports the script that began it.
 _LOADING_MAIN: list[bool] = []
 
 
 def work() -> None:
-    """Be a worker process: load modules, take the function and its items, give results until nobody reads."""
+    """Be a worker process: take the function and its items, give results until nobody reads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     items, results = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no result
-    for module in pickle.load(items):  # noqa: S301 - who began this process wrote it
-        import_module(module)
-    main, pickled, memory_gb = pickle.load(items)  # noqa: S301 - as above
+    main, pickled, memory_gb = pickle.load(items)  # noqa: S301 - who began this process wrote it
     _LOADING_MAIN.append(True)
     spawn.prepare(main)
     _LOADING_MAIN.clear()

@@ -1,4 +1,4 @@
-"""Names that load late, notebook output, progress messages, and annotations of array shapes."""
+"""Plain text, notebook output, progress messages, and annotations of array shapes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import codecs
 import re
 import sys
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from html import escape
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 # -- Plain text --
@@ -98,20 +97,6 @@ Progress = Callable[[Stage], None]
 
 def no_stage_callback(_stage: Stage, /) -> None:
     """Report to no one."""
-
-
-# -- Late names --
-
-
-def late_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
-    """Return the `__getattr__` of a package or module."""
-
-    def load(name: str) -> object:
-        if name not in homes:
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        return getattr(import_module(homes[name]), name)
-
-    return load
 
 
 # -- Notebook --

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -47,7 +47,7 @@ from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_li
 from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
-from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, begun_in_advance, useful_workers
+from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, useful_workers
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text
 from eivor.report.terminal import on_terminal
@@ -137,36 +137,34 @@ def run_command(
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    # what a process that reads logs loads takes as long as what follows here
-    with nullcontext() if dask else begun_in_advance("eivor.fleet.table"):
-        motion = named_motion(model, vehicle)
-        options = FleetOptions(
-            motion=model,
-            vehicle_file=vehicle,
-            flight=flight_options(motion, **given),
-            maps=given_maps(channel_map),
-            vehicle_from=vehicle_from,
-            limits=Limits(log_time, log_memory),
-        )
-        with step(f"Looking for logs in {logs}"):
-            result = logs_found(logs)
-        keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs))
-        executor = _executor(workers, dask, len(result.logs))
-        try:
-            with _bar() as progress:
-                done = run_fleet(
-                    result,
-                    Path(out),
-                    options,
-                    executor=executor,
-                    shared=bool(dask),
-                    progress=progress,
-                    page_of=flight_page if reports else None,
-                )
-        except KeyboardInterrupt:
-            kept = f"Rows that were written are in {out}. Run the same command again to go on."
-            complain("interrupted", kept)
-            return ExitCode.INTERRUPTED
+    motion = named_motion(model, vehicle)
+    options = FleetOptions(
+        motion=model,
+        vehicle_file=vehicle,
+        flight=flight_options(motion, **given),
+        maps=given_maps(channel_map),
+        vehicle_from=vehicle_from,
+        limits=Limits(log_time, log_memory),
+    )
+    with step(f"Looking for logs in {logs}"):
+        result = logs_found(logs)
+    keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs))
+    executor = _executor(workers, dask, len(result.logs))
+    try:
+        with _bar() as progress:
+            done = run_fleet(
+                result,
+                Path(out),
+                options,
+                executor=executor,
+                shared=bool(dask),
+                progress=progress,
+                page_of=flight_page if reports else None,
+            )
+    except KeyboardInterrupt:
+        kept = f"Rows that were written are in {out}. Run the same command again to go on."
+        complain("interrupted", kept)
+        return ExitCode.INTERRUPTED
     show(_report(done, out))
     return ExitCode.IDENTIFIED
 
