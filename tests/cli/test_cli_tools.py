@@ -194,7 +194,7 @@ def test_a_log_of_several_windows_is_read_once(
         read.append(path)
         return read_log(path, **options)
 
-    monkeypatch.setattr("eivor.cli.results.read_log", counted)
+    monkeypatch.setattr("eivor.cli.parsing.read_log", counted)
     document = json.loads(eivor("inspect", f"{log}@0:14", f"{log}@14:29", "--json", "-").out)
     assert len(document["logs"]) == 2
     assert read == [log]

@@ -1,21 +1,31 @@
-"""Work of the commands track and validate, and the options of a plan."""
+"""Commands that follow and test a result: track and validate."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from eivor.cli.options import DEFAULT_MODEL, parse_pair
-from eivor.cli.outputs import ExitCode, deliver_result, figure_file, step
-from eivor.cli.parsing import flight_options, named_motion, parse_window
-from eivor.cli.results import figure_parts, pooled_result, read_logs
-from eivor.errors import UsageError
+import typer
+
+from eivor.cli.identify import figure_parts
+from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords
+from eivor.cli.outputs import (
+    ExitCode,
+    JsonOption,
+    Reads,
+    Writes,
+    deliver_result,
+    figure_file,
+    guarded,
+    log_paths,
+    option,
+    step,
+    with_options,
+)
+from eivor.cli.parsing import flight_options, named_motion, parse_window, pooled_result, read_logs
 from eivor.flights.options import FlightOptions
 from eivor.flights.track import track as tracked_parameter
-from eivor.planning.plan import Location
-from eivor.planning.vehicle import FlightLimits
 from eivor.report.json_document import json_text
 from eivor.report.other_results import track_document, track_figure, track_json
 from eivor.report.saved_fit import load_fit
@@ -25,20 +35,60 @@ from eivor.report.validation import validation_document
 
 # -- Track --
 
+TRACK_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not. 3 it "
+    "is identified nowhere. 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written "
+    "(what was found is printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
+    "was taken as known."
+)
+#: Of `identify`.
+TRACK_OPTIONS = (
+    *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
+    *("lag", "lag_from", "channel_map"),
+)
 
+
+@guarded
+@with_options(FlightWords, LogWords, only=TRACK_OPTIONS)
 def track(
+    log: Annotated[
+        str,
+        typer.Argument(
+            metavar="LOG",
+            help="One log, as of eivor identify; LOG@START:END takes a window.",
+            show_default=False,
+        ),
+        Reads(log_paths),
+    ] = "",
     *,
-    log: str,
-    memory: float | None,
-    accelerometer_bias: float | None,
-    method: str,
-    json: str,
-    figure: str,
+    memory: Annotated[
+        float | None,
+        option(
+            "S",
+            "Time over which samples are forgotten, in seconds; a step is identified after half of it "
+            "(default: 5, or the length of a shorter flight).",
+        ),
+    ] = None,
+    accelerometer_bias: Annotated[
+        float | None,
+        option(
+            "STD",
+            "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
+            "lets hover determine the gain; inf when nothing is known, so that only movement does.",
+        ),
+    ] = None,
+    method: Annotated[
+        str,
+        option("NAME", "Method that identifies the flight as a whole, and its lag.", show_default=True),
+    ] = "reference_iv",
+    json: JsonOption = "",
+    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
     example: bool,
     channel_map: str,
     **given: Any,
 ) -> ExitCode:
-    """Do what `eivor.cli.identify.track` declares."""
+    """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
     motion = named_motion(DEFAULT_MODEL)
     picture = figure_file(figure)
     options = flight_options(motion, method=method, **given)
@@ -58,11 +108,41 @@ def track(
 
 # -- Validate --
 
+VALIDATE_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, in open loop "
+    "or, of turning and of the rigid body, half a second ahead. 3 it does not (the numbers are printed all "
+    "the same). 2 wrong usage, such as a result without an estimate. 1 a file that cannot be read or written "
+    "(the numbers are printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
+    "explained, over all runs and in each. Of turning and of the rigid body the RMS error after .1 to .5 s."
+)
 
+
+@guarded
+@with_options(FlightWords, LogWords, only=("window", "max_tilt", "channel_map"))
 def validate(
-    *, fit: Path, log: str, json: str, figure: str, window: str, max_tilt: float | None, channel_map: str
+    fit: Annotated[
+        Path,
+        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        Reads(),
+    ],
+    log: Annotated[
+        str,
+        typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),
+        Reads(log_paths),
+    ],
+    *,
+    json: JsonOption = "",
+    figure: Annotated[
+        str,
+        option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
+        Writes(),
+    ] = "",
+    window: str,
+    max_tilt: float | None,
+    channel_map: str,
 ) -> ExitCode:
-    """Do what `eivor.cli.identify.validate` declares."""
+    """Predict another flight by a result, beside simpler models of the flights that it came from."""
     picture = figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
     result = load_fit(fit)
@@ -76,37 +156,3 @@ def validate(
         *figure_parts(picture, validation.plot),
     )
     return ExitCode.IDENTIFIED if validation.predicts else ExitCode.NOT_IDENTIFIED
-
-
-# -- Options of a plan --
-
-
-def check_mission(qgc: str, home: str, shape: str) -> None:
-    """Refuse a mission without a place, a place without a mission."""
-    if bool(qgc) != bool(home):
-        raise UsageError(
-            "--qgc FILE.plan together with --home LAT,LON",
-            "one without the other",
-            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
-        )
-    if qgc and shape not in ("", "steps"):
-        raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
-
-
-def position_of(text: str) -> Location:
-    """Place of ``LAT,LON`` [deg]."""
-    place = parse_pair(text, ",", (math.nan, math.nan))
-    if any(map(math.isnan, place)):
-        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
-    return place
-
-
-def flight_limits(
-    height: str = "3:8", speed: float = 2.0, acceleration: float = 3.0, tilt: float = 20.0, time: float = 60.0
-) -> FlightLimits:
-    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
-    low, high = parse_pair(height)
-    if not -math.inf < low < high < math.inf:
-        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
-        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
-    return FlightLimits((low, high), speed, acceleration, tilt, time)

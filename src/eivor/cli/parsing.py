@@ -13,7 +13,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from eivor.cli.options import FlightWords, parse_pair
+from eivor.cli.options import FlightWords, LogWords, parse_pair
+from eivor.cli.outputs import step
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
 from eivor.estimation.methods import by_name
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
@@ -23,10 +24,14 @@ from eivor.flights.prepare import check_options
 from eivor.flights.references import ESTIMATE, Declared
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
+from eivor.logs import read_log
 from eivor.logs.common import UNITS, unit_fits
+from eivor.logs.read import example_flight
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import motion_by_name
+from eivor.planning.plan import Location
+from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import DataSheet, Recording, interval_within
@@ -166,6 +171,61 @@ def identified(
         ]
         remedy = " ".join((error.remedy, *dict.fromkeys(advice)))
         raise MissingChannelError(error.expected, error.received, remedy) from error
+
+
+# -- Results --
+
+
+def read_logs(
+    texts: list[str] | None, options: FlightOptions, *, example: bool, channel_map: str
+) -> tuple[list[Recording], list[Window | None]]:
+    """Recordings of what was typed, and the window of each that has one of its own."""
+    logs = [log_argument(text) for text in texts or ()]
+    if example == bool(logs):
+        raise UsageError(
+            "one or more logs, or --example",
+            "both" if example else "neither",
+            "Name a file such as flight.ulg, or try the command with --example.",
+        )
+    if example and channel_map:
+        raise UsageError(
+            "--map with a log",
+            f"--example with --map {channel_map}",
+            "Leave the map out: the example has canonical channels.",
+        )
+    if example:
+        recordings = [example_flight()]
+    else:
+        read = {}
+        for path in dict.fromkeys(log.path for log in logs):
+            with step(f"Reading {path.name}"), named(str(path), several=len(logs) > 1):
+                read[path] = read_log(path, channel_map=channel_map or None)
+        recordings = with_distinct_names(logs, [read[log.path] for log in logs])
+    windows = [log.window for log in logs] or [None]
+    check_windows(recordings, [window or options.window for window in windows])
+    return recordings, windows
+
+
+def result_of(given: dict[str, Any]) -> FlightEstimate:
+    """Read logs and identify them, of the options of `LogWords` and `FlightWords`."""
+    logs = LogWords(**{name: given.pop(name) for name in LogWords.__struct_fields__ if name in given})
+    motion = named_motion(logs.model, logs.vehicle)
+    options = flight_options(motion, **given)
+    return pooled_result(motion, options, logs.logs, example=logs.example, channel_map=logs.channel_map)
+
+
+def pooled_result(
+    motion: Motion[Any],
+    options: FlightOptions,
+    logs: list[str] | None,
+    *,
+    example: bool,
+    channel_map: str,
+) -> FlightEstimate:
+    """Read logs and identify them with options of the library."""
+    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
+        return identified(recordings, motion, options, windows)
 
 
 # -- Noise --
@@ -323,3 +383,37 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
         )
     # half a 95 % interval, the choice of the delay included, is two standard deviations at most
     return Prior(result.value, max(result.half_width / 2.0, result.std_error))
+
+
+# -- Options of a plan --
+
+
+def check_mission(qgc: str, home: str, shape: str) -> None:
+    """Refuse a mission without a place, a place without a mission."""
+    if bool(qgc) != bool(home):
+        raise UsageError(
+            "--qgc FILE.plan together with --home LAT,LON",
+            "one without the other",
+            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
+        )
+    if qgc and shape not in ("", "steps"):
+        raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
+
+
+def position_of(text: str) -> Location:
+    """Place of ``LAT,LON`` [deg]."""
+    place = parse_pair(text, ",", (math.nan, math.nan))
+    if any(map(math.isnan, place)):
+        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
+    return place
+
+
+def flight_limits(
+    height: str = "3:8", speed: float = 2.0, acceleration: float = 3.0, tilt: float = 20.0, time: float = 60.0
+) -> FlightLimits:
+    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
+    low, high = parse_pair(height)
+    if not -math.inf < low < high < math.inf:
+        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
+        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
+    return FlightLimits((low, high), speed, acceleration, tilt, time)

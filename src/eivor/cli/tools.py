@@ -14,7 +14,6 @@ from typing import Annotated, Any
 import typer
 
 from eivor.cli.options import FlightWords, LogWords
-from eivor.cli.other_results import check_mission, flight_limits, position_of
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -34,10 +33,13 @@ from eivor.cli.outputs import (
     write_out,
 )
 from eivor.cli.parsing import (
+    check_mission,
+    flight_limits,
     flight_options,
     named_motion,
+    position_of,
+    read_logs,
 )
-from eivor.cli.results import read_logs
 from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.motions.rigid_body.vehicle import (
     ENDING,

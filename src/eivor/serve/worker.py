@@ -14,15 +14,16 @@ from pathlib import Path
 
 from eivor.atomic_file import write_atomically
 from eivor.cli.export import supplied
-from eivor.cli.other_results import check_mission, position_of
 from eivor.cli.parsing import (
     LogArgument,
+    check_mission,
     check_windows,
     flight_options,
     identified,
     named,
     named_motion,
     parse_window,
+    position_of,
     with_distinct_names,
 )
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
