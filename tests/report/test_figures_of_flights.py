@@ -22,7 +22,6 @@ from eivor.estimation.methods import least_squares
 from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
-from eivor.inference.regions import Ellipse
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import (
     CoverageRow,
@@ -39,19 +38,8 @@ from eivor.lab.study import MethodChoice, Study, StudyResult
 from eivor.models.regression import regression
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.regression import VerticalFlights
-from eivor.report.figure_panels import (
-    PlottedInterval,
-    ellipse_figure,
-    estimates_figure,
-    interval_figure,
-    pair_figure,
-)
-from eivor.report.figures import (
-    noise_spectrum_figure,
-    residual_figure,
-    save_figure,
-    signals_figure,
-)
+from eivor.report.figure_panels import estimates_figure, pair_figure
+from eivor.report.figures import residual_figure, save_figure, signals_figure
 from eivor.report.flight_figures import flight_figure
 from eivor.signals.signals import Signals
 
@@ -181,14 +169,10 @@ def replicates() -> Bootstrap:
 
 
 ONE_PANEL: dict[str, Callable[[Any, FlightEstimate, Path], Figure]] = {
-    "noise": lambda ax, _fit, _folder: noise_spectrum_figure(NOISE, rate_hz=5.0, title="noise", ax=ax),
     "coverage": lambda ax, _fit, _folder: coverage_figure(
         [CoverageRow("one", "a", 90, 100)], title="noise", ax=ax
     ),
     "study coverage": lambda ax, _fit, folder: study_coverage_figure([study(folder)], title="noise", ax=ax),
-    "ellipse": lambda ax, _fit, _folder: ellipse_figure(
-        {"Wald": Ellipse(np.zeros(2), np.eye(2))}, names=("a", "b"), title="noise", ax=ax
-    ),
     "pair": lambda ax, fit, _folder: pair_figure(
         estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
     ),
@@ -217,7 +201,7 @@ def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate
 def test_a_panel_of_a_subfigure_is_drawn_too() -> None:
     figure = Figure(layout="constrained")
     ax = figure.subfigures(1, 2)[1].add_subplot()
-    assert noise_spectrum_figure(NOISE, rate_hz=5.0, ax=ax) is figure
+    assert residual_figure(NOISE, rate_hz=5.0, axes={"spectrum": ax}) is figure
 
 
 def signals() -> Signals:
@@ -232,12 +216,6 @@ SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], 
         lambda axes, _fit, _folder: residual_figure(NOISE, rate_hz=5.0, axes=axes),
     ),
     "signals": (("input", "velocity_z"), lambda axes, _fit, _folder: signals_figure(signals(), axes=axes)),
-    "intervals": (
-        ("a", "b"),
-        lambda axes, _fit, _folder: interval_figure(
-            {name: [PlottedInterval("one", 1.0, ((0.0, 2.0),))] for name in "ab"}, axes=axes
-        ),
-    ),
     "estimates": (
         ("a", "b"),
         lambda axes, _fit, _folder: estimates_figure({"by bootstrap": replicates()}, axes=axes),

@@ -35,11 +35,15 @@ REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
 
 def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[str, Axes]:
     """Axes of each panel that is to be drawn: by name, or as many as there are panels."""
-    chosen = _named(axes, panels) if isinstance(axes, Mapping) else _ordered(axes, panels)
-    if not chosen:
-        raise UsageError("Axes to draw into", "none", f"Name some of: {', '.join(panels)}.")
+    chosen = dict(axes) if isinstance(axes, Mapping) else _ordered(axes, panels)
+    known = f"Name some of: {', '.join(panels)}."
     for name, item in chosen.items():
+        if name not in panels:
+            remedy = did_you_mean(name, panels, known) if isinstance(name, str) else known
+            raise UsageError("the name of a panel", described(name), remedy)
         _check(f"{name!r}", item)
+    if not chosen:
+        raise UsageError("Axes to draw into", "none", known)
     figure_of(*chosen.values())
     _axes_title(next(iter(chosen.values())), title)
     return chosen
@@ -47,20 +51,11 @@ def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[
 
 def figure_of(*axes: Axes) -> Figure:
     """Return the figure that Axes are of; that of a subfigure is the one around it."""
-    figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
-    if len(figures) != 1:
+    first, *others = {axis.figure.figure for axis in axes}
+    if others:
         remedy = "Draw into each figure by itself, naming its panels."
-        raise UsageError("Axes of one figure", f"of {len(figures)}", remedy)
-    return next(iter(figures.values()))
-
-
-def _named(axes: Mapping[Any, Any], panels: Sequence[str]) -> dict[str, Axes]:
-    for name in axes:
-        if name not in panels:
-            known = f"Name some of: {', '.join(panels)}."
-            remedy = did_you_mean(name, panels, known) if isinstance(name, str) else known
-            raise UsageError("the name of a panel", described(name), remedy)
-    return dict(axes)
+        raise UsageError("Axes of one figure", f"of {1 + len(others)}", remedy)
+    return first
 
 
 def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
@@ -71,11 +66,8 @@ def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
         raise UsageError(expected, described(axes), REMEDY)
     flat = [axes] if isinstance(axes, AnyAxes) else np.asarray([*axes], dtype=object).ravel().tolist()
     if len(flat) != len(panels):
-        raise UsageError(
-            f"{len(panels)} Axes, for {', '.join(panels)}",
-            f"{len(flat)}",
-            "Give as many, or a dictionary from the names of some panels to their Axes.",
-        )
+        remedy = "Give as many, or a dictionary from the names of some panels to their Axes."
+        raise UsageError(f"{len(panels)} Axes, for {', '.join(panels)}", f"{len(flat)}", remedy)
     return dict(zip(panels, flat, strict=True))
 
 
@@ -288,49 +280,12 @@ CLOUD = 4000
 class PlottedInterval:
     """One row of a panel, or of a forest."""
 
-    label: str  # Estimate, method, flight or kind of interval
+    label: str  # Estimate, flight or kind of interval
     value: float  # Point; NaN for none
     pieces: tuple[tuple[float, float], ...]  # The interval, or those of a set: none, or without ends
     numbers: str = ""  # Value and interval as tables show them, in a forest
     status: Status | None = None
     whole: bool = False  # Of a pool or type, in a forest
-
-
-def interval_figure(
-    panels: Mapping[str, Sequence[PlottedInterval]],
-    *,
-    units: Mapping[str, str] | None = None,
-    truth: Mapping[str, float] | None = None,
-    title: str = "",
-    axes: GivenAxes | None = None,
-) -> Figure:
-    """Points and intervals, a panel with an axis of its own for each parameter.
-
-    Parameters
-    ----------
-    panels : mapping of str to sequence of PlottedInterval
-        For each parameter its rows, from the top; rows of one label share a colour.
-    units : mapping of str to str, optional
-        Unit of each parameter.
-    truth : mapping of str to float, optional
-        Values to mark by a line.
-    """
-    most = max((len(rows) for rows in panels.values()), default=0)
-    if not most:
-        raise UsageError("intervals to draw", "none", "Give estimates.")
-    labels = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
-    names = tuple(panels)
-    if axes is None:
-        figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
-        drawn = mosaic(figure, [names])
-    else:
-        drawn = given_axes(axes, names, title)
-    for index, (name, axis) in enumerate(drawn.items()):
-        _panel(axis, panels[name], labels, (truth or {}).get(name))
-        if axes is None and index:
-            axis.tick_params(labelleft=False)
-        axis.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
-    return figure_of(*drawn.values())
 
 
 def estimates_figure(
@@ -341,7 +296,7 @@ def estimates_figure(
     title: str = "",
     axes: GivenAxes | None = None,
 ) -> Figure:
-    """Parameters of one or several estimates side by side, with their intervals.
+    """Parameters of estimates side by side with their intervals, each in a panel with an axis of its own.
 
     Parameters
     ----------
@@ -352,72 +307,48 @@ def estimates_figure(
     truth : mapping of str to float, optional
         Values to mark by a line.
     """
-    panels: dict[str, list[PlottedInterval]] = {}
+    drawable(estimates, "intervals", "Give estimates.")
+    rows: dict[str, list[PlottedInterval]] = {}
     units: dict[str, str] = {}
     for label, estimate in estimates.items():
         for name, unit, value in zip(estimate.names, estimate.units, estimate.values, strict=True):
             row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
-            panels.setdefault(name, []).append(row)
+            rows.setdefault(name, []).append(row)
             units.setdefault(name, unit)
+    names = tuple(rows)
     if axes is None:
+        height = ROW_HEIGHT * (len(estimates) + 1) + 1.3
         title = title or f"estimates and their {100 * level:g} % intervals"
-    return interval_figure(panels, units=units, truth=truth, title=title, axes=axes)
+        panels = mosaic(page(PANEL_WIDTH * len(names) + 1.2, height, title), [names])
+    else:
+        panels = given_axes(axes, names, title)
+    for index, (name, panel) in enumerate(panels.items()):
+        _draw_intervals(panel, rows[name], [*estimates], (truth or {}).get(name))
+        if axes is None and index:
+            panel.tick_params(labelleft=False)
+        labelled(panel, x=axis_words(name, units[name]), size=9.0)
+    return figure_of(*panels.values())
 
 
-def ellipse_figure(
-    ellipses: Mapping[str, Ellipse],
-    *,
-    names: tuple[str, str],
-    units: tuple[str, str] = ("", ""),
-    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None,
-    truth: tuple[float, float] | None = None,
-    cloud: Float[np.ndarray, "k 2"] | None = None,
-    regions: Mapping[str, Sequence[Float[np.ndarray, "corners 2"]]] | None = None,
-    title: str = "",
-    ax: Axes | None = None,
-) -> Figure:
-    """Joint confidence ellipses of a pair, and what else is known of it.
+def _draw_intervals(
+    axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None
+) -> None:
+    from matplotlib.ticker import MaxNLocator
 
-    Parameters
-    ----------
-    ellipses : mapping of str to Ellipse
-        By what they are to be called; drawn with their centres.
-    names, units : tuple of str
-        Of the two, abscissa first.
-    intervals : pair of (float, float), optional
-        Each parameter's own interval: the rectangle they span is dashed.
-    truth : tuple of float, optional
-        A point to mark.
-    cloud : ndarray, shape (k, 2), optional
-        Replicates.
-    regions : mapping of str to sequence of ndarray, shape (corners, 2), optional
-        Other regions by the polygons of their outlines.
-    """
-    if not ellipses and not regions:
-        raise UsageError("an ellipse or a region to draw", "none", "Give one by its name.")
-    axes = panel(ax, 6.4, 5.2, title)
-    if cloud is not None:
-        dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
-        axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
-    for index, (label, ellipse) in enumerate(ellipses.items()):
-        colour = INTERVAL_COLOURS[index % len(INTERVAL_COLOURS)]
-        axes.fill(*ellipse.outline().T, color=colour, alpha=0.12, lw=0)
-        axes.plot(*ellipse.outline().T, color=colour, lw=1.6, label=label)
-        axes.plot(*ellipse.centre, "+", color=colour, ms=9, mew=1.6)
-    for index, (label, polygons) in enumerate((regions or {}).items(), start=len(ellipses)):
-        colour = INTERVAL_COLOURS[index % len(INTERVAL_COLOURS)]
-        for number, corners in enumerate(polygons):
-            axes.plot(*corners.T, color=colour, lw=1.3, ls="-.", label="_" if number else label)
-    if intervals is not None:
-        (left, right), (low, high) = intervals
-        box = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
-        axes.plot(*box.T, color=DARK, lw=0.9, ls="--", label="intervals one by one")
+    limits = _interval_limits(rows, truth)
+    axes.set_xlim(*limits)
+    for index, row in enumerate(rows):
+        colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
+        _draw_interval(axes, row, index, limits, colour)
     if truth is not None:
-        axes.plot(*truth, "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
-    labelled(axes, x=axis_words(names[0], units[0]), y=axis_words(names[1], units[1]))
-    axes.margins(0.08)
-    legend(axes)
-    return figure_of(axes)
+        axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
+        legend(axes, size=7)
+    axes.set_yticks(range(len(rows)), [printable(row.label) for row in rows], fontsize=9)
+    for text in axes.get_yticklabels():
+        text.set_parse_math(False)
+    axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
+    axes.tick_params(axis="x", labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
 def pair_figure(
@@ -446,21 +377,35 @@ def pair_figure(
     replicates : Bootstrap, optional
         Drawn as a cloud.
     """
-    unit = dict(zip(estimate.names, estimate.units, strict=True))
-    ellipse = estimate.ellipse(name, other, level)
-    cloud = None
+    axes = panel(ax, 6.4, 5.2, title)
     if replicates is not None:
         cloud = replicates.replicates[:, [replicates.names.index(item) for item in (name, other)]]
-    return ellipse_figure(
-        {f"joint {100 * level:g} % ellipse": ellipse},
-        names=(name, other),
-        units=(unit[name], unit[other]),
-        intervals=(estimate.interval(name, level), estimate.interval(other, level)),
-        truth=None if truth is None else (truth[name], truth[other]),
-        cloud=cloud,
-        title=title,
-        ax=ax,
+        dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
+        axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
+    intervals = estimate.interval(name, level), estimate.interval(other, level)
+    draw_ellipse(axes, estimate.ellipse(name, other, level), f"joint {100 * level:g} % ellipse", intervals)
+    if truth is not None:
+        axes.plot(truth[name], truth[other], "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
+    first, second = (
+        axis_words(x, dict(zip(estimate.names, estimate.units, strict=True))[x]) for x in (name, other)
     )
+    labelled(axes, x=first, y=second)
+    legend(axes)
+    return figure_of(axes)
+
+
+def draw_ellipse(
+    axes: Axes, ellipse: Ellipse, label: str, intervals: Sequence[tuple[float, float]] = ()
+) -> None:
+    """Draw an ellipse with its centre, and dashed the rectangle that each parameter's own interval spans."""
+    axes.fill(*ellipse.outline().T, color=BLUE, alpha=0.12, lw=0)
+    axes.plot(*ellipse.outline().T, color=BLUE, lw=1.6, label=label)
+    axes.plot(*ellipse.centre, "+", color=BLUE, ms=9, mew=1.6)
+    if intervals:
+        (left, right), (low, high) = intervals
+        box = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
+        axes.plot(*box.T, color=DARK, lw=0.9, ls="--", label="intervals one by one")
+    axes.margins(0.08)
 
 
 def axis_words(name: str, unit: str) -> str:
@@ -468,28 +413,6 @@ def axis_words(name: str, unit: str) -> str:
     known = wording_of(name)
     words = f"{known.words} {known.symbol}" if known else printable(name)
     return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
-
-
-def _panel(axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    limits = _interval_limits(rows, truth)
-    axes.set_xlim(*limits)
-    for index, row in enumerate(rows):
-        colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
-        _draw_interval(axes, row, index, limits, colour)
-        if not row.pieces:
-            axes.text(0.5 * sum(limits), index, "empty set", ha="center", va="center", fontsize=8)
-    if truth is not None:
-        axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
-        legend(axes, size=7)
-    axes.set_yticks(range(len(rows)), [printable(row.label) for row in rows], fontsize=9)
-    for text in axes.get_yticklabels():
-        text.set_parse_math(False)
-    axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
-    axes.tick_params(axis="x", labelsize=8)
-    axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.grid(alpha=0.25)
 
 
 def _draw_interval(

@@ -24,7 +24,6 @@ from eivor.report.figure_panels import (
     Panels,
     banded,
     column_page,
-    drawable,
     figure_of,
     fitting,
     given_axes,
@@ -32,11 +31,10 @@ from eivor.report.figure_panels import (
     legend,
     mosaic,
     page,
-    panel,
 )
 from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
-from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
+from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, printable
 
@@ -185,51 +183,15 @@ def write_figure(figure: Figure, file: BytesIO | BinaryIO, kind: str) -> None:
         figure.savefig(file, format=kind, metadata=metadata)
 
 
-# -- Noise figures --
+# -- Noise --
 
 #: Periodogram bins are averaged in bands of so many for each decade of frequency.
 BANDS_PER_DECADE = 12
 
 
-def noise_spectrum_figure(
-    values: Float[np.ndarray, " n"],
-    *,
-    rate_hz: float,
-    unit: str = "",
-    estimate: LongMemory | None = None,
-    title: str = "",
-    ax: Axes | None = None,
-) -> Figure:
-    """Spectrum of a record at rest and the fractional noise that was fitted to it.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Uniformly sampled noise, in `unit`.
-    rate_hz : float
-        Samples per second [Hz].
-    unit : str
-        Unit of the values; "-" for none.
-    estimate : LongMemory, optional
-        What was fitted. Default: `estimate_long_memory` of the values.
-    """
-    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
-        raise NonFiniteError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give samples per second.")
-    axes = panel(ax, 8.0, 5.0, title)
-    draw_noise_spectrum(axes, values, rate_hz=rate_hz, unit=unit, estimate=estimate)
-    return figure_of(axes)
-
-
-def draw_noise_spectrum(
-    axes: Axes,
-    values: Float[np.ndarray, " n"],
-    *,
-    rate_hz: float,
-    unit: str = "",
-    estimate: LongMemory | None = None,
-) -> None:
-    """Draw what `noise_spectrum_figure` shows into one panel."""
-    result = estimate or estimate_long_memory(values)
+def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
+    """Draw the spectrum of noise and the fractional noise that fits it."""
+    result = estimate_long_memory(values)
     frequency = rate_hz * np.arange(1, (values.size + 1) // 2) / values.size
     spectrum = np.abs(np.fft.rfft(values - values.mean())[1 : frequency.size + 1]) ** 2
     amplitude = np.sqrt(2.0 * spectrum / (values.size * rate_hz))
@@ -312,7 +274,7 @@ def residual_figure(
         most = max(1, min(lags, int(LARGEST_SHARE * residual.size)))
         _draw_autocorrelation(panels["autocorrelation"], residual, most, rate_hz)
     if "spectrum" in panels:
-        draw_noise_spectrum(panels["spectrum"], residual, rate_hz=rate_hz, unit=squared)
+        draw_noise_spectrum(panels["spectrum"], residual, rate_hz, squared)
     return figure_of(*panels.values())
 
 
@@ -371,49 +333,21 @@ WORDS = {
 }
 
 
-def signals_figure(
-    signals: Signals,
-    channels: tuple[str, ...] = (),
-    *,
-    truth: Signals | None = None,
-    title: str = "",
-    axes: GivenAxes | None = None,
-) -> Figure:
-    """Channels over time, one below the other.
-
-    Parameters
-    ----------
-    signals : Signals
-        What to draw; samples that are not valid leave gaps.
-    channels : tuple of str
-        Which channels; all for none.
-    truth : Signals, optional
-        The same channels without noise, drawn above the measured ones.
-    """
-    names = tuple(dict.fromkeys(channels or signals.channels))
-    drawable(names, "channels", "Name some of them.")
+def signals_figure(signals: Signals, *, title: str = "", axes: GivenAxes | None = None) -> Figure:
+    """Channels over time, one below the other; samples that are not valid leave gaps."""
+    names = tuple(signals.channels)
     if axes is None:
         panels = column_page(names, (SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7), title)
     else:
         panels = given_axes(axes, names, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
-    for index, (name, drawn_panel) in enumerate(panels.items()):
+    for name, drawn_panel in panels.items():
         values = signals.channel(name)
         if signals.valid is not None:
             values = np.where(signals.valid, values, np.nan)
-        has_truth = truth is not None and name in truth.channels
-        drawn_panel.plot(time, values, color=GREY if has_truth else DARK, lw=0.7, label="measured")
-        if truth is not None and has_truth:
-            drawn_panel.plot(time, truth.channel(name), color=RED, lw=0.9, label="without noise")
-            if index == 0:
-                legend(drawn_panel, place="upper right")
-        labelled(drawn_panel, x="time t [s]", y=axis_label(name))
+        drawn_panel.plot(time, values, color=DARK, lw=0.7)
+        channel = canonical_channel(name)
+        unit = (channel.unit if channel else "").replace("^2", "²") or "-"
+        labelled(drawn_panel, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
         drawn_panel.margins(x=0.005)
     return figure_of(*panels.values())
-
-
-def axis_label(name: str) -> str:
-    """Channel in words with its unit; "[-]" for a channel whose unit is its own."""
-    channel = canonical_channel(name)
-    unit = (channel.unit if channel else "").replace("^2", "²") or "-"
-    return f"{printable(WORDS.get(name, name))} [{unit}]"

@@ -18,10 +18,7 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
-from eivor.report.document import (
-    capitalised,
-    short_name,
-)
+from eivor.report.document import capitalised, short_name
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
@@ -36,7 +33,7 @@ from eivor.report.figure_panels import (
     PlottedInterval,
     banded,
     column_page,
-    ellipse_figure,
+    draw_ellipse,
     figure_of,
     fitting,
     forest_picture,
@@ -48,14 +45,8 @@ from eivor.report.figure_panels import (
     page,
     without_abscissa,
 )
-from eivor.report.rows import (
-    NO_NUMBER,
-    QuantityRow,
-    axis_of,
-    number_table,
-    plain_numbers,
-)
-from eivor.tools import Bool, Complex, Float, printable
+from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,24 +71,6 @@ class FlightRun:
     time_s: Float[np.ndarray, " length"]  # On the log's clock
     rows: slice  # Its rows among all
     spectral: SpectralRun
-
-
-@dataclass(frozen=True)
-class Autocorrelation:
-    """Autocorrelation of a residual."""
-
-    what: str
-    shift_s: Float[np.ndarray, " lags"]
-    correlation: Float[np.ndarray, " lags"]  # [s]
-    band: float
-
-
-@dataclass(frozen=True)
-class ProfileCurve:
-    """How well each value of a nuisance fits, at the best of the others."""
-
-    values: Float[np.ndarray, " values"]
-    excess: Float[np.ndarray, " values"]
 
 
 def flight_runs(result: FlightEstimate) -> list[FlightRun]:
@@ -125,39 +98,6 @@ def within_band(trace: Trace, run: FlightRun) -> Float[np.ndarray, "length 2"]:
     return run.spectral.band_passed(np.column_stack([trace.measured, trace.predicted])[run.rows])
 
 
-def residual_autocorrelation(best: Estimate, runs: list[FlightRun]) -> Autocorrelation:
-    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
-    layout = best.rows.layout
-    if isinstance(layout, BinRows):
-        blocks = [block[:, 0] for block in layout.complex_blocks(best.residuals[:, None])]
-        spectral, what = list(layout.runs), "whitened residual"
-    else:
-        spectral, what = [run.spectral for run in runs], "residual, band-passed"
-        blocks = [
-            run.spectral.spectrum(run.spectral.spread(best.residuals[run.rows][:, None]))[:, 0]
-            for run in runs
-            if run.rows.stop <= best.residuals.size
-        ]
-    correlation, shift_s = _autocorrelation(blocks, spectral)
-    band = 1.96 / np.sqrt(max(2.0 * sum(block.size for block in blocks), 1.0))
-    return Autocorrelation(what, shift_s, correlation, float(band))
-
-
-def _autocorrelation(
-    blocks: list[Complex[np.ndarray, " _"]], runs: list[SpectralRun]
-) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
-    """Correlation at multiples of half a period of the band's top, from the power of the bins."""
-    step = 1.0 / (2.0 * max(run.band_hz[1] for run in runs))
-    lags = step * np.arange(AUTOCORRELATION_LAGS + 1)
-    power = np.concatenate([np.abs(block) ** 2 for block in blocks])
-    frequency = np.concatenate([run.frequency_hz for run, _ in zip(runs, blocks, strict=False)])
-    total = float(power.sum())
-    if total <= 0.0:
-        return np.zeros(lags.size), lags
-    correlation: Float[np.ndarray, " lags"] = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power / total
-    return correlation, lags
-
-
 def spectrum(
     values: Float[np.ndarray, " rows"], runs: list[FlightRun]
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
@@ -177,19 +117,6 @@ def spectrum(
     density = 2.0 * step * total / (max(count, 1) * float(window @ window))
     frequency = np.fft.rfftfreq(length, step)
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
-
-
-def profile_curve(estimate: Estimate, number: int) -> ProfileCurve:
-    """Objective above its least against one nuisance, as chi-square."""
-    profile, least = estimate.profiles[number], estimate.solution.objective
-    # J of a method with instruments; for a direct one the logarithm's slope at its minimum
-    height = estimate.criterion if estimate.rank else estimate.rows.response.size
-    scale = height / least if least > 0.0 and height > 0.0 else 1.0
-    # the minimum lies between points of the grid: without it a sharp valley has no bottom
-    values = np.append(profile.grid, estimate.nuisances[profile.nuisance.name])
-    excess = scale * (np.append(profile.objective, least) - least)
-    order = np.argsort(values)
-    return ProfileCurve(values[order], excess[order])
 
 
 # -- Measured and predicted --
@@ -251,11 +178,25 @@ def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
 
 def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Picture:
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
-    autocorrelation = residual_autocorrelation(estimate, runs)
-    shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
+    layout, residuals = estimate.rows.layout, estimate.residuals
+    if isinstance(layout, BinRows):
+        blocks = [block[:, 0] for block in layout.complex_blocks(residuals[:, None])]
+        spectral, what = list(layout.runs), "whitened residual"
+    else:
+        spectral, what = [run.spectral for run in runs], "residual, band-passed"
+        blocks = [
+            run.spectral.spectrum(run.spectral.spread(residuals[run.rows][:, None]))[:, 0]
+            for run in runs
+            if run.rows.stop <= residuals.size
+        ]
+    step = 1.0 / (2.0 * max(run.band_hz[1] for run in spectral))
+    shift = step * np.arange(1, AUTOCORRELATION_LAGS + 1)
+    power = np.concatenate([np.abs(block) ** 2 for block in blocks])
+    frequency = np.concatenate([run.frequency_hz for run, _ in zip(spectral, blocks, strict=False)])
+    correlation = np.cos(2.0 * np.pi * np.outer(shift, frequency)) @ power / (float(power.sum()) or 1.0)
+    band = 1.96 / np.sqrt(max(2.0 * power.size, 1.0))
 
     def draw(axes: Axes) -> None:
-        band = autocorrelation.band
         axes.axhspan(-band, band, color=BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
         axes.vlines(shift, 0.0, correlation, color=GREY, lw=1.6)
         axes.plot(shift, correlation, "o", color=GREY, ms=3)
@@ -266,7 +207,7 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Pictu
         legend(axes, place="upper right")
 
     return Picture(
-        f"Autocorrelation of the {autocorrelation.what}",
+        f"Autocorrelation of the {what}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
         draw,
         number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
@@ -274,15 +215,22 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Pictu
 
 
 def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> Picture:
-    """The objective against one nuisance, at the best of the others."""
-    profile = estimate.profiles[number]
-    name = profile.nuisance.name
-    row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+    """The objective against one nuisance, at the best of the others, as chi-square."""
+    profile, least = estimate.profiles[number], estimate.solution.objective
+    row = _row_of(result, profile.nuisance.name)
     wording, scale, quantile = row.wording, row.wording.scale, chi_square_quantile(0.95)
-    curve = profile_curve(estimate, number)
+    # J of a method with instruments; for a direct one the logarithm's slope at its minimum
+    height = estimate.criterion if estimate.rank else estimate.rows.response.size
+    # the minimum lies between points of the grid: without it a sharp valley has no bottom
+    points = np.append(profile.grid, estimate.nuisances[profile.nuisance.name])
+    above = (height / least if least > 0.0 and height > 0.0 else 1.0) * (
+        np.append(profile.objective, least) - least
+    )
+    order = np.argsort(points)
+    values, excess = scale * points[order], above[order]
 
     def draw(axes: Axes) -> None:
-        axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label="objective")
+        axes.plot(values, excess, "-o", ms=2, lw=1.1, label="objective")
         _abscissa(axes, profile.grid * scale)
         first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(end, first, last)) for end in row.interval)
@@ -290,15 +238,12 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
         axes.axvline(row.value, color=BLUE, lw=0.7)
         axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
         axes.set_yscale("symlog", linthresh=quantile)
-        tallest = max(PROFILE_HEIGHT * quantile, float(curve.excess.max()))
+        tallest = max(PROFILE_HEIGHT * quantile, float(excess.max()))
         axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
         labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
         legend(axes, size=7, place="upper left", columns=2)
 
-    rows = [
-        ("objective", value, excess)
-        for value, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
-    ]
+    rows = [("objective", *pair) for pair in zip(values.tolist(), excess.tolist(), strict=True)]
     return Picture(
         f"How well each {wording.words} fits",
         "Values whose curve stays below the dashed line fit the flight; equal steps below it, powers of "
@@ -370,7 +315,7 @@ def _excitation_picture(
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
     for name, sets in fit.sets.items():
-        row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+        row = _row_of(result, name)
         wording = row.wording
         rows = [quantity_interval("reported", row)]
         for label, item in (
@@ -391,6 +336,10 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
                 [(item.label, item.numbers) for item in rows],
             ),
         )
+
+
+def _row_of(result: FlightEstimate, name: str) -> QuantityRow:
+    return QuantityRow(name, result.motion.quantities[name], result.quantities[name])
 
 
 def quantity_interval(label: str, row: QuantityRow) -> PlottedInterval:
@@ -431,7 +380,7 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         ellipse = estimate.ellipse(*pair)
     except UsageError:  # too few degrees of freedom for a region of two
         return
-    rows = [QuantityRow(name, result.motion.quantities[name], result.quantities[name]) for name in pair]
+    rows = [_row_of(result, name) for name in pair]
     scales = np.array([row.wording.scale for row in rows])
     scaled = replace(
         ellipse, centre=ellipse.centre * scales, covariance=ellipse.covariance * np.outer(scales, scales)
@@ -441,14 +390,10 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
     intervals = (rows[0].interval, rows[1].interval)
 
     def draw(axes: Axes) -> None:
-        ellipse_figure(
-            {"joint 95 % ellipse": scaled},
-            names=pair,
-            intervals=intervals if np.isfinite(intervals).all() else None,
-            ax=axes,
-        )
-        axes.set_xlabel(axis_of(rows[0].wording), parse_math=False)
-        axes.set_ylabel(axis_of(rows[1].wording), parse_math=False)
+        bounded = np.isfinite(intervals).all()
+        draw_ellipse(axes, scaled, "joint 95 % ellipse", intervals if bounded else ())
+        labelled(axes, x=axis_of(rows[0].wording), y=axis_of(rows[1].wording))
+        legend(axes)
 
     yield Picture(
         f"{capitalised(rows[0].wording.words)} and {rows[1].wording.words} together",
@@ -554,7 +499,7 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
         text = f"{len(names)} flights: {text}, …"
     parts = []
     for name in result.motion.quantities.rows:
-        row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+        row = _row_of(result, name)
         value, interval = row.texts
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
@@ -597,7 +542,9 @@ def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title:
     labelled(axes, x="time from the log's start [s]", y=plot_data.label)
     axes.margins(x=0.005)
     for mask, colour in ((prepared.active.mask, BLUE), (prepared.used, STATUS_COLOURS[Status.IDENTIFIED])):
-        _shade(axes, time, mask, colour)
+        if mask.any():
+            across = axes.get_xaxis_transform()
+            axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
     if title:
         axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
 
@@ -606,9 +553,3 @@ def _write_reasons(axes: Axes, result: FlightEstimate) -> None:
     axes.set_axis_off()
     lines = [fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
     axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=9, parse_math=False)
-
-
-def _shade(axes: Axes, time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"], colour: str) -> None:
-    if mask.any():
-        across = axes.get_xaxis_transform()
-        axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)

@@ -11,7 +11,6 @@ from functools import partial
 from io import BytesIO
 from itertools import pairwise
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import numpy as np
 from markupsafe import Markup
@@ -123,7 +122,6 @@ WIDTH_INCHES = 3.5
 SAMPLES = 160_000
 #: What a chart has in any case, and what no screen has any use for.
 FEWEST, MOST = 1_000, 20_000
-_SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 
 
 @dataclass
@@ -143,19 +141,19 @@ class Figures:
             drawn.append((group.heading, charts, [entry for entry in entries if entry[2]]))
         return rendered("figures.html", groups=drawn)
 
-    def _entry(self, picture: Picture) -> tuple[str, Picture, Markup]:
+    def _entry(self, picture: Picture) -> tuple[str, Picture, str]:
         """Name of a picture, and its drawing; empty for a chart, whose data the page's script draws."""
         self.count += 1
         name = f"picture-{self.count}"
         if isinstance(picture.drawn, Chart):
             most = min(max(SAMPLES // max(self.lines, 1), FEWEST), MOST)
             self.charts[name] = {**packed(picture.drawn, most), "title": printable(picture.title)}
-            return name, picture, Markup()
-        return name, picture, drawing(picture.drawn, name, picture.title, picture.height)
+            return name, picture, ""
+        return name, picture, drawing(picture.drawn, name, picture.height)
 
 
-def drawing(draw: Callable[[Axes], None], name: str, title: str, height: float) -> Markup:
-    """SVG with identifiers that begin with a name of its own, and attributes in place of styles."""
+def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
+    """SVG as the address of an image."""
     from matplotlib import rc_context
 
     figure = page(WIDTH_INCHES, height)
@@ -173,44 +171,12 @@ def drawing(draw: Callable[[Axes], None], name: str, title: str, height: float) 
     stream = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "savefig.transparent": True}):
         write_figure(figure, stream, "svg")
-    root = ElementTree.fromstring(stream.getvalue())  # noqa: S314 - Matplotlib wrote it
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if child.tag in {f"{_SVG}metadata", f"{_SVG}style"}:
-                parent.remove(child)
-        parent.tag = parent.tag.removeprefix(_SVG)
-        parent.attrib = _attributes(parent.attrib, name)
-        texts = parent.text, parent.tail
-        parent.text, parent.tail = (text if text and text.strip() else None for text in texts)
-    heading = ElementTree.Element("title", {"id": f"{name}-title"})
-    heading.text = printable(title)
-    root.insert(0, heading)
-    box = {"viewBox": root.get("viewBox", ""), "class": "drawn", "role": "img"}
-    root.attrib = box | {"aria-labelledby": f"{name}-title", "stroke-linejoin": "round"}
-    return Markup(ElementTree.tostring(root, encoding="unicode", method="html"))  # noqa: S704 - escaped
+    return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 
 def _tick(bend: float, value: float, _position: int) -> str:
     """Number at a tick; none between zero and the bend of an axis, where they would touch."""
     return "" if 0.0 < value < bend else f"{value:g}"
-
-
-def _attributes(given: dict[str, str], name: str) -> dict[str, str]:
-    """Attributes of an element: in place of a style, which the page's policy forbids, and with own names."""
-    made = {}
-    for key, value in given.items():
-        if key == "id":
-            made[key] = f"{name}-{value}"
-        elif key == "style":
-            pairs = (item.partition(":") for item in value.split(";") if item.strip())
-            made |= {word.strip(): setting.strip() for word, _, setting in pairs}
-        elif key in {_LINK, "clip-path"}:
-            made[key.rpartition("}")[2]] = value.replace("#", f"#{name}-")
-        else:
-            made[key] = re.sub(r"(\.\d\d)\d+", r"\1", value)
-    made.pop("font-family", "")
-    size = made.pop("font", "").partition("px")[0].rpartition(" ")[2]
-    return made | ({"font-size": size} if size else {})
 
 
 def lines_of(groups: Iterable[Pictures]) -> int:
