@@ -1,14 +1,13 @@
 """Array problems of the record, and every method, covariance, set and bootstrap on them.
 
-Published data, the paper's two examples and simulated motion. Each problem has two sets of rows: `shared` for
-methods that take off what the instruments share with the regressors, `clean` for those that need instruments
-that share nothing.
+Published data, the paper's first example and simulated motion. Each problem has two sets of rows: `shared`
+for methods that take off what the instruments share with the regressors, `clean` for those that need
+instruments that share nothing.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ import numpy as np
 import polars as pl
 
 import eivor as ev
-from validation.parity.record import ROOT, Folder
+from validation.parity.record import Folder
 
 Problem = ev.Regression | ev.SignalRegression
 
@@ -34,95 +33,34 @@ class Case:
 
 
 def array_problems(folder: Folder) -> dict[str, Case]:
-    plain = {
-        "filip": filip(),
-        "norris": norris(),
+    return {
         "housing": housing(),
-        "griliches": griliches(),
-        "pearson-york": pearson(),
-    }
-    return {name: Case(problem, problem) for name, problem in plain.items()} | {
         "dynamic": dynamic(),
         "paper-1": Case(*simulated(folder, "scenarios/paper-1.toml")),
-        "paper-2": Case(*simulated(folder, "scenarios/paper-2.toml")),
         "closed-loop": Case(*simulated(folder, "closed-loop", "reference_velocity_z")),
         "noisy-input": noisy_input(),
     }
 
 
-def grouped(problem: ev.Regression, flights: int) -> ev.Regression:
-    """The same rows as those of several flights, one after the other."""
-    rows = problem.response.size
-    return replace(problem, layout=type(problem.layout)(np.arange(rows) * flights // rows))
-
-
-def with_noise(
-    response: np.ndarray, regressors: np.ndarray, instruments: np.ndarray | None, noisy: tuple[int, ...]
-) -> ev.Regression:
-    """Rows whose response and `noisy` columns declare a noise of a hundredth of their variance."""
-    variances = np.append(
-        [0.01 * column.var() if j in noisy else 0.0 for j, column in enumerate(regressors.T)],
-        0.01 * response.var(),
-    )
-    instruments = regressors if instruments is None else instruments
-    return ev.regression(
-        response=response,
-        regressors=regressors,
-        instruments=instruments,
-        noise_covariance=np.diag(variances),
-        instrument_noise_covariance=np.zeros((instruments.shape[1], variances.size)),
-    )
-
-
-def filip() -> ev.Regression:
-    """NIST's polynomial of degree ten, condition about 1.8e15."""
-    x, y = np.loadtxt(ROOT / "tests" / "reference" / "nist_filip.csv", delimiter=",", skiprows=1, unpack=True)
-    return with_noise(y, np.vander(x, 11, increasing=True), None, ())
-
-
-def norris() -> ev.Regression:
-    """NIST's straight line; the data ship with SciPy."""
-    data = resources.files("scipy.stats.tests.data.nist_linregress").joinpath("Norris.dat").read_text()
-    y, x = np.array([line.split() for line in data.splitlines()[60:] if line.strip()], dtype=float).T
-    return with_noise(y, np.column_stack([np.ones_like(x), x]), None, (1,))
-
-
-def housing() -> ev.Regression:
-    """Stata's example of instrumental variables; the data ship with linearmodels."""
+def housing() -> Case:
+    """Stata's example of instrumental variables, as rows of ten flights; the data ship with linearmodels."""
     table = pl.read_csv(resources.files("linearmodels.tests.iv.results").joinpath("housing.csv").read_bytes())
     regions = [(table["region"] == name).cast(int) for name in sorted(set(table["region"]))[1:]]
     exogenous = np.column_stack([table["pcturban"], np.ones(table.height)])
     regressors = np.column_stack([table["hsngval"], exogenous]).astype(float)
     instruments = np.column_stack([exogenous, table["faminc"], *regions]).astype(float)
-    return grouped(with_noise(table["rent"].to_numpy().astype(float), regressors, instruments, (0,)), 10)
-
-
-def griliches() -> ev.Regression:
-    """Wages, schooling and IQ: ivreg2's example; the data ship with statsmodels."""
-    import pandas as pd
-    import statsmodels
-
-    folder = Path(statsmodels.__file__).parent / "sandbox" / "regression" / "tests"
-    table = pd.read_stata(folder / "griliches76.dta")
-    years = [(table["year"] == year).to_numpy() for year in (67, 68, 69, 70, 71, 73)]
-    exogenous = np.column_stack([table[["expr", "tenure", "rns", "smsa"]], *years, np.ones(len(table))])
-    regressors = np.column_stack([table[["s", "iq"]], exogenous]).astype(float)
-    instruments = np.column_stack([exogenous, table[["med", "kww", "age", "mrt"]]]).astype(float)
-    return grouped(with_noise(table["lw"].to_numpy().astype(float), regressors, instruments, (1,)), 20)
-
-
-#: Pearson's ten points with York's weights.
-PEARSON_X = np.array([0, 0.9, 1.8, 2.6, 3.3, 4.4, 5.2, 6.1, 6.5, 7.4])
-PEARSON_Y = np.array([5.9, 5.4, 4.4, 4.6, 3.5, 3.7, 2.8, 2.8, 2.4, 1.5])
-YORK_X = np.array([1000, 1000, 500, 800, 200, 80, 60, 20, 1.8, 1])
-YORK_Y = np.array([1, 1.8, 4, 8, 20, 20, 70, 70, 100, 500])
-
-
-def pearson() -> ev.Regression:
-    """Pearson's line with equal error variances."""
-    regressors = np.column_stack([np.ones_like(PEARSON_X), PEARSON_X])
-    problem = with_noise(PEARSON_Y, regressors, None, (1,))
-    return replace(problem, regressor_noise=np.diag([0.0, 0.01, 0.01]))
+    response = table["rent"].to_numpy().astype(float)
+    noise = 0.01 * np.diag([regressors[:, 0].var(), 0.0, 0.0, response.var()])
+    problem = ev.regression(
+        response=response,
+        regressors=regressors,
+        instruments=instruments,
+        noise_covariance=noise,
+        instrument_noise_covariance=np.zeros((instruments.shape[1], 4)),
+    )
+    layout = type(problem.layout)(np.arange(table.height) * 10 // table.height)
+    problem = replace(problem, layout=layout)
+    return Case(problem, problem)
 
 
 def dynamic() -> Case:
@@ -207,21 +145,6 @@ def noisy_input() -> Case:
 
 M, C = ev.methods, ev.covariances
 
-#: Methods by name; those of the second list subtract what instruments share with regressors. A name is looked
-#: up when it is used, so that a method which a checkout does not have is an entry with an error.
-CLEAN = ("reference_iv", "extended_iv", "extended_iv_tls", "liml", "fuller", "spectral_giv")
-SHARED = (
-    *(
-        "least_squares",
-        "whitened_least_squares",
-        "total_least_squares",
-        "generalized_iv",
-        "generalized_iv_tls",
-    ),
-    *("bias_compensated_least_squares", "bias_eliminating_least_squares", "frisch_scheme"),
-    *("generalized_iv_unknown_noise", "generalized_liml", "generalized_fuller"),
-    *("spectral_giv", "spectral_giv_combined", "whittle_ml"),
-)
 CONFIGURED: Mapping[str, Mapping[str, Callable[[], Any]]] = {
     "clean": {
         "extended_iv_two_stage": lambda: M.extended_iv(M.TwoStage()),
@@ -233,17 +156,7 @@ CONFIGURED: Mapping[str, Mapping[str, Callable[[], Any]]] = {
         "regularised": lambda: M.regularised(M.generalized_iv(), 0.01),
     },
 }
-COVARIANCES: Mapping[str, Any] = {
-    "cosines": C.EqualWeightedCosines(),
-    "classical": C.Classical(),
-    "white": C.HeteroskedasticityRobust(),
-    "clustered": C.ClusteredByFlight(least_flights=5),
-    "newey_west": C.KernelRobust(C.Bartlett(), C.NeweyWestRule(), fixed_b=False),
-    "andrews": C.KernelRobust(C.QuadraticSpectral(), C.AndrewsRule(), fixed_b=False),
-    "bartlett_fixed_b": C.KernelRobust(C.Bartlett(), C.SquareRootRule()),
-    "parzen_fixed": C.KernelRobust(C.Parzen(), C.FixedBandwidth(12)),
-    "widest": C.Widest((C.EqualWeightedCosines(), C.Classical(), C.ClusteredByFlight(least_flights=5))),
-}
+COVARIANCES: Mapping[str, Any] = {name: make() for name, make in C.TABLE.items()}
 
 
 def number(value: float | None) -> float | str | None:
@@ -275,8 +188,8 @@ def attempted(make: Callable[[], Any]) -> Any:
 def problem_record(case: Case) -> dict[str, Any]:
     """Every method and covariance on a problem."""
     results: dict[str, Any] = {}
-    for kind, problem, names in (("shared", case.shared, SHARED), ("clean", case.clean, CLEAN)):
-        plain = {name: lambda name=name: getattr(M, name)() for name in names}
+    for kind, problem in (("shared", case.shared), ("clean", case.clean)):
+        plain = {name: lambda name=name: getattr(M, name)() for name in sorted(M.__all__)}
         results[kind] = {
             name: attempted(lambda method=method, problem=problem: estimate_record(problem, method()))
             for name, method in (plain | CONFIGURED[kind]).items()
@@ -308,16 +221,6 @@ def interval_record(fit: Any) -> dict[str, Any]:
         "low": numbers(intervals[:, 0]),
         "high": numbers(intervals[:, 1]),
     }
-
-
-def york_record() -> dict[str, Any]:
-    """York's line: the solver for rows of different accuracies, on plain arrays."""
-    errors = np.zeros((PEARSON_X.size, 3, 3))
-    errors[:, 1, 1], errors[:, 2, 2] = 1.0 / YORK_X, 1.0 / YORK_Y
-    solver = ev.weighted_total_least_squares
-    system = sys.modules[solver.__module__].LinearSystem  # the type that its signature names
-    line = system(np.column_stack([np.ones_like(PEARSON_X), PEARSON_X]), PEARSON_Y)
-    return {"values": numbers(solver(line, errors).theta)}
 
 
 def inference_record(case: Case) -> dict[str, Any]:
@@ -404,12 +307,11 @@ def flight_record(pool: Sequence[Path]) -> dict[str, Any]:
 
 def inference(cases: Mapping[str, Case]) -> Iterator[tuple[str, Any]]:
     """Entries of diagnostics, sets and the bootstrap."""
-    for name in ("housing", "paper-1", "closed-loop", "noisy-input"):
-        yield name, inference_record(cases[name])
+    for name, case in cases.items():
+        yield name, inference_record(case)
 
 
 def from_python(pool: Sequence[Path]) -> Iterator[tuple[str, Any]]:
-    """Entries that only Python has: York's line, chunks, the example's covariances, a pool's bootstrap."""
-    yield "york", attempted(york_record)
+    """Entries that only Python has: chunks, the example's covariances, a pool's bootstrap."""
     yield "streamed", attempted(streamed_record)
     yield "flight", flight_record(pool)

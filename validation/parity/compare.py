@@ -136,7 +136,7 @@ def allowed(name: str, path: tuple[str, ...], old: Leaves) -> float:
     size = _number(old.get(path))
     if isinstance(old.get(path), int) or not path:
         return 0.0
-    if name.partition("/")[0] in SEARCHED_PARTS and name not in {"python/streamed", "python/york"}:
+    if name.partition("/")[0] in SEARCHED_PARTS and name != "python/streamed":
         return _of_search(path, old, size)
     share = RELATIVE
     for depth in range(len(path)):

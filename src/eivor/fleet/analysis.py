@@ -19,6 +19,7 @@ from eivor.fleet.change_points import (
     BestSteps,
     Drifts,
     Ordered,
+    Rows,
     SharedSlopes,
     deviation_p_values,
     drifts,
@@ -80,13 +81,12 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
     headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.quantities.headline)
-    return tuple(_with_covariates(quantity, further) for quantity in motion.quantities.across or headline)
-
-
-def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFlights:
-    known = {covariate.name for covariate in across.covariates}
-    more = tuple(Covariate(name) for name in names if name not in known)
-    return replace(across, covariates=(*across.covariates, *more))
+    result = []
+    for across in motion.quantities.across or headline:
+        known = {item.name for item in across.covariates}
+        more = (Covariate(name) for name in further if name not in known)
+        result.append(replace(across, covariates=(*across.covariates, *more)))
+    return tuple(result)
 
 
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
@@ -178,9 +178,7 @@ def _error(across: AcrossFlights) -> pl.Expr:
     return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
 
 
-def _arrays(
-    rows: pl.DataFrame, expressions: tuple[pl.Expr, pl.Expr]
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+def _arrays(rows: pl.DataFrame, expressions: tuple[pl.Expr, pl.Expr]) -> tuple[Rows, Rows]:
     first, second = (rows.select(item).to_series().to_numpy() for item in expressions)
     return first, second
 
@@ -208,12 +206,6 @@ SEARCHED = 5.0
 #: A logarithm of a covariate that lies so near to the mean of its type differs from it by rounding only.
 ROUNDING = 1e-9
 STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
-
-
-def _is_known(rows: pl.DataFrame, name: str) -> bool:
-    if name not in rows.columns or not rows.schema[name].is_numeric():
-        return False
-    return bool(rows.height and (rows[name] > 0.0).sum() >= KNOWN * rows.height)
 
 
 def _about_the_type(name: str) -> pl.Expr:
@@ -250,7 +242,7 @@ class FleetTrend:
         form = np.where((p_step <= LEVEL) & ((p_drift > LEVEL) | by_step), STEPS, form)
         return np.where(self.enough_flights, form, "")
 
-    def deviations(self, form: np.ndarray) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    def deviations(self, form: np.ndarray) -> tuple[Rows, Rows]:
         """P-values of flights about the form of their vehicle, and that form."""
         ordered, groups = self.ordered, self.ordered.groups
         total = groups.sums(ordered.weights)
@@ -271,7 +263,12 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     sets, vehicles = groups_of(about, "type", TOGETHER)
     y, v = _arrays(rows, compared(across))
     hours = rows["hours"].to_numpy()
-    used = tuple(covariate for covariate in across.covariates if _is_known(rows, covariate.name))
+    numeric = {name for name, kind in rows.schema.items() if kind.is_numeric()}
+    used = tuple(
+        item
+        for item in across.covariates
+        if item.name in numeric and (rows[item.name] > 0.0).sum() >= KNOWN * max(rows.height, 1)
+    )
     x = rows.select(_about_the_type(item.name).alias(item.name) for item in used).to_numpy()
     x = x.T.reshape(len(used), rows.height).astype(float)
     if not across.logarithm:  # the mean of its type turns the power of a covariate into a slope of the value
@@ -282,9 +279,7 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     between = partial(paule_mandel, groups, together=vehicles)  # variance between flights, common to a type
 
     def without_covariates(
-        errors: Float[np.ndarray, " rows"],
-        before: Float[np.ndarray, " groups"],
-        trends: Float[np.ndarray, "c rows"],
+        errors: Rows, before: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
     ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between of the last step."""
         slopes = shared_slopes(groups, vehicles, y, weights_of(groups, errors, before), trends, x, *expected)
@@ -358,8 +353,8 @@ def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
 def _report(
     about: pl.DataFrame,
     groups: Groups,
-    y: Float[np.ndarray, " rows"],
-    v: Float[np.ndarray, " rows"],
+    y: Rows,
+    v: Rows,
     across: AcrossFlights,
     shares: Bool[np.ndarray, " groups"],
 ) -> pl.DataFrame:
@@ -386,15 +381,11 @@ def _report(
     return about.with_columns(pl.Series("pooled", groups.sizes), *numbers)
 
 
-def _known(name: str, numbers: Float[np.ndarray, " rows"], known: np.ndarray) -> pl.Series:
+def _known(name: str, numbers: Rows, known: np.ndarray) -> pl.Series:
     return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
 
 
 # -- Queries --
-
-
-def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
-    return table.group_by("motion", "verdict").agg(pl.len().alias("logs")).sort("motion", "logs", "verdict")
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
@@ -427,7 +418,9 @@ def _copies(table: pl.DataFrame) -> pl.DataFrame:
 
 #: Queries by name.
 QUERIES: Mapping[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
-    "verdicts": _verdicts,
+    "verdicts": lambda table: (
+        table.group_by("motion", "verdict").agg(logs=pl.len()).sort("motion", "logs", "verdict")
+    ),
     "vehicles": _vehicles,
     "failed": partial(_reasons, FAILED),
     "refused": partial(_reasons, Status.REFUSED.value),
@@ -504,7 +497,11 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
     with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
         result = list(pool.map(partial(_Quantity.of, rows), across))
         selected = [item for item in result if item.used.height]
-        tests = _tests(selected)
+        tested = (
+            item.trend.about.filter(pl.Series(item.trend.enough_flights)) for item in selected if item.trend
+        )
+        none = pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String))
+        tests = pl.concat([none, *tested]).group_by(VEHICLE).agg(tests=pl.len().cast(pl.Float64))
         vehicles = list(pool.map(lambda item: item.vehicles(tests), selected))
         types = list(pool.map(_Quantity.types, selected))
         deviating = list(pool.map(lambda item: item.deviating(tests), selected))
@@ -514,7 +511,7 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         "copies": int((of_motion["verdict"] == COPY).sum()),
         "failed": int((of_motion["verdict"] == FAILED).sum()),
     }
-    together = _differing(pl.concat(vehicles, how="diagonal")) if vehicles else pl.DataFrame()
+    together = _differing(_concat(vehicles)) if vehicles else pl.DataFrame()
     return FleetReport(
         motion,
         logs,
@@ -535,13 +532,6 @@ def _joined(left: pl.DataFrame, right: pl.DataFrame) -> pl.DataFrame:
 
 def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
     return pl.concat(parts, how="diagonal") if parts else pl.DataFrame()
-
-
-def _tests(quantities: list[_Quantity]) -> pl.DataFrame:
-    trends = [quantity.trend for quantity in quantities if quantity.trend is not None]
-    parts = [trend.about.filter(pl.Series(trend.enough_flights)) for trend in trends]
-    vehicles = pl.concat([pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String)), *parts])
-    return vehicles.group_by(VEHICLE).agg(tests=pl.len().cast(pl.Float64))
 
 
 def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy
 
 from eivor.inference.random_effects import Groups
 from eivor.tools import Bool, Float, Int
+
+#: A number for each row, and one for each group of rows.
+Rows: TypeAlias = Float[np.ndarray, " rows"]
+PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
 # -- Ordered flights --
 
@@ -19,27 +24,25 @@ class Ordered:
     """Estimates in the order of their groups."""
 
     groups: Groups
-    y: Float[np.ndarray, " rows"]
-    errors: Float[np.ndarray, " rows"]
-    weights: Float[np.ndarray, " rows"]  # w = 1 / (v + variance between)
-    own_weights: Float[np.ndarray, " rows"]
-    times: Float[np.ndarray, " rows"]  # When, in a unit that the slopes are of
+    y: Rows
+    errors: Rows
+    weights: Rows  # w = 1 / (v + variance between)
+    own_weights: Rows
+    times: Rows  # When, in a unit that the slopes are of
     covariates: Float[np.ndarray, "p rows"]
     slopes_covariance: Float[np.ndarray, "groups p p"]
 
     @property
-    def least_scale(self) -> Float[np.ndarray, " groups"]:
+    def least_scale(self) -> PerGroup:
         """What the weighted squares of rows are on average, at least: the share of their own variances."""
         return self.groups.sums(self.weights * self.errors) / self.groups.sizes
 
-    def scale(self, squares: Float[np.ndarray, " groups"], parameters: int) -> Float[np.ndarray, " groups"]:
+    def scale(self, squares: PerGroup, parameters: int) -> PerGroup:
         """Mean of weighted squares about a model, never less than the rows' own variances say."""
         degrees = np.maximum(self.groups.sizes - parameters, 1)
         return np.maximum(squares / degrees, self.least_scale)
 
-    def correction_variance(
-        self, differences: Float[np.ndarray, "p rows"], of_rows: bool
-    ) -> Float[np.ndarray, " rows"]:
+    def correction_variance(self, differences: Float[np.ndarray, "p rows"], of_rows: bool) -> Rows:
         """Variance that unknown slopes add to an effect that covariates differ by, d' C d."""
         covariance = self.slopes_covariance
         if of_rows:
@@ -47,19 +50,12 @@ class Ordered:
         return np.einsum("ig,gij,jg->g", differences, covariance, differences)
 
 
-def centred(
-    groups: Groups, weights: Float[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
+def centred(groups: Groups, weights: Rows, values: Rows) -> Rows:
     """Values less the weighted mean of their group."""
     return values - groups.spread(groups.sums(weights * values) / groups.sums(weights))
 
 
-def slope(
-    groups: Groups,
-    weights: Float[np.ndarray, " rows"],
-    nuisance_values: Float[np.ndarray, " rows"],
-    values: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, " groups"]:
+def slope(groups: Groups, weights: Rows, nuisance_values: Rows, values: Rows) -> PerGroup:
     """Slope of values on something centred, in each group; zero where that does not vary."""
     spread = groups.sums(weights * nuisance_values**2)
     return groups.sums(weights * nuisance_values * values) / np.where(spread > 0.0, spread, np.inf)
@@ -71,12 +67,7 @@ def slope(
 NEAR = 2.0
 
 
-def deviation_p_values(
-    ordered: Ordered,
-    line: Float[np.ndarray, " rows"],
-    leverage: Float[np.ndarray, " rows"],
-    parameters: Float[np.ndarray, " groups"],
-) -> Float[np.ndarray, " rows"]:
+def deviation_p_values(ordered: Ordered, line: Rows, leverage: Rows, parameters: PerGroup) -> Rows:
     """P-value of each row by its residual over what the other rows scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
     remaining = np.maximum(1.0 - leverage, 1e-9)
@@ -99,20 +90,20 @@ def deviation_p_values(
 class Drifts:
     """Straight lines."""
 
-    slope: Float[np.ndarray, " groups"]
-    std_error: Float[np.ndarray, " groups"]
+    slope: PerGroup
+    std_error: PerGroup
     degrees: Int[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " groups"]  # Weighted squares about the line
-    line: Float[np.ndarray, " rows"]
-    leverage: Float[np.ndarray, " rows"]
+    squares: PerGroup  # Weighted squares about the line
+    line: Rows
+    leverage: Rows
 
-    def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
+    def half_widths(self, level: float = 0.95) -> PerGroup:
         """Half-widths of the slopes' intervals; infinite where there is none."""
         quantile = scipy.special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
         return np.where(self.degrees > 0, quantile * self.std_error, np.inf)
 
     @property
-    def p_values(self) -> Float[np.ndarray, " groups"]:
+    def p_values(self) -> PerGroup:
         """Of no drift; one where there is no line."""
         score = np.abs(self.slope) / np.where(self.std_error > 0.0, self.std_error, np.inf)
         return np.where(self.degrees > 0, 2.0 * scipy.special.stdtr(np.maximum(self.degrees, 1), -score), 1.0)
@@ -148,9 +139,7 @@ FAR = 2.5
 OF_THREE, OF_SQUARES = 0.449, 0.455
 
 
-def outlier_test(
-    groups: Groups, sets: Groups, variances: Float[np.ndarray, " rows"]
-) -> Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]:
+def outlier_test(groups: Groups, sets: Groups, variances: Rows) -> Callable[[Rows], Rows]:
     """Return what turns estimates into the variance to be added to isolated ones, zero for all others."""
     of_row = np.repeat(np.arange(groups.sizes.size), groups.sizes)
     pairs = np.flatnonzero(of_row[1:] == of_row[:-1])  # first rows of neighbours in one group
@@ -159,7 +148,7 @@ def outlier_test(
     # medians of what errors add to squared differences, in each group and in each set
     errors = [_medians(size, variances[pairs + 1] + variances[pairs]) for size in sizes]
 
-    def added(y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    def added(y: Rows) -> Rows:
         distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
         distance[np.isinf(distance)] = 0.0
         squares = (y[pairs + 1] - y[pairs]) ** 2
@@ -176,7 +165,7 @@ def outlier_test(
     return added
 
 
-def _distance(groups: Groups, y: Float[np.ndarray, " rows"], direction: int) -> Float[np.ndarray, " rows"]:
+def _distance(groups: Groups, y: Rows, direction: int) -> Rows:
     """Distance from the median of the next few rows one way; from the nearest where there are fewer."""
     row = np.arange(y.size)
     ends = groups.starts if direction < 0 else groups.starts + groups.sizes - 1
@@ -222,8 +211,8 @@ class SharedSlopes:
 def shared_slopes(
     groups: Groups,
     sets: Groups,
-    y: Float[np.ndarray, " rows"],
-    weights: Float[np.ndarray, " rows"],
+    y: Rows,
+    weights: Rows,
     trends: Float[np.ndarray, "c rows"],
     covariates: Float[np.ndarray, "p rows"],
     expected: Float[np.ndarray, " p"],
@@ -231,9 +220,9 @@ def shared_slopes(
 ) -> SharedSlopes:
     """Slopes by weighted least squares. Performs no checks."""
     count = covariates.shape[0]
-    taken: list[Float[np.ndarray, " rows"]] = []
+    taken: list[Rows] = []
 
-    def within(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    def within(values: Rows) -> Rows:
         left = centred(groups, weights, values)
         for item in taken:
             left = left - groups.spread(slope(groups, weights, item, left)) * item
@@ -241,7 +230,7 @@ def shared_slopes(
 
     taken.extend(within(trend) for trend in trends)  # each without those before it
 
-    def total(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " sets"]:
+    def total(values: Rows) -> Float[np.ndarray, " sets"]:
         return sets.sums(groups.sums(values))
 
     left, x = within(y), [within(covariate) for covariate in covariates]
@@ -283,12 +272,12 @@ class BestSteps:
     index: Int[np.ndarray, " groups"]
     first: Int[np.ndarray, " groups"]
     last: Int[np.ndarray, " groups"]
-    size: Float[np.ndarray, " groups"]
-    half_width: Float[np.ndarray, " groups"]
-    p_values: Float[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " groups"]  # Weighted squares about both means
-    line: Float[np.ndarray, " rows"]
-    leverage: Float[np.ndarray, " rows"]
+    size: PerGroup
+    half_width: PerGroup
+    p_values: PerGroup
+    squares: PerGroup  # Weighted squares about both means
+    line: Rows
+    leverage: Rows
     after: Bool[np.ndarray, " rows"]  # Which rows come after the step
 
 
@@ -330,28 +319,18 @@ def steps(ordered: Ordered) -> BestSteps:
     )
 
 
-def _jump(
-    groups: Groups,
-    w: Float[np.ndarray, " rows"],
-    values: Float[np.ndarray, " rows"],
-    before: Float[np.ndarray, " rows"],
-    after: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, " rows"]:
+def _jump(groups: Groups, w: Rows, values: Rows, before: Rows, after: Rows) -> Rows:
     weighted = w * values
     upto = groups.running(weighted)
     return (groups.spread(groups.sums(weighted)) - upto) / after - upto / before
 
 
-def _smallest(
-    groups: Groups, values: Float[np.ndarray, " rows"], among: np.ndarray
-) -> Float[np.ndarray, " groups"]:
+def _smallest(groups: Groups, values: Rows, among: np.ndarray) -> PerGroup:
     """Smallest value of each group among some rows; what it would be without any is of no use."""
     return np.minimum.reduceat(np.where(among, values, values.max() + 1.0), groups.starts)
 
 
-def _two_means(
-    groups: Groups, w: Float[np.ndarray, " rows"], y: Float[np.ndarray, " rows"], early: np.ndarray
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+def _two_means(groups: Groups, w: Rows, y: Rows, early: np.ndarray) -> tuple[Rows, Rows]:
     """Mean of its side of the step for each row, and what the row has of it."""
     line, leverage = np.empty(y.size), np.empty(y.size)
     for side in (early, ~early):
@@ -365,12 +344,12 @@ def _two_means(
 
 def _tail(
     groups: Groups,
-    largest: Float[np.ndarray, " groups"],
+    largest: PerGroup,
     degrees: Int[np.ndarray, " groups"],
     possible: np.ndarray,
-    before: Float[np.ndarray, " rows"],
-    total: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, " groups"]:
+    before: Rows,
+    total: Rows,
+) -> PerGroup:
     """P-value of the largest |t| over all places, see this module; where that is no news, only a bound."""
     one_sided = np.maximum(scipy.special.stdtr(degrees, -largest), 1e-300)
     bound = 2.0 * one_sided * groups.sums(possible.astype(float))
