@@ -40,7 +40,7 @@ BOUNDS = {
 
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_400, "lines of tests": 47_500}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 47_500}
 
 
 def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:
