@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import time
@@ -109,15 +108,6 @@ def test_a_file_that_is_protected_stays(tmp_path: Path, monkeypatch: pytest.Monk
     assert path.read_bytes() == b"old"
 
 
-def test_a_place_is_tried_without_a_trace(tmp_path: Path) -> None:
-    check_writable(tmp_path / "x")
-    assert names(tmp_path) == []
-    with pytest.raises(FileNotFoundError):
-        check_writable(tmp_path / "no" / "x")
-    with pytest.raises(OSError, match="too long"):
-        check_writable(tmp_path / ("x" * 300))
-
-
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     old, young, other = (tmp_path / name for name in (f"{PREFIX}1{SUFFIX}", f"{PREFIX}2{SUFFIX}", ".mine"))
     for path in (old, young, other):
@@ -156,13 +146,6 @@ def table() -> pl.DataFrame:
 @pytest.fixture(scope="module")
 def content(table) -> bytes:
     return sealed(table, FACTS)
-
-
-def test_the_file_is_what_was_sealed(table, content):
-    assert is_sealed(content, FACTS)
-    assert pl.read_parquet(io.BytesIO(content)).equals(table)
-    result = pl.read_parquet_metadata(io.BytesIO(content))
-    assert {key: result[key] for key in FACTS} == FACTS
 
 
 def test_every_flipped_bit_is_noticed(content):

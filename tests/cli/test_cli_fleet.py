@@ -23,8 +23,6 @@ from fleets.fleet_tasks import rows_of, write_logs
 from report.parsed_page import parsed
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
-# -- `eivor fleet` as a user meets it --
-
 
 def test_query_prints_and_writes(eivor, tmp_path):
     fleet = write_fleet(tmp_path / "fleet", [row("a"), row("b", verdict="failed", reason="It is empty.")])

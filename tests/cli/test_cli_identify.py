@@ -16,8 +16,6 @@ import pytest
 
 from eivor.cli.identify import identify, report
 
-# -- `eivor identify`: every option, the exit codes, the outputs --
-
 Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
@@ -114,21 +112,6 @@ def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFram
     run = eivor("identify", paths[0], tmp_path / "copy.csv")
     assert "same content" in run.out
     assert "Flights one by one" not in run.out
-
-
-def test_a_channel_map_is_used(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
-    table, mapping = tmp_path / "mine.csv", tmp_path / "mine.toml"
-    flight.rename({"velocity_z": "vz", "time": "t"}).write_csv(table)
-    names = [name for name in flight.columns if name not in {"time", "velocity_z"}]
-    channels = "\n".join(f'[channels.{name}]\ncolumn = "{name}"' for name in names)
-    mapping.write_text(
-        f'name = "mine"\n[time]\ncolumn = "t"\nunit = "s"\n[channels.velocity_z]\ncolumn = "vz"\n{channels}\n'
-    )
-    assert eivor("identify", table, "--map", mapping).code in {0, 3}
-    mapping.write_text("name = [")
-    run = eivor("identify", table, "--map", mapping)
-    assert run.code == 1
-    assert "mine.toml" in run.err
 
 
 @pytest.mark.parametrize(

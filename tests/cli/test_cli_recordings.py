@@ -6,17 +6,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from coarse_search import coarse
-from eivor.__main__ import load_late
 from eivor.tools import plain_text
-
-# -- The command line on real recordings that nobody here made --
 
 Caller = Callable[..., Any]
 
@@ -288,27 +284,3 @@ def test_they_are_whole_when_they_are_used():
         f" [name for name in {WITHIN!r} if name not in sys.modules])"
     )
     assert printed(code) == "True True []"
-
-
-def test_asked_twice_is_as_asked_once():
-    code = (
-        "import sys\n"
-        "from eivor.__main__ import load_late\n"
-        "load_late(); before = list(sys.meta_path); load_late()\n"
-        "print(before == sys.meta_path)"
-    )
-    assert printed(code) == "True"
-
-
-def test_packages_without_an_init_file_are_found_as_before(tmp_path, monkeypatch):
-    inner = tmp_path / "folder_alone" / "folder_within"
-    inner.mkdir(parents=True)
-    (inner / "found.py").write_text("HERE = True\n")
-    monkeypatch.setattr(sys, "meta_path", sys.meta_path[:])
-    monkeypatch.syspath_prepend(tmp_path)
-    load_late()
-    try:
-        assert import_module("folder_alone.folder_within.found").HERE
-    finally:
-        for name in [name for name in sys.modules if name.startswith("folder_alone")]:
-            del sys.modules[name]

@@ -27,8 +27,6 @@ from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
 from eivor.simulation.rigid_body_spec import vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
-# -- `eivor simulate` as a user meets it --
-
 FLIGHT = """
 viscous_friction = 0.3
 input_gain = 20.0
@@ -108,21 +106,6 @@ def test_a_whole_vehicle_flies(eivor, tmp_path):
     assert "the stamps of" in refused.err
     assert "Write .parquet" in refused.err
     assert eivor("simulate", "all.toml", "-o", "all.csv", "--hover").code == 2
-
-
-def test_same_seed_same_bytes(eivor, tmp_path):
-    for name in ("one", "two", "three"):
-        seed = 8 if name == "three" else 7
-        assert eivor("simulate", "rich", "-o", f"{name}.parquet", "--seed", seed).code == 0
-    item, two, three = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "two", "three"))
-    assert item == two
-    assert item != three
-
-
-def test_csv_has_the_same_numbers(eivor):
-    for out in ("log.parquet", "log.csv"):
-        assert eivor("simulate", "rich", "-o", out).code == 0
-    assert pl.read_csv("log.csv").equals(pl.read_parquet("log.parquet"))
 
 
 def test_flight_under_altitude_control_logs_altitude_and_reference(eivor, tmp_path):
@@ -424,14 +407,6 @@ def test_wrong_usage(eivor, file, arguments, code, message):
     run = eivor("study", file, *arguments)
     assert (run.code, run.out) == (code, "")
     assert message in run.err
-
-
-def test_files_that_are_none(eivor, file):
-    assert eivor("study", "absent.toml").code == 1
-    file.write_text(STUDY.replace("runs", "rusn"), encoding="utf-8")
-    run = eivor("study", file)
-    assert run.code == 1
-    assert "Is 'rusn' meant to be it?" in run.err
 
 
 @pytest.mark.thorough

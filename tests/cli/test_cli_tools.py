@@ -31,8 +31,6 @@ from exports.identified import TRUE, px4_log
 from exports.test_autopilots import qgc
 from planning.conftest import planned as plan_of
 
-# -- `eivor export` as it is called --
-
 Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 

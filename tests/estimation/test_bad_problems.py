@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from nuisance_runs import lag, problem, share
 from test_moments_and_streams import chunks_of
 
 import eivor as ev
@@ -24,10 +23,8 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.inference.verdict import Status
-from eivor.lab.regularised import DECADES, POINTS, RegularisedLeastSquares
+from eivor.lab.regularised import RegularisedLeastSquares
 from eivor.linalg import LinearSystem
-
-# -- Problems that have no honest answer: each is refused with the reason and the remedy --
 
 RNG = np.random.default_rng(0)
 ROWS = 50
@@ -148,12 +145,6 @@ def test_total_least_squares_without_a_unique_solution():
         ev.identify(ev.regression(response=b, regressors=A), ev.methods.total_least_squares())
 
 
-def test_total_least_squares_with_as_many_equations_as_unknowns():
-    problem = ev.regression(response=Y, regressors=PHI, instruments=PSI[:, :2])
-    with pytest.raises(TooFewSamplesError, match="at least 3 equations for total least squares"):
-        ev.identify(problem, ev.methods.extended_iv_tls())
-
-
 @pytest.mark.parametrize("name", ["bias_compensated_least_squares", "generalized_iv", "generalized_iv_tls"])
 def test_a_noise_that_is_not_declared_is_never_zero(name):
     method = getattr(ev.methods, name)()
@@ -259,23 +250,6 @@ def test_other_number_types_are_computed_in_double_precision(dtype):
     assert fit.parameters["theta_2"] == pytest.approx(2.0, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "name", ["least_squares", "total_least_squares", "extended_iv", "extended_iv_tls", "generalized_iv"]
-)
-def test_nothing_is_modified(name):
-    arrays = [Y.copy(), PHI.copy(), PSI.copy()]
-    problem = ev.regression(
-        response=arrays[0],
-        regressors=arrays[1],
-        instruments=arrays[2],
-        noise_covariance=np.eye(3),
-        instrument_noise_covariance=None if name != "generalized_iv" else np.full((3, 3), 1e-3),
-    )
-    ev.identify(problem, getattr(ev.methods, name)()).summary()
-    for array, original in zip(arrays, (Y, PHI, PSI), strict=True):
-        np.testing.assert_array_equal(array, original)
-
-
 CALLER = """
 import warnings
 import numpy as np
@@ -343,26 +317,10 @@ class TestWhiteInput:
         with pytest.raises(InstrumentError, match="numerical rank below 2"):
             ev.identify(self.problem(200, exact=True), ev.methods.extended_iv())
 
-    def test_nearly_singular_ones_are_weak(self):
-        with pytest.warns(ev.WeakInstrumentsWarning, match="singular values"):
-            fit = ev.identify(self.problem(4000, exact=False), ev.methods.extended_iv())
-        assert fit.status.value == "weak"
-
-    def test_lag_zero_with_its_noise_declared_is_strong(self):
-        problem = self.problem(4000, exact=False)
-        signals = ev.Signals(5.0, problem.signals.channels, noise={"input": ev.WhiteNoise(std=0.0)})
-        fit = ev.identify(
-            ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 6)),
-            ev.methods.generalized_iv(),
-        )
-        assert fit.status.value == "identified"
-        assert fit.parameters["input_gain"] == pytest.approx(0.5, rel=1e-9)
-
 
 # -- Methods whose solver regularises: what counts as an equation, what intervals count, and wh --
 
 M = ev.methods
-GRID = np.append(0.0, np.logspace(*DECADES, (DECADES[1] - DECADES[0]) * POINTS + 1))
 MOTION = ev.VerticalMotion(intercept=False)
 
 
@@ -398,25 +356,6 @@ def test_rows_are_the_equations_of_a_direct_method():
     assert uncounted.shrinkage.parameter != whole.shrinkage.parameter
 
 
-@pytest.mark.parametrize("weighting", [M.Unweighted(), M.TwoStage()], ids=["unweighted", "two-stage"])
-def test_moments_are_the_equations_of_an_instrumental_method(weighting):
-    """Seven instruments give seven equations, whatever number of rows they are means over."""
-    method, made = M.generalized_iv(weighting), problem_of(2)
-    plain = method.solve(made)
-    A, b = plain.system.matrix, plain.system.right
-    if plain.factor is not None:
-        A, b = np.linalg.solve(plain.factor, A), np.linalg.solve(plain.factor, b)
-    unit = A / np.linalg.norm(A, axis=0)
-    grid, scores = GRID, []
-    for a in grid:
-        hat = unit @ np.linalg.solve(unit.T @ unit + a * np.eye(2), unit.T)
-        scores.append(np.sum((b - hat @ b) ** 2) / (7.0 - np.trace(hat)) ** 2)
-    result = ev.identify(made, M.regularised(method))
-    best = scores[int(np.flatnonzero(grid == parameter(result))[0])]
-    assert best == pytest.approx(min(scores), rel=1e-9)
-    assert parameter(result) > 0.0
-
-
 def test_moments_without_an_equation_left_over_tell_no_noise():
     square = M.regularised(M.bias_compensated_least_squares())
     with pytest.raises(
@@ -437,23 +376,6 @@ def test_nothing_is_changed_by_a_parameter_of_zero(name):
     np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-7)
     assert result.status is plain.status
     assert result.method == f"{name}_tikhonov"
-
-
-@pytest.mark.parametrize(
-    "name", ["least_squares", "total_least_squares", "generalized_iv", "generalized_iv_tls"]
-)
-def test_intervals_count_the_whole_move(name):
-    """Mean square errors: what the equations leave, and the square of what regularisation did."""
-    method, made = getattr(M, name)(), problem_of(5)
-    plain = ev.identify(made, method)
-    result = ev.identify(made, M.regularised(method, parameter=0.3))
-    move = result.values - plain.values
-    np.testing.assert_allclose(result.solution.shrinkage.shift, move, rtol=1e-6)
-    left = np.diag(result.covariance) - move**2
-    assert (left > 0.5 * np.diag(plain.covariance)).all()
-    assert result.status is Status.WEAK
-    assert "of 2 parameters are left, and it moved viscous_friction by" in result.reasons[-1].sentence
-    assert "A pulled estimate is biased" in result.summary()
 
 
 def test_intervals_cover_although_the_estimate_is_biased():
@@ -495,16 +417,6 @@ def test_chunks_are_the_whole_record():
         )
         np.testing.assert_allclose(parts.values, whole.values, rtol=1e-9)
         assert parts.interval("input_gain") == pytest.approx(whole.interval("input_gain"), rel=1e-6)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_nuisance_beside_it_is_not_moved():
-    made = problem(lag(), share(grid=np.array([0.4])))
-    result = ev.identify(made, M.regularised(M.least_squares(), parameter=1e-3))
-    assert result.names == ("friction", "gain", "actuator_lag")
-    assert "it moved friction by" in result.reasons[-1].sentence
-    move = result.equation.move
-    np.testing.assert_array_equal(move, np.append(result.solution.shrinkage.shift, 0.0))
 
 
 def test_what_cannot_be_regularised_is_refused():

@@ -25,8 +25,6 @@ from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, Unknow
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.models.signal_regression import shared_noise
 
-# -- Estimates of fractional difference equations: exact without noise, settled, and covered by --
-
 ORDER = ev.UnknownOrder("order", 0.3, 1.1)
 MODEL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0,))
 TRUTH = {"output_coefficient_2": 8.0, "input_coefficient_1": 1.0, "order": 0.7}
@@ -72,20 +70,6 @@ def test_known_orders_are_a_linear_problem(name):
     model = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))
     result = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
     assert result.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", [name for name in METHODS if name != "bias_compensated_least_squares"])
-def test_the_settled_order_has_the_least_objective(name):
-    """Two routes: the method's linear equations with the order's column, and its objective by the order."""
-    method, instruments = METHODS[name]
-    problem = MODEL.problem(record(noise_ratio=0.05), instruments)
-
-    def objective(order):
-        return 1e3 * method.solve(problem.regression({"order": order})).solution.objective
-
-    parameter = ev.identify(problem, method).parameters["order"]
-    least = minimize_scalar(objective, bounds=(parameter - 0.05, parameter + 0.05), options={"xatol": 1e-10})
-    assert parameter == pytest.approx(least.x, abs=1e-5)
 
 
 def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
@@ -135,15 +119,6 @@ def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape
     means = {name: abs(np.mean(item)) for name, item in errors.items()}
     assert means["total_least_squares"] < 0.3 * means["least_squares"]
     assert means["generalized_iv"] < 0.3 * means["least_squares"]
-
-
-def test_two_orders_are_found_together():
-    model = ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("input_order", -0.4, 0.6),))
-    truth = TRUTH | {"input_order": 0.25}
-    signals = record(noise_ratio=0.0, model=model, truth=truth)
-    result = ev.identify(model.problem(signals), methods.total_least_squares())
-    assert result.parameters == pytest.approx(truth, rel=1e-6)
-    assert result.names == ("output_coefficient_2", "input_coefficient_1", "order", "input_order")
 
 
 def test_the_estimate_is_one_like_all_others():
@@ -244,48 +219,6 @@ def undeclared(signals, instruments=INSTRUMENTS):
     return UNKNOWN_MODEL.regression(replace(signals, noise={}), instruments)
 
 
-def far(estimate, name, truth):
-    return abs(estimate.parameters[name] - truth) / estimate.std_error(name)
-
-
-@pytest.mark.parametrize(
-    ("method", "order"),
-    [
-        (ev.methods.generalized_iv_unknown_noise(), 0.0),
-        (ev.methods.generalized_iv_unknown_noise(orders=("velocity_z",)), -0.4),
-        (ev.methods.bias_eliminating_least_squares(), 0.0),
-        (ev.methods.frisch_scheme(), 0.0),
-    ],
-)
-def test_parameters_and_noises_are_told(method, order):
-    signals = record_unknown(order=order)
-    estimate = ev.identify(undeclared(signals), method)
-    truth = {"viscous_friction": 0.293, "input_gain": 0.021, "noise_order_velocity_z": order}
-    for channel in ("input", "velocity_z"):
-        truth[f"noise_variance_{channel}"] = signals.noise[channel].std ** 2
-    for name in estimate.names:
-        if name in truth:
-            assert far(estimate, name, truth[name]) < 3.5, name
-    assert estimate.std_error("noise_variance_velocity_z") < 0.25 * truth["noise_variance_velocity_z"]
-    assert ("noise_order_velocity_z" in estimate.names) == bool(order)
-    assert estimate.units[estimate.names.index("noise_variance_velocity_z")] == "(m/s)^2"
-    least_squares = ev.identify(undeclared(signals), ev.methods.least_squares())
-    assert abs(least_squares.parameters["input_gain"] - 0.021) > 3.0 * estimate.std_error("input_gain")
-
-
-def test_what_is_declared_is_not_estimated():
-    signals = record_unknown(samples=1500)
-    known = {"input": signals.noise["input"]}
-    problem = UNKNOWN_MODEL.regression(replace(signals, noise=known), INSTRUMENTS)
-    estimate = ev.identify(problem, ev.methods.generalized_iv_unknown_noise())
-    assert "noise_variance_input" not in estimate.names
-    assert "noise_variance_velocity_z" in estimate.names
-    exact = ev.identify(
-        UNKNOWN_MODEL.regression(signals, INSTRUMENTS), ev.methods.generalized_iv_unknown_noise()
-    )
-    assert exact.names == ("viscous_friction", "input_gain")
-
-
 def test_a_white_input_is_refused_with_the_reason():
     signals = record_unknown("white", samples=2000)
     estimate = ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise())
@@ -294,15 +227,6 @@ def test_a_white_input_is_refused_with_the_reason():
         "does not distinguish the input gain from the noises" in reason.sentence
         for reason in estimate.reasons
     )
-
-
-def test_a_noise_that_is_none_cannot_be_told_from_none():
-    signals = record_unknown(
-        samples=1500, noise_to_signal={"velocity_z": 0.3, "acceleration_z": 0.2, "input": 0.0}
-    )
-    estimate = ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise())
-    assert estimate.status.value == "weak"
-    assert any("input cannot be distinguished from none" in reason.sentence for reason in estimate.reasons)
 
 
 def test_slopes_are_those_of_what_is_added():
@@ -324,25 +248,12 @@ def test_noise_of_any_order_adds_what_its_autocovariance_says():
     shared = SharedMoments(UNKNOWN_MODEL.regression(problem.signals, psi), ())
     order = -0.317
     signals = replace(
-        problem.signals,
-        noise={"velocity_z": ev.FractionalNoise(1.0, order), "input": ev.WhiteNoise(0.0)},
+        problem.signals, noise={"velocity_z": ev.FractionalNoise(1.0, order), "input": ev.WhiteNoise(0.0)}
     )
     right = (*problem.regressor_columns, problem.equation.response)
     expected = shared_noise(psi, right[:2], signals, shared.problem.first)
     unit = shared.unit(UnknownNoise("velocity_z", fractional=True), order)
     np.testing.assert_allclose(unit[:, :2], expected, rtol=1e-6, atol=1e-9)
-
-
-def test_schemes_are_choices_of_equations():
-    problem = undeclared(record_unknown(samples=100))
-    names = {choice: [column.name for column in choice.columns(problem, ())] for choice in EquationChoice}
-    assert names[EquationChoice.GENERALIZED][-2:] == ["velocity_z(k-1)", "velocity_z(k-2)"]
-    assert names[EquationChoice.BIAS_ELIMINATING] == [
-        "velocity_z",
-        "input",
-        *(f"input(k-{lag})" for lag in range(1, 11)),
-    ]
-    assert "acceleration_z" in names[EquationChoice.FRISCH]
 
 
 def test_what_it_cannot_use():

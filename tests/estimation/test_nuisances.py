@@ -34,23 +34,14 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
 from eivor.estimation.moments import Instrumental
-from eivor.estimation.variable_projection import (
-    PRODUCT_POINTS,
-    Trial,
-    argmin,
-    between,
-    product_grids,
-)
+from eivor.estimation.variable_projection import argmin
 from eivor.estimation.weighting import TwoStage
 from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
-from eivor.linalg.system import Solution
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import Nuisance, Prior
 from eivor.motions.identify import identify_flight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-
-# -- Several nuisances in one search, what is known of them beforehand, and rows of several axe --
 
 TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
 METHODS = [least_squares(), TWO_STAGE, reference_iv()]
@@ -94,17 +85,6 @@ def test_two_nuisances_are_joint_nonlinear_least_squares():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_the_order_of_the_nuisances_is_that_of_the_joint_vector_only():
-    item, other = (
-        ev.identify(problem(*pair), least_squares()) for pair in ((lag(), share()), (share(), lag()))
-    )
-    assert other.names == ("friction", "gain", "curve_share", "actuator_lag")
-    for name in item.names:
-        assert other.parameters[name] == pytest.approx(item.parameters[name], rel=1e-4)
-        assert other.std_error(name) == pytest.approx(item.std_error(name), rel=1e-3)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_profiles_are_the_least_over_the_others():
     nuisances = lag(grid=np.geomspace(0.02, 0.3, 5)), share(grid=np.linspace(0.0, 1.0, 4))
     made = problem(*nuisances)
@@ -124,24 +104,6 @@ def test_profiles_are_the_least_over_the_others():
         np.testing.assert_array_equal(profile.grid, nuisance.grid)
         np.testing.assert_allclose(profile.objective, table.min(axis=1 - axis), rtol=1e-12)
     assert fit.solution.objective < table.min()
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("count", [2, 3, 4, 5])
-def test_products_of_grids_stay_small_and_keep_their_ends(count):
-    nuisances = tuple(lag() for _ in range(count))
-    grids = product_grids(nuisances)
-    assert np.prod([grid.size for grid in grids]) <= max(PRODUCT_POINTS, 3**count)
-    for grid in grids:
-        assert grid.size >= 3
-        assert (grid[0], grid[-1]) == (nuisances[0].grid[0], nuisances[0].grid[-1])
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_minimum_at_the_end_of_a_grid_stays_there():
-    fit = ev.identify(problem(lag(), share(grid=np.linspace(0.0, 0.2, 6))), least_squares())
-    assert fit.parameters["curve_share"] == pytest.approx(0.2, abs=1e-4)
-    assert fit.nuisances["curve_share"] <= 0.2
 
 
 RUNS = 300
@@ -182,22 +144,6 @@ def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
 # -- what is known beforehand ------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_a_prior_that_says_nothing_changes_nothing(method):
-    plain = ev.identify(problem(lag(), KNOWN_SHARE), method)
-    vague = ev.identify(problem(lag(prior=Prior(0.3, 1e5)), KNOWN_SHARE), method)
-    np.testing.assert_allclose(vague.values, plain.values, rtol=1e-5)
-    for part, other in zip(vague.joint_covariance.parts, plain.joint_covariance.parts, strict=True):
-        np.testing.assert_allclose(part.matrix, other.matrix, rtol=1e-4, atol=0.0)
-    if method.needs_instruments:
-        # One equation more, which any value of the lag meets.
-        J, p_value = vague.over_identification
-        assert pytest.approx(plain.over_identification[0], rel=1e-4, abs=1e-6) == J
-        degrees = vague.rank + 1 - 3
-        assert p_value == pytest.approx(stats.chi2(degrees).sf(J), rel=1e-6)
-
-
 def pseudo_observed(made, method, prior):
     """Joint minimum with the prior as one more row, and the covariance of that; s^2 is that of the rows."""
     fit = ev.identify(made, method)
@@ -230,19 +176,6 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
     plain = ev.identify(problem(lag(), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2]), method)
     part = plain.joint_covariance.part("classical").matrix
     assert matrix[2, 2] < min(part[2, 2], prior.std**2)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("method", [TWO_STAGE, reference_iv()], ids=named)
-def test_a_prior_decides_where_the_data_say_little(method):
-    """An input that is slower than any lag tells none."""
-    slow, prior = {"hertz": (0.05, 0.11), "noise": 5.0}, Prior(0.06, 0.004)
-    alone = ev.identify(problem(lag(), KNOWN_SHARE, **slow), method)
-    assert alone.joint_covariance.part("classical").matrix[2, 2] > 25.0 * prior.std**2
-    fit = ev.identify(problem(lag(prior=prior), KNOWN_SHARE, **slow), method)
-    assert fit.parameters["actuator_lag"] == pytest.approx(prior.mean, abs=0.2 * prior.std)
-    for part in fit.joint_covariance.parts:
-        assert np.sqrt(part.matrix[2, 2]) == pytest.approx(prior.std, rel=0.1)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -356,54 +289,6 @@ def test_nuisances_that_cannot_be_searched_are_refused(make, said):
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_axes_without_a_parameter_in_common_are_as_if_alone():
-    """Each is whitened by its own residual, so that a loud axis does not drown a quiet one."""
-    quiet, loud = columns(1, noise=0.02), columns(2, noise=3.0, axis=1)
-    nuisances = lag(grid=np.array([LAG_S])), KNOWN_SHARE
-    alone = [
-        ev.identify(LaggedRuns((replace(item, axis=0),), PARAMETERS, nuisances), reference_iv())
-        for item in (quiet, loud)
-    ]
-    names = (*PARAMETERS, *(replace(p, name=f"{p.name}_2") for p in PARAMETERS))
-    both = ev.identify(LaggedRuns(_separated(quiet, loud), names, nuisances), reference_iv())
-    rows = both.rows
-    assert set(zip(rows.layout.axis_of_row, rows.layout.flight_of_row, strict=True)) == {(0, 0), (1, 0)}
-    np.testing.assert_allclose(both.values, np.concatenate([fit.values for fit in alone]), rtol=1e-9)
-    for number, fit in enumerate(alone):
-        here = slice(2 * number, 2 * number + 2)
-        part, other = (f.joint_covariance.part("equal_weighted_cosines").matrix for f in (both, fit))
-        np.testing.assert_allclose(part[here, here], other, rtol=1e-8)
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Moving columns of one axis with columns of zeros for the other's parameters."""
-
-    moving: object
-    fixed: np.ndarray
-    first: bool
-
-    def __call__(self, nuisance_values):
-        current = np.column_stack([self.fixed, self.moving(nuisance_values)])
-        return np.hstack(
-            [current, np.zeros_like(current)] if self.first else [np.zeros_like(current), current]
-        )
-
-
-def _separated(formula_function, other):
-    """Two axes of one flight, every parameter of which is in one of them."""
-    return tuple(
-        replace(
-            axis,
-            fixed=np.empty((axis.fixed.shape[0], 0)),
-            moving=Beside(axis.moving, axis.fixed, number == 0),
-            axis=number,
-        )
-        for number, axis in enumerate((formula_function, other))
-    )
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_one_axis_told_twice_is_no_more_than_once(method):
     """Scores of one time are one score: two axes that err together do not halve the variance."""
@@ -417,14 +302,6 @@ def test_one_axis_told_twice_is_no_more_than_once(method):
     other = columns(4, noise=0.3, axis=1)
     separated = ev.identify(LaggedRuns((item, other), PARAMETERS, nuisances), method)
     assert separated.equation.sample_count == once.equation.sample_count
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_flights_of_one_axis_are_told_apart():
-    pool = LaggedRuns((columns(5), columns(6, flight=1)), PARAMETERS, (lag(), KNOWN_SHARE))
-    for rows in (pool.rows(pool.first_values), ev.identify(pool, reference_iv()).rows):
-        assert set(rows.layout.flight_of_row) == {0, 1}
-        assert set(rows.layout.axis_of_row) == {0}
 
 
 # -- methods as an interface ------------------------------------------------------------------------------
@@ -491,13 +368,6 @@ def over(box, function):
     return np.asarray(function(*mesh), dtype=np.float64).ravel()
 
 
-@pytest.mark.parametrize("least", [0.123456, 3.0, 4.999])
-def test_one_variable_is_found_between_the_places_of_its_grid(least):
-    grid = [np.linspace(0.0, 5.0, 11)]
-    result = argmin(lambda box: (box[0] - least) ** 2, grid)
-    assert result == pytest.approx([least], abs=0.5 * 2.0**-16)
-
-
 @pytest.mark.parametrize(("slope", "end"), [(1.0, 0.0), (-1.0, 5.0)])
 def test_what_is_least_at_an_end_is_there(slope, end):
     result = argmin(lambda box: slope * box[0], [np.linspace(0.0, 5.0, 11)])
@@ -556,24 +426,3 @@ def test_a_flight_tells_a_delay_beyond_the_usual_ones():
         low, high = result.interval(name)
         assert low <= truth <= high
     assert result.verdict.status is Status.IDENTIFIED
-
-
-UNSOLVED = Solution(np.zeros(1), np.zeros(1), 0.0, 1.0)
-
-
-@pytest.mark.parametrize("begun", [0.055, 0.0605, 0.07])
-@pytest.mark.parametrize("least", [0.0613, 0.05, 0.08])
-def test_brents_search_finds_a_minimum_in_few_steps(begun, least):
-    made = []
-
-    def trial(point):
-        made.append(point)
-        return Trial(point, 3.0 + (point[0] - least) ** 2 * (1.0 + 5.0 * point[0]), UNSOLVED)
-
-    best = trial((begun,))
-    result = between(trial, best, (0.055, 0.07), 1e-6)
-    expected = min(max(least, 0.055), 0.07)
-    assert result.point[0] == pytest.approx(expected, abs=3e-6)
-    assert result.objective <= best.objective
-    # golden sections would take 20
-    assert len(made) <= (12 if expected == least else 24)

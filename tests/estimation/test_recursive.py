@@ -10,14 +10,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
-from eivor.estimation.recursive import (
-    References,
-    SequentialLook,
-    Watch,
-    looks_between,
-    newest_look,
-    newest_reference,
-)
+from eivor.estimation.recursive import looks_between, newest_look, newest_reference
 from eivor.estimation.streaming import timed_rows
 from eivor.models.signal_regression import shared_noise_of_rows
 
@@ -159,31 +152,6 @@ def test_looks_of_a_chunk_are_those_of_its_products_one_by_one():
         np.testing.assert_allclose(reference.mapped[0] @ means[:, :-1], np.eye(2), atol=1e-9)
 
 
-def test_a_sum_is_held_against_the_estimate_from_before_it_began():
-    detector, watch = ev.ChangeDetector(least_looks=2), Watch()
-    mapped = np.ones((1, 1, 1))
-    for number, change in enumerate((1.0, -1.0, 1.0, -1.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)):
-        # an estimate that has followed by the next look; what a look shows is its change of 3 less that
-        later = 3.0 * (number > 4)
-        watch = watch.expecting(References(np.array([[later]]), mapped, slice(0, 1)), detector)
-        watch = watch.after(SequentialLook(number, np.array([[1.0, change]]), 24.0), detector)
-    per_look = 3.0 / 1.4826 - detector.drift
-    assert watch.sums[0, 0] == pytest.approx(6 * per_look, rel=1e-6)
-    assert watch.before[-1, 0] == 0.0
-
-
-def test_a_look_at_an_input_that_stands_still_counts_as_an_average_one():
-    """Its errors grow with what it shows; and a look that shows nothing is none."""
-    detector, watch = ev.ChangeDetector(least_looks=2), Watch()
-    expected = References(np.zeros((1, 1)), np.ones((1, 1, 1)), slice(0, 1))
-    looks = ((1.0, 1.0), (1.0, -1.0), (9.0, 9.0), (9.0, -9.0), (0.01, 50.0), (-1.0, 50.0), (4.0, 12.0))
-    for number, (seen, change) in enumerate(looks):
-        watch = watch.expecting(expected, detector)
-        watch = watch.after(SequentialLook(number, np.array([[seen, change]]), 24.0), detector)
-    np.testing.assert_allclose(watch.before[:, 0], [1.0, -1.0, 1.0, -1.0, np.nan, np.nan, 3.0])
-    assert watch.sums[0, 0] == pytest.approx(3.0 / 1.4826 - detector.drift, rel=1e-6)
-
-
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_the_stream():
     signals = record(9000)
@@ -219,22 +187,6 @@ def test_both_covariances_are_alike_for_white_errors_and_know_their_degrees():
     forgetting = after(record(400))._products.forgetting
     q = FACTOR ** (2 * forgetting.block)
     assert parts[0][1].degrees == pytest.approx((1.0 + q) / (1.0 - q) - 2.0, rel=0.05)
-
-
-def test_intervals_are_wider_in_errors_with_memory_than_for_white_ones():
-    signals = record(3000)
-    slow = np.convolve(np.random.default_rng(2).standard_normal(3039), np.ones(40), "valid") / np.sqrt(40)
-    smooth = np.convolve(signals.channels["input"], np.ones(40), "same")
-    channels = dict(signals.channels, input=smooth)
-
-    def half_width(error):
-        response = 0.1 * smooth - 0.3 * channels["velocity_z"] + 0.5 * error
-        given = ev.Signals(5.0, dict(channels, acceleration_z=response), noise={"input": ev.WhiteNoise(0.0)})
-        low, high = after(given).estimate().interval("input_gain")
-        return high - low
-
-    white = np.median([half_width(np.random.default_rng(k).standard_normal(3000)) for k in range(5)])
-    assert half_width(slow) > 2.0 * white
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")

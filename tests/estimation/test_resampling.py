@@ -18,14 +18,12 @@ from eivor.estimation.bootstrap import Replicate, bootstrap, left_over, pool_fli
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.estimation.variable_projection import MOST_NODES, nodes_of
+from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.regression import Regression, SampleRows, regression
 from eivor.models.separable import Nuisance, Prior
-
-# -- Bootstrap of time: against estimates from the rows themselves, its spread, and its coverag --
 
 ROWS = 1003
 METHODS = {
@@ -69,35 +67,6 @@ def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, sche
         drawn = plan.rows_of(plan.drawn(random))
         wanted = method.solve(problem(drawn)).solution.theta
         np.testing.assert_allclose(replicate, wanted, rtol=1e-10)
-
-
-def test_ill_conditioned_rows_are_resampled_as_accurately_as_they_are_estimated() -> None:
-    """Condition 1e8: its square would leave no digit, the root leaves half of them."""
-    random = np.random.default_rng(2)
-    x = random.normal(size=500)
-    Phi = np.column_stack([x, x + 1e-8 * random.normal(size=500)])
-    y = Phi @ [1.0, 1.0] + 1e-9 * random.normal(size=500)
-    result = bootstrap(
-        regression(response=y, regressors=Phi), methods.least_squares(), runs=5, block_length=5
-    )
-    plan, draws = block_plan(500, 5.0), np.random.default_rng(0)
-    for replicate in result.replicates:
-        rows = plan.rows_of(plan.drawn(draws))
-        wanted = methods.least_squares().solve(regression(response=y[rows], regressors=Phi[rows])).solution
-        np.testing.assert_allclose(replicate, wanted.theta, atol=1e-6)
-
-
-def test_an_exact_fit_has_replicates_without_spread() -> None:
-    random = np.random.default_rng(3)
-    Phi = random.normal(size=(300, 2))
-    result = bootstrap(
-        regression(response=Phi @ [2.0, -1.0], regressors=Phi),
-        methods.least_squares(),
-        runs=20,
-        block_length=5,
-        scheme="stationary",
-    )
-    np.testing.assert_allclose(result.replicates, np.tile([2.0, -1.0], (20, 1)), rtol=1e-12)
 
 
 def test_robust_weights_are_those_of_the_sample() -> None:
@@ -262,20 +231,6 @@ def errors(estimate: Estimate) -> np.ndarray:
 
 
 # -- between the nodes ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_nodes_are_the_grid_made_finer_or_thinned():
-    (axis,) = nodes_of((lag(grid=np.geomspace(0.01, 0.4, 40)),)).axes
-    np.testing.assert_array_equal(axis.values, np.geomspace(0.01, 0.4, 40))
-    (axis,) = nodes_of((lag(grid=np.array([0.01, 0.1, 0.4])),)).axes
-    assert axis.values.size == 17
-    assert {0.01, 0.1, 0.4} <= set(axis.values.round(12))
-    many = nodes_of(
-        (lag(grid=np.geomspace(0.01, 0.4, 60)), share(grid=np.linspace(0.0, 1.0, 60)), KNOWN_SHARE)
-    )
-    assert 300 < len(many.points) <= MOST_NODES
-    assert nodes_of((KNOWN_LAG,)).points == [{"actuator_lag": LAG_S}]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

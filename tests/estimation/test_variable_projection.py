@@ -9,8 +9,6 @@ import pytest
 import scipy
 import scipy.linalg
 import scipy.optimize
-from nuisance_runs import lag, share
-from nuisance_runs import problem as problem_objectives
 from scipy import stats
 from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 
@@ -24,8 +22,6 @@ from eivor.linalg import LeastSquares
 from eivor.linalg.system import LinearSystem, Solver
 from eivor.linalg.total_least_squares import AugmentedLeastSquares, TotalLeastSquares
 from eivor.linalg.total_least_squares import LeastSquares as LeastSquares_objectives
-
-# -- The search for lag and delay against one joint nonlinear least squares; intervals that kno --
 
 TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
 
@@ -129,13 +125,6 @@ def test_the_unit_of_the_command_changes_the_gain_only(method, unit):
         assert other.interval(name) == pytest.approx(tuple(ends), rel=1e-4)
 
 
-def test_a_lag_outside_the_grid_stops_at_its_end():
-    (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=8)
-    for grid, end in ((np.geomspace(0.002, 0.02, 8), 0.02), (np.geomspace(0.1, 0.3, 8), 0.1)):
-        fit = identify(problem(flight, lags=grid), least_squares())
-        assert fit.nuisances["actuator_lag"] == pytest.approx(end, abs=1e-4)
-
-
 # -- the joint covariance against many flights ------------------------------------------------------------
 
 RUNS = 100
@@ -216,19 +205,3 @@ def test_objectives_are_those_of_each_system(solver: Solver, equations: int) -> 
     systems = np.random.default_rng(equations).normal(size=(5, equations, 4)) * [1.0, 1e3, 1e-3, 1.0]
     each = [solver.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
     np.testing.assert_allclose(solver.objectives(systems), each, rtol=1e-9, atol=1e-20)
-
-
-def test_products_of_whitened_rows_are_those_of_each_point():
-    method, made = reference_iv(), problem_objectives(lag(), share())
-    assert isinstance(method, LinearMethod)
-    weights = method.row_weighting.first_pass(made)
-    grid = made.nuisances[0].grid[::5]
-    points = [made.first_values | {made.nuisances[0].name: float(value)} for value in grid]
-    result = weights.products(points)
-    assert result.shape[0] == len(points)
-    for point, products in zip(points, result, strict=True):
-        rows = weights.rows(point)
-        by_hand = rows.instruments.T @ np.column_stack([rows.regressors, rows.response]) / rows.response.size
-        np.testing.assert_allclose(products, by_hand, rtol=1e-10, atol=1e-14 * np.abs(by_hand).max())
-        system = method.assembler.system(method.moments(rows))
-        np.testing.assert_allclose(products[:, :-1], system.matrix, rtol=1e-10, atol=1e-14)

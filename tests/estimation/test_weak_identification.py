@@ -20,14 +20,11 @@ from eivor.estimation.weak_identification import (
     AutocorrelatedErrors,
     HomoskedasticErrors,
     anderson_rubin_set,
-    moment_rows,
     sign_perturbed_set,
 )
 from eivor.inference.confidence_set import profile_interval
 from eivor.inference.regions import fieller_set
 from eivor.lab.scenario_files import shipped_scenario
-
-# -- Sets for weak instruments on problems: generalized IV's coverage, outside truth, and what  --
 
 LEVEL = 0.95
 
@@ -128,16 +125,6 @@ def test_housing_against_stata_and_textbook_regressions(housing):
     assert wide.interval("hsngval").contains(0.00266862318)
 
 
-def test_partialling_out_equals_concentrating_out(housing):
-    """Classical errors: the set of hsngval from all equations, its exogenous companions left open."""
-    result = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors(), level=0.99)
-    rows = moment_rows(housing, ev.methods.extended_iv()).independent()
-    whole = HomoskedasticErrors().region(rows, 0.99)
-    assert whole.interval("hsngval").hull == pytest.approx(result.interval("hsngval").hull, rel=1e-9)
-    # For an exogenous parameter the endogenous one is concentrated out, and its own column kept.
-    assert whole.interval("pcturban").hull == pytest.approx(result.interval("pcturban").hull, rel=1e-9)
-
-
 def test_sign_perturbation_refuses_what_would_break_its_exactness():
     problem = ev.VerticalMotion(intercept=False).regression(
         simulated("white", 300, [36]), ev.lags("input", 0, 3)
@@ -197,8 +184,6 @@ def test_regressors_that_are_all_their_own_instruments():
 
 # -- Derived quantities: ratios whatever the denominator, functions however they bend --
 
-RUNS = 2000
-
 
 def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):
     rng = np.random.default_rng(seed)
@@ -222,35 +207,6 @@ def test_fieller_set_is_the_inverted_test(p, q, corr, unit):
         distance = (p - r * q) ** 2 - 1.5**2 * (V[0, 0] - 2 * r * V[0, 1] + r**2 * V[1, 1])
         if abs(distance) > 1e-6 * (1 + r**2):
             assert result.contains(r / unit) == (distance <= 0.0)
-
-
-def test_time_constant_is_the_inverse_of_the_interval():
-    fit = fit_of(0.5)
-    low, high = fit.interval("a")
-    assert ev.ratio(fit, 1.0, "a").hull == pytest.approx((1.0 / high, 1.0 / low))
-    vague = fit_of(4.0)
-    low, high = vague.interval("a")
-    assert low < 0.0 < high
-    assert ev.ratio(vague, 1.0, "a").intervals == (
-        (-np.inf, pytest.approx(1.0 / low)),
-        (pytest.approx(1.0 / high), np.inf),
-    )
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("noise", [0.3, 3.0])
-def test_fieller_covers_where_the_delta_method_does_not(noise):
-    """A ratio whose denominator is ten standard errors from zero, or one."""
-    rng = np.random.default_rng(4)
-    sd, t = noise / 10.0, stats.norm.ppf(0.975)
-    pairs = np.array([1.2, 0.3]) + sd * rng.standard_normal((RUNS, 2))
-    fieller = sum(fieller_set(pair, sd**2 * np.eye(2), t).contains(4.0) for pair in pairs)
-    value = pairs[:, 0] / pairs[:, 1]
-    half = t * sd * np.sqrt(1.0 + value**2) / np.abs(pairs[:, 1])
-    delta = int((np.abs(value - 4.0) <= half).sum())
-    low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], RUNS, 0.95)
-    assert low <= fieller <= high
-    assert (low <= delta <= high) == (noise < 1.0)
 
 
 def test_profile_of_a_linear_function_is_the_delta_method():

@@ -88,18 +88,6 @@ def outputs() -> Callable[[], Document]:
     return lambda: copy.deepcopy(reported)
 
 
-def test_hover_of_a_thrust_setpoint(setpoint: Callable[[], Document], tmp_path: Path) -> None:
-    text = exported(setpoint(), tmp_path)
-    assert qgc(text) == {"MPC_THR_HOVER": pytest.approx(HOVER, rel=0.01)}
-    low, high = interval(text, "MPC_THR_HOVER")
-    assert low < HOVER < high
-    assert "flight.ulg, SHA-256 " in text
-    assert "Command: input, before the autopilot's thrust curve" in text
-    assert (
-        "THR_MDL_FAC is not written: thrust_curve was not estimated. Identify with --input-map fit." in text
-    )
-
-
 @pytest.mark.parametrize(
     ("log", "choices", "side"),
     [

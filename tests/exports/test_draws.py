@@ -48,14 +48,6 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
 
 
-def test_what_cannot_be_negative_is_cut_as_its_interval_is(tmp_path: Path) -> None:
-    draws = ev.load_fit(written(document(actuator_lag=(0.001, 0.002)), tmp_path)).sample(1000)
-    assert draws["actuator_lag"].min() == 0.0
-    assert np.median(draws["actuator_lag"]) == pytest.approx(0.001, abs=3e-4)
-    loose = ev.load_fit(written(document(viscous_friction=(0.0, 0.1)), tmp_path)).sample(1000)
-    assert loose["viscous_friction"].min() < 0.0
-
-
 def test_different_degrees_keep_their_correlation() -> None:
     matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
     wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)

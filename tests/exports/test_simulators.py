@@ -360,15 +360,6 @@ def test_motors_are_those_of_the_flight(tmp_path: Path) -> None:
     assert "drag along z is not in this file" in text
 
 
-def test_the_gain_at_rest_is_that_of_the_equation(tmp_path: Path) -> None:
-    made = ev.load_fit(written(document(delay=(0.005, 0.0)), tmp_path)).to_statespace()
-    assert made.states == ("actuator", "velocity_z")
-    assert made.delay_s == 0.005
-    rest = -made.C @ np.linalg.solve(made.A, made.B)
-    assert rest[0, 0] == pytest.approx(23.9 / 0.3)
-    assert sorted(np.linalg.eigvals(made.A).real) == pytest.approx([-1 / 0.05, -0.3])
-
-
 def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
     reported = document()
     reported["model"]["input_map"] = "square"

@@ -14,11 +14,6 @@ from statsmodels.stats.meta_analysis import combine_effects
 from eivor.errors import InputError
 from eivor.fleet.analysis import (
     DRIFTS,
-    NO_NUMBER,
-    NO_REFERENCE,
-    NO_RESULT,
-    NOT_EXCITED,
-    NOT_POSITIVE,
     STEADY,
     STEPS,
     FleetReport,
@@ -94,26 +89,6 @@ def test_vehicles_are_pooled_as_statsmodels_does():
         assert identified["between_low"] <= identified["between"] <= identified["between_high"]
 
 
-def test_what_excitation_tells_is_pooled_whatever_its_verdict():
-    table = fleet_rows(FleetSpec(vehicles=1, flights=12))
-    table = at(table, f"{FRICTION}.verdict", {0: "refused", 1: "weak", 2: "provisional"})
-    table = at(table, "diagnostic.first_stage_F_viscous_friction", {3: 9.9})
-    table = at(table, f"{FRICTION}.std_error", {4: None})
-    table = at(table, f"{FRICTION}.low", {4: None})
-    table = at(table, f"{FRICTION}.value", {0: -0.1})
-    table = at(table, f"{GAIN}.value", {5: -1.0})
-    table = at(table, "verdict", {6: "failed", 7: "copy"})
-    report = reported(FleetSpec(), table)
-    assert of(report, FRICTION).select("pooled", "left_out").rows() == [(7, 4)]
-    assert report.logs == {"logs": 12, "copies": 1, "failed": 1}
-    selected = {
-        (row["quantity"], row["reason"]): row["flights"] for row in report.omitted.iter_rows(named=True)
-    }
-    for reason in (NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED):
-        assert selected[FRICTION, reason] == 1
-    assert selected[GAIN, NOT_POSITIVE] == 1
-
-
 def test_pooling_identified_flights_only_would_bias_upward():
     """The trap: flights whose interval reaches zero are refused; without them the mean is too large."""
     errors = 0.2 * np.ones(400)
@@ -128,20 +103,6 @@ def test_pooling_identified_flights_only_would_bias_upward():
     (identified,) = of(report, FRICTION).rows(named=True)
     assert identified["low"] < 0.25 < identified["high"]
     assert np.mean(result[result > 0.4]) > identified["next_high"]
-
-
-def test_a_single_flight_has_a_mean_and_no_interval():
-    report = reported(FleetSpec(vehicles=3, flights=1))
-    assert of(report, GAIN)["mean"].null_count() == 0
-    for name in ("low", "high", "between", "next_low", "next_high"):
-        assert of(report, GAIN)[name].null_count() == 3
-    table = fleet_rows(FleetSpec(vehicles=3, flights=1))
-    for end in ("low", "high"):  # what the flight tells by itself is kept
-        assert of(report, GAIN)[f"only_{end}"].to_list() == table[f"{GAIN}.{end}"].to_list()
-    assert of(reported(FleetSpec(vehicles=1, flights=2)), GAIN)["only_low"].null_count() == 1
-    (identified,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
-    assert identified["pooled"] == 3
-    assert identified["low"] < identified["mean"] < identified["high"]
 
 
 def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
@@ -169,23 +130,6 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     text = plain(report)
     assert "2 vehicles of 1 type; 10 logs without a vehicle, each by itself" in text
     assert "A log without a vehicle id stands alone under its own name" in text
-
-
-def test_the_intervals_of_a_share_stay_within_its_bounds() -> None:
-    """Two vehicles of a type that hover at .12 and at .93: by logarithms up to 140,000 times full command."""
-    table = fleet_rows(FleetSpec(vehicles=2, flights=3, between_flights=0.2, seed=3))
-    value = np.array([0.1, 0.15, 0.12, 0.9, 0.97, 0.93])
-    table = of_hover(table, value, 0.05)
-    report = reported(FleetSpec(), table)
-    hover = [of(report, HOVER), report.types.filter(pl.col("quantity") == HOVER)]
-    for rows in hover:
-        for name in ("mean", "low", "high", "next_low", "next_high"):
-            assert rows[name].drop_nulls().is_between(0.0, 1.0).all(), name
-        assert (rows["low"] < rows["mean"]).all()
-        assert (rows["mean"] < rows["high"]).all()
-    assert hover[1]["next_high"].to_list() == [None]
-    single = reported(FleetSpec(), of_hover(table, value, 0.8)[5:])
-    assert of(single, HOVER)["only_high"].to_list() == [1.0]
 
 
 def test_a_share_above_its_bound_is_left_out_and_another_unit_has_no_bound() -> None:
@@ -230,13 +174,6 @@ def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
     assert identified["step_flight_first"] <= 18 <= identified["step_flight_last"]
     assert identified["step_low"] < -0.15 < identified["step_high"] < 0.0
     assert identified["step_start"] == fleet_rows(spec)["start"][int(identified["step_flight"]) - 1]
-
-
-def test_wear_is_a_drift_whose_interval_covers():
-    gains = of(reported(FleetSpec(vehicles=4, wear=0.10, weather=0.05, battery=0.03, seed=1)), GAIN)
-    assert gains["course"].to_list() == [DRIFTS] * 4
-    assert (gains["change_high"] < 0.0).all()
-    assert ((gains["change_low"] < -0.10) & (gains["change_high"] > -0.10)).all()
 
 
 def test_covariates_come_first_and_are_told():

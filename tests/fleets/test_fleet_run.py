@@ -11,16 +11,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import polars as pl
 import pytest
 
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
 from eivor.fleet.logs import Log, LogList, logs_found
-from eivor.fleet.run import COPIES, Work, hashed, run_fleet, work_of
+from eivor.fleet.run import COPIES, hashed, run_fleet
 from eivor.fleet.table import (
     IDENTITY,
-    KEY_COLUMNS,
     RUN,
     FleetOptions,
     part_files,
@@ -343,23 +341,3 @@ def sha256(text: str) -> str:
 
 def log(name: str, content: str = "") -> Log:
     return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")
-
-
-def known_rows(*record: tuple[str, str, str]) -> pl.DataFrame:
-    known = [(name, sha256(content) if content else None, verdict) for name, content, verdict in record]
-    return pl.DataFrame(known, schema=dict.fromkeys(KEY_COLUMNS, pl.String), orient="row")
-
-
-def work(logs: list[Log], there: pl.DataFrame) -> Work:
-    return work_of(LogList.of(logs).table, there)
-
-
-def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
-    logs = [log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"), log("f")]
-    there = known_rows(
-        ("gone", "two", "weak"), ("b", "two", "copy"), ("e", "three", "failed"), ("x", "", "failed")
-    )
-    result = work(logs, there)
-    assert result.identify["name"].to_list() == ["a"]
-    assert result.copies.select("name", "first").rows() == [("c", "a"), ("d", "gone")]
-    assert result.opened.height == 5

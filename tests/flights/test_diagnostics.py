@@ -16,22 +16,19 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.estimation.derived import ParameterSets, ProfileSets
+from eivor.estimation.derived import ProfileSets
 from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
-from eivor.flights.quantity import NAN, Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, widened
+from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, widened
 from eivor.flights.result import FEWEST_RUNS, FlightEstimate, run_leverage
-from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.verdict import Status, Verdict
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.flight import checks
 from eivor.signals.recording import Recording
 from estimation.vertical_flight_signals import Noise, flights, problem
-
-# -- Diagnostics of a flight: constancy, least squares beside the estimate, memory, leverage of --
 
 EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"
 LAGS = np.geomspace(0.02, 0.12, 5)
@@ -167,10 +164,6 @@ def test_checks_are_said_in_words(example):
     assert "standard errors off" in sentence["least squares"]
     assert sentence["residual"].endswith("(it drifts)")
     assert sentence["leverage"].endswith("-3.0 standard errors: inspect that part")
-
-
-def test_nothing_is_checked_without_an_estimate(example):
-    assert checks(replace(example, fit=None)) == ()
 
 
 @pytest.mark.thorough
@@ -360,14 +353,6 @@ def test_a_measured_state_has_no_lag_to_go_over(gusty):
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_the_wider_of_two_level_sets_is_the_robust_one():
-    line = ConfidenceSet(((0.1, 0.5),))
-    for other in (ConfidenceSet.empty(), ConfidenceSet(((0.2, 0.3),))):
-        assert ParameterSets(line, line, other).robust == line
-        assert ParameterSets(line, other, line).robust == line
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
     result = ev.identify_flight(gusty, method="extended_iv")
@@ -424,16 +409,6 @@ TWICE = SystematicUncertainty(Counts.FACTOR, 2.0, 2.0, "twice as long")
 def test_intervals_with_their_systematic_parts(parts, wanted):
     assert widened((9.0, 11.0), 10.0, parts) == wanted
     assert widened((9.0, 11.0), NAN, parts) == (9.0, 11.0)
-
-
-def test_a_result_keeps_its_parts_and_widens_other_levels_by_them():
-    quantity_estimate = QuantityEstimate(
-        10.0, "s", 0.5, widened((9.0, 11.0), 10.0, (BOTH, TWICE)), systematic_uncertainties=(BOTH, TWICE)
-    )
-    result = quantity_estimate.judged(Verdict(Status.WEAK), QuantitySpec("lag", "τ", "s"))
-    assert result.systematic_uncertainties == (BOTH, TWICE)
-    assert result.interval == (7.5, 12.5)
-    assert result.widened((9.5, 10.5)) == (8.5, 11.5)
 
 
 def test_what_follows_from_a_headline_follows_it_when_it_widens():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import GAIN, changed, every, flown, prepare_vertical, recording
+from flight_logs import GAIN, changed, flown, prepare_vertical, recording
 from flight_logs import STEP_S as EXCURSIONS_STEP_S
 from flight_logs import STEP_S as FRAMES_STEP_S
 from flight_logs import channel as channel_airborne
@@ -27,15 +27,12 @@ from eivor.flights.grid import (
     command_on_grid,
     common_grid,
     on_grid,
-    upward,
 )
 from eivor.flights.options import FlightOptions
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.select import vertical_row
 from eivor.signals.filters import fast_length
 from eivor.signals.recording import Channel, Frame, Recording
-
-# -- Channels on the common grid against naive references, and commands after their gaps --
 
 GRID = Grid(1.0, 0.01, (range(300),))
 
@@ -120,34 +117,6 @@ def test_fast_channels_are_averaged_over_each_step(rate_hz, seed):
         assert series[k] == pytest.approx(wanted, abs=1e-7)
 
 
-def test_averages_keep_a_line_and_quieten_noise():
-    time = np.arange(0.0, 5.0, 0.001)
-    series, _ = on_grid(channel(time, 3.0 * time - 1.0), GRID)
-    np.testing.assert_allclose(series, 3.0 * GRID.time_s - 1.0, atol=1e-9)
-    noise = np.random.default_rng(0).standard_normal(time.size)
-    # Ten samples in a step: a tenth of the variance, to within its sampling error.
-    assert on_grid(channel(time, noise), GRID)[0].var() == pytest.approx(0.1, rel=0.4)
-
-
-@pytest.mark.parametrize("held", [True, False])
-@pytest.mark.parametrize("rate_hz", [10.0, 1000.0])
-@pytest.mark.parametrize("kept", [0, 1, 2])
-def test_channels_with_hardly_a_value_stand_on_nothing_much(held, rate_hz, kept):
-    time = np.arange(0.0, 5.0, 1.0 / rate_hz)
-    values = np.full(time.size, np.nan)
-    values[time.size // 2 : time.size // 2 + kept] = 2.0
-    series, good = on_grid(channel(time, values, held=held), GRID)
-    assert np.isfinite(series).all()
-    assert good.sum() <= kept * max(100.0 / rate_hz, 1.0) + 1
-    if kept:
-        np.testing.assert_array_equal(series[good], 2.0)
-    # The channel without a sample, and the one with a single one.
-    assert not on_grid(channel([], [], held=held), GRID)[1].any()
-    series, good = on_grid(channel([2.0], [7.0], held=held), GRID)
-    np.testing.assert_array_equal(series, 7.0)
-    assert good.sum() == (200 if held else 1)
-
-
 @pytest.mark.thorough
 @given(
     rate_hz=st.sampled_from([30.0, 97.0, 400.0]),
@@ -173,25 +142,6 @@ def test_commands_are_their_mean_over_each_step_and_waited_for_after_gaps(rate_h
     for k in range(GRID.count):
         assert good[k] == (not broken[max(k - wait, 0) : k + 1].any())
     assert np.isfinite(series).all()
-
-
-def test_commands_stamped_on_the_grid_are_left_alone():
-    values = np.random.default_rng(0).standard_normal(500)
-    stamps = np.arange(500) * 0.01 + np.where(np.arange(500) % 2, 2e-10, -2e-10)
-    series, good = command_on_grid(channel(stamps, values, held=True), GRID)
-    np.testing.assert_array_equal(series, values[100:400])
-    assert good.all()
-
-
-def test_hours_of_commands_are_averaged_as_exactly_as_seconds():
-    rng = np.random.default_rng(1)
-    values = 1000.0 + rng.standard_normal(400)
-    stamps = 1.0 + np.arange(400) * 0.01 + 0.004
-    alone = command_on_grid(channel(stamps, values, held=True), GRID)[0]
-    earlier = channel(
-        np.concatenate([[-1e7, -9e6], stamps]), np.concatenate([[1e6, 1000.0], values]), held=True
-    )
-    np.testing.assert_allclose(command_on_grid(earlier, GRID)[0][1:], alone[1:], rtol=1e-12)
 
 
 # -- the grid itself --------------------------------------------------------------------------------------
@@ -258,36 +208,6 @@ def test_a_jump_of_the_clock_costs_no_samples():
         assert not good[np.flatnonzero(np.diff(grid.steps) > 1)].any()
 
 
-def test_gaps_of_some_seconds_stay_on_the_grid():
-    assert gridded(jumping(9.0)).pieces == (range(2900),)
-
-
-def test_only_what_makes_samples_useless_is_left_out():
-    held = jumping(100.0, held=True, name="landed")
-    steady = channel(np.arange(0.0, 120.0, 0.01), np.zeros(12000))
-    assert gridded(steady, held).count == 12000
-    assert common_grid([steady, held], [steady, held]).count == pytest.approx(
-        2000 + 100 * (MARGIN_S + MEMORY_S), abs=2
-    )
-
-
-def test_silences_of_several_channels_are_joined():
-    lengths = []
-    for jumps in ([100.0], [100.0, 100.0], [100.0, 50.0]):
-        channels = [jumping(jump, name=f"c{k}") for k, jump in enumerate(jumps)]
-        channels.append(channel(np.arange(0.0, 119.99, 0.01), np.zeros(11999), name="steady"))
-        lengths.append(gridded(*channels).count)
-    assert lengths[0] == lengths[1]
-    assert lengths[2] < lengths[0]  # the time that all share ends earlier
-
-
-def test_the_mean_rate_is_that_of_the_time_logged():
-    for gap_s in (1e6, 0.5):
-        assert jumping(gap_s).rate_hz == pytest.approx(100.0)
-    resting = channel([0.0, 50.0, 110.0, 150.0], np.zeros(4), held=True)
-    assert resting.rate_hz == pytest.approx(3 / 150.0)
-
-
 def test_more_than_six_hours_of_samples_are_refused():
     time = np.arange(0.0, 7 * 3600.0, 1.0)
     with pytest.raises(InputError, match=r"7\.0 hours"):
@@ -347,12 +267,6 @@ def test_land_detector_decides_and_margins_are_left_out():
     assert found(np.zeros(1500), landed=np.zeros(1500, dtype=bool)).mask.all()
 
 
-def test_input_that_is_never_off_flies_throughout():
-    result = found(profile((10.0, 0.5), (0.49, 0.0), (10.0, 0.5)))
-    assert result.rule == "the input, which is never off"
-    assert result.mask.all()
-
-
 def test_short_cuts_of_the_throttle_do_not_land_a_vehicle():
     result = found(profile((3.0, 0.0), (10.0, 0.5), (0.3, 0.0), (10.0, 0.5), (3.0, 0.0)))
     assert stretches(result.mask) == [(300 + MARGIN, 2330 - MARGIN)]
@@ -385,13 +299,6 @@ def test_an_input_that_is_off_in_the_air_does_not_make_ground():
     assert stretches(started.mask) == [(200 + MARGIN, 1000 - MARGIN), (1200 + MARGIN, 2000)]
 
 
-def test_the_ground_is_the_lower_end():
-    """Taken off from a table of a metre and landed on the floor: low flight is flight."""
-    height = profile((2.0, 1.0), (6.0, 2.0), (10.0, 0.4), (2.0, 0.0))
-    result = found(profile((2.0, 0.0), (16.0, 0.5), (2.0, 0.0)), height=height)
-    assert stretches(result.mask) == [(200 + MARGIN, 1800 - MARGIN)]
-
-
 def test_motors_at_idle_end_a_flight_whatever_the_land_detector_says():
     level = profile((10.0, 0.5), (0.4, 0.001), (5.0, 0.5), (5.0, 0.001))
     result = found(level, landed=np.zeros(2040, dtype=bool))
@@ -419,14 +326,6 @@ def test_before_its_first_message_the_land_detector_says_landed():
     assert stretches(mask) == [(200 + MARGIN, 1000)]
 
 
-def test_ground_contact_counts_as_landed():
-    (log,) = flown(seconds=10.0)
-    touching = channel_airborne("ground_contact", [0.0, 4.0, 5.0], [0.0, 1.0, 0.0])
-    landed = channel_airborne("landed", [0.0, 9.0], [0.0, 0.0])
-    mask = prepare_vertical(changed(log, landed=landed, ground_contact=touching), FlightOptions()).active.mask
-    assert stretches(mask) == [(0, 400 - MARGIN), (500 + MARGIN, 1000)]
-
-
 @pytest.mark.parametrize("values", [([], []), ([0.0], [np.nan])])
 def test_a_land_detector_that_says_nothing_is_no_land_detector(values):
     (log,) = flown(seconds=10.0)
@@ -445,11 +344,6 @@ def test_a_height_that_is_hardly_known_does_not_ground_the_flight(height):
         "none": channel_airborne("position_z", [], []),
     }[height]
     assert airborne_share(changed(log, position_z=position)) == pytest.approx(0.7, abs=0.01)
-
-
-def test_slow_heights_serve():
-    (log,) = flown(seconds=10.0)
-    assert airborne_share(every(log, 20, "position_z")) == 1.0
 
 
 # -- Frames: what is logged with z down, or along a tilted body, gives what z up gives --
@@ -513,21 +407,6 @@ def test_z_down_log_gives_the_answers_of_the_z_up_log():
         assert mirrored.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
         assert mirrored.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-6)
     np.testing.assert_array_equal(down["velocity_z"].values, -leaning.channels["velocity_z"].values)
-
-
-def test_turning_twice_is_turning_once_and_leaves_the_log_alone():
-    _, turns, force = tilted()
-    log = body_log(turns, force, Frame.NED)
-    before = {name: c.values.copy() for name, c in log.channels.items()}
-    once = upward(log)
-    assert once.frame is Frame.Z_UP
-    assert upward(once) is once
-    for name, values in before.items():
-        np.testing.assert_array_equal(log.channels[name].values, values)
-    np.testing.assert_array_equal(once.channels["attitude_w"].values, before["attitude_w"])
-    np.testing.assert_array_equal(
-        once.channels["specific_force_body_z"].values, -before["specific_force_body_z"]
-    )
 
 
 def test_attitudes_that_are_none_give_no_value():

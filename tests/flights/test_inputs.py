@@ -20,8 +20,6 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.signals.filters import actuator_state, shifted_by
 from eivor.signals.recording import Channel, DataSheet, Recording
 
-# -- Measurement noises of a flight, declared or estimated; and methods that take them out --
-
 BCLS = "bias_compensated_least_squares"
 NOISE = 0.3
 
@@ -196,13 +194,6 @@ def test_sampled_values_are_shifted_either_way(delay_s):
     np.testing.assert_allclose(shifted_by(values, step_s=0.01, delay_s=0.0), values, rtol=0.0)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_beyond_the_ends_values_are_held():
-    values = np.arange(5.0)[:, None]
-    np.testing.assert_allclose(shifted_by(values, step_s=1.0, delay_s=2.0)[:, 0], [0, 0, 0, 1, 2])
-    np.testing.assert_allclose(shifted_by(values, step_s=1.0, delay_s=-2.0)[:, 0], [2, 3, 4, 4, 4])
-
-
 # -- Where no loop acts on the thrust, it is its own instrument, and serves alone --
 
 
@@ -217,12 +208,6 @@ def usable(log_open: Recording, **open_loop: list[float]) -> dict[str, str]:
     log_open = changed(log_open, input_open_loop=channel("landed", open_loop["at"], open_loop["states"]))
     references = prepare_vertical(log_open, FlightOptions()).references
     return {reference.name: reference.remark for reference in references if reference.usable}
-
-
-def test_it_serves_alone_where_no_loop_acts(log_open):
-    remarks = usable(log_open, at=[0.0, 19.9], states=[1.0, 1.0])
-    assert list(remarks) == ["input"]
-    assert remarks["input"].endswith("no loop acts on it")
 
 
 def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(log_open):

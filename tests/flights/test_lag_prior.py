@@ -39,8 +39,6 @@ from simulation.rigid_body.test_rigid_flight import VEHICLE
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
-# -- The lag as information: what it changes, what it is compared with, and when it cannot be h --
-
 
 @pytest.fixture(scope="module")
 def log() -> Recording:

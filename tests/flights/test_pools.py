@@ -30,8 +30,6 @@ from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from simulation.rotor_states import actual_state_recording
 
-# -- Pools: lag, delay and gain once for all flights, and a friction for each --
-
 K = "viscous_friction"
 
 

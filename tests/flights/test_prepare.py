@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import STEP_S, changed, channel, every, flown, prepare_vertical
+from flight_logs import STEP_S, changed, channel, flown, prepare_vertical
 
-from eivor.errors import EivorError, InputError, MissingChannelError, UsageError
-from eivor.flights.grid import JITTER, MARGIN_S, MEMORY_S, Grid, curve_between, line_between
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.flights.grid import MARGIN_S, MEMORY_S, Grid, curve_between, line_between
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import SHORTEST_RUN_S
 from eivor.flights.prepared import triangle_mean
 from eivor.models.separable import LaggedInputs
 from eivor.motions.identify import identify_flight
@@ -20,8 +19,6 @@ from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.thrust_map import Power
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-
-# -- Preparation: which samples are used, which channels serve, and the sentences of refusals --
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +29,7 @@ def log():
 def bounds(prepared) -> list[tuple[float, float]]:
     """First and last second of each run."""
     return [
-        (
-            prepared.signals.start_s + run.start * STEP_S,
-            prepared.signals.start_s + (run.stop - 1) * STEP_S,
-        )
+        (prepared.signals.start_s + run.start * STEP_S, prepared.signals.start_s + (run.stop - 1) * STEP_S)
         for run in prepared.runs
     ]
 
@@ -46,15 +40,6 @@ def with_command_gap(log, start: float, end: float):
     return changed(
         log, rotor_command_1=replace(command, time_s=command.time_s[keep], values=command.values[keep])
     )
-
-
-def test_the_whole_flight_is_one_run(log):
-    prepared = prepare_vertical(log, FlightOptions())
-    assert bounds(prepared) == [pytest.approx((0.0, 19.99))]
-    assert prepared.used.sum() == 2000
-    assert prepared.input_map == "square"
-    assert prepared.usable_references == ("reference_position_z", "reference_velocity_z")
-    assert prepared.rates_hz["command"] == pytest.approx(100.0)
 
 
 def test_window_cuts_the_run(log):
@@ -96,15 +81,6 @@ def test_tilt_beyond_the_limit_is_left_out(log):
     assert prepare_vertical(leaning, FlightOptions()).used.sum() == 1900
     assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=10.0)).used.sum() == 1800
     assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=40.0)).used.sum() == 2000
-
-
-def test_runs_shorter_than_a_second_are_left_out(log):
-    within = round(SHORTEST_RUN_S / STEP_S)
-    tilt = np.ones(2000)
-    tilt[within : 2 * within + 1] = 0.5  # leaves as many samples before it
-    tilt[3 * within : 4 * within + 1] = 0.5  # leaves one sample too few between
-    prepared = prepare_vertical(changed(log, cos_tilt=tilt), FlightOptions())
-    assert prepared.runs == (slice(0, within), slice(4 * within + 1, 1997))  # 1599 is 3 * 13 * 41
 
 
 def test_a_gap_of_the_command_breaks_the_run_and_is_waited_for(log):
@@ -159,11 +135,7 @@ def test_commands_come_before_measured_speeds_before_inputs(log):
         (("rotor_command_1", "rotor_speed_1"), "input", False, "linear"),
     ):
         prepared = prepare_vertical(replace(changed(everything, *drop), input_map=""), FlightOptions())
-        assert (prepared.input.name, prepared.input.measured, prepared.input_map) == (
-            family,
-            measured,
-            name,
-        )
+        assert (prepared.input.name, prepared.input.measured, prepared.input_map) == (family, measured, name)
 
 
 @pytest.mark.parametrize("asked", ["rotor_speed", "rotor_speed_", "rotor_speed_*", "rotor_speed_2"])
@@ -331,35 +303,6 @@ def test_no_usable_sample_leaves_no_reference(log):
     assert not prepared.constant_input
 
 
-def test_rates_and_band_are_those_of_the_log(log):
-    slow = every(log, 10, "velocity_z")
-    prepared = prepare_vertical(slow, FlightOptions())
-    assert prepared.band_hz == (0.04, 4.0)
-    assert prepare_vertical(log, FlightOptions()).band_hz == (0.04, 5.0)
-    assert prepared.rates_hz["velocity"] == pytest.approx(10.0, rel=0.01)
-
-
-def test_declared_noise_is_what_was_added(log):
-    """White noise of .03 m/s and .3 m/s^2, read off above the motion's band."""
-    noise = prepare_vertical(log, FlightOptions()).signals.noise
-    assert noise["velocity_z"].std == pytest.approx(0.03, rel=0.1)
-    assert noise["specific_force_z"].std == pytest.approx(0.3, rel=0.1)
-
-
-def test_nothing_of_the_log_is_modified(log):
-    before = {name: (c.time_s.copy(), c.values.copy()) for name, c in log.channels.items()}
-    prepare_vertical(log, FlightOptions(window=(2.0, 9.0)))
-    for name, (time, values) in before.items():
-        np.testing.assert_array_equal(log.channels[name].time_s, time)
-        np.testing.assert_array_equal(log.channels[name].values, values)
-    assert issubclass(MissingChannelError, EivorError)
-
-
-@pytest.mark.parametrize("vehicle", ["", "rotary wing"])
-def test_what_hovers_or_may_is_prepared(log, vehicle):
-    assert prepare_vertical(replace(log, vehicle=vehicle), FlightOptions()).runs
-
-
 def test_a_log_of_a_plane_is_refused_as_one(log):
     with pytest.raises(InputError, match=r"which says that it is of a fixed wing.*multirotors"):
         prepare_vertical(replace(log, vehicle="fixed wing"), FlightOptions())
@@ -414,17 +357,6 @@ def test_amplitudes_shrink_as_those_of_a_line_between_stamps(frequency_hz):
     assert gains[0] < 1.0
 
 
-def test_pieces_are_spread_each_by_itself():
-    grid = Grid(0.0, 0.005, (range(10), range(1000, 1010)))
-    values = np.concatenate([np.zeros(10), np.ones(10)])
-    np.testing.assert_allclose(triangle_mean(values, grid, 0.02), values)
-
-
-def test_what_is_as_quick_as_the_grid_stays():
-    values = np.random.default_rng(0).standard_normal(GRID.count)
-    assert triangle_mean(values, GRID, 0.005) is values
-
-
 # -- Curves between stamps keep the size of what moves slowly, and trust no stamps that lie une --
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
@@ -443,19 +375,6 @@ def test_amplitudes_are_kept(frequency_hz, curve, line):
     ]
     assert abs(gains[0] - 1.0) < curve
     assert 0.5 * line < 1.0 - gains[1] < line
-
-
-def test_parabolas_are_kept_between_uneven_stamps_too():
-    stamps = np.cumsum(np.random.default_rng(0).uniform(0.08, 0.08 * JITTER, 200))
-    index = np.linspace(stamps[3], stamps[-4], 999)
-    between = curve_between(stamps, 2.0 * stamps**2 - stamps + 3.0, index)
-    # the mean of two parabolas' slopes: what a parabola is between stamps
-    np.testing.assert_allclose(between, 2.0 * index**2 - index + 3.0, rtol=1e-12)
-
-
-def test_stamps_stand_as_they_are():
-    values = np.random.default_rng(1).standard_normal(STAMPS.size)
-    np.testing.assert_array_equal(curve_between(STAMPS, values, STAMPS), values)
 
 
 def test_noise_of_close_stamps_tilts_nothing():
@@ -551,8 +470,3 @@ def test_runs_on_both_sides_of_a_landing_keep_their_samples():
             )
     before, after = short.runs
     assert not short.usable[before.stop : after.start].all()
-
-
-def test_a_flight_that_is_used_throughout_is_itself():
-    prepared = prepare_vertical(flown(seconds=10.0)[0], FlightOptions())
-    assert prepared.shortened is prepared

@@ -24,8 +24,6 @@ from eivor.signals.thrust_map import input_map
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
-# -- The recipe from recordings to verdicts: truth found, flights refused, pools, and logs that --
-
 
 @pytest.fixture(scope="module")
 def log():
@@ -179,16 +177,6 @@ def test_friction_not_told_from_zero_is_refused(gusty):
     assert low <= 0.0
 
 
-def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
-    result = gusty
-    assert result.estimate.interval("actuator_lag")[0] < 0.0
-    assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag")
-    assert result.quantities["actuator_lag"].interval[0] == 0.0
-    assert result.quantities["effective_lag"].interval[0] >= 0.0
-    # The friction's interval is not cut: that it reaches below zero is what the verdict is made of.
-    assert result.quantities["viscous_friction"].interval[0] < 0.0
-
-
 def test_slow_commands_widen_the_lag_and_the_gain(log):
     result = identify_flight(every(log, 3, "rotor_command_1"))
     for name, value in (("viscous_friction", FRICTION), ("input_gain", GAIN), ("effective_lag", LAG_S)):
@@ -207,15 +195,6 @@ def test_feedback_in_the_instruments_is_weak_at_best(log):
     assert result.verdict.status is Status.WEAK
     assert "answer the vehicle's own disturbances" in result.verdict.sentences[0]
     assert identify_flight(feedback).verdict.status is Status.IDENTIFIED
-
-
-def test_a_velocity_reference_alone_serves(log):
-    """Friction, gain and lag need more columns than it and one lag: alone it gets four."""
-    result = identify_flight(changed(log, "reference_position_z"))
-    assert result.instruments == "reference_velocity_z"
-    assert result.diagnostics["instrument_rank"] > 3
-    low, high = result.interval("viscous_friction")
-    assert low < result.parameters["viscous_friction"] < high
 
 
 def test_grounded_flights_never_take_off(log):
@@ -241,14 +220,6 @@ def test_flights_without_three_seconds_say_so(log):
     result = identify_flight(log, FlightOptions(window=(5.0, 7.5)))
     assert "has no three seconds in the air" in result.verdict.sentences[0]
     assert "no_usable_run" in [finding.name for finding in result.findings]
-
-
-def test_constant_input_tells_nothing_but_its_mean(log):
-    result = identify_flight(changed(log, rotor_command_1=np.full(3000, 0.5)))
-    assert result.verdict.status is Status.REFUSED
-    assert "The input is constant" in result.verdict.sentences[0]
-    assert result.quantities["hover_input"].value == 0.5
-    assert result.quantities["hover_input"].verdict is Status.REFUSED
 
 
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
@@ -331,23 +302,6 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
 def test_unknown_words_are_refused(log, options):
     with pytest.raises(UsageError, match="Expected"):
         identify_flight(log, FlightOptions(**options))
-
-
-def test_four_rotors_alike_are_one(log, coarse_fit):
-    command = log.channels["rotor_command_1"].values
-    four = changed(
-        log,
-        **{
-            f"rotor_command_{i}": replace(
-                channel("rotor_command_1", log.channels["rotor_command_1"].time_s, command),
-                name=f"rotor_command_{i}",
-            )
-            for i in (2, 3, 4)
-        },
-    )
-    result = identify_flight(four)
-    for name in ("viscous_friction", "input_gain", "effective_lag", "hover_input"):
-        assert result.quantities[name].value == pytest.approx(coarse_fit.quantities[name].value, rel=1e-6)
 
 
 def test_start_of_the_clock_does_not_matter(log, coarse_fit):
@@ -459,10 +413,7 @@ def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     [
         (lambda log: replace(log, input_map="linear"), "input maps square and linear"),
         (lambda log: replace(log, parameters={"THR_MDL_FAC": 0.3}), r"THR_MDL_FAC = 0\.2 and 0\.3"),
-        (
-            lambda log: changed(log, rotor_command_2=log.channels["rotor_command_1"].values),
-            "1 and 2 rotors",
-        ),
+        (lambda log: changed(log, rotor_command_2=log.channels["rotor_command_1"].values), "1 and 2 rotors"),
         (
             lambda log: changed(
                 log, "rotor_command_1", rotor_command_1=log.channels["rotor_command_1"].values / 1e3
@@ -662,6 +613,3 @@ def test_intervals_end_where_the_quantity_does(interval, possible):
         Verdict(Status.WEAK), replace(LAG, lowest=-INFINITY)
     )
     assert anything.interval == interval
-
-
-# -- Grounds that any motion may have --

@@ -18,15 +18,13 @@ from eivor.motions.vertical.model import (
     MOT_THST_EXPO,
     THR_MDL_FAC,
     CurveFamily,
-    curve_in_force,
-    family_of_fitted,
     motor_signal,
     plant_share,
     proposed,
     share_of,
     thrust_of,
 )
-from eivor.signals.channels import CurveSide, common_side
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Recording
 from eivor.signals.thrust_map import InputMap, Mixed, Power
 
@@ -119,13 +117,6 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(log):
     assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
 
 
-@pytest.mark.parametrize(
-    ("exponent", "hover", "share"), [(0.36, 0.12, 0.0), (0.5, 0.06, 0.0), (1.0, 0.3, 0.0)]
-)
-def test_an_exponent_that_no_share_has_gives_the_least(exponent, hover, share):
-    assert CurveFamily(True).of_exponent(exponent, hover) == share
-
-
 @pytest.mark.parametrize("bias", [0.0, -0.1, math.nan])
 def test_a_bias_that_is_none_is_refused(bias):
     with pytest.raises(UsageError, match="accelerometer's bias above zero"):
@@ -181,11 +172,6 @@ def test_intervals_hold_every_pair_and_are_cut_to_the_range(in_force):
     assert share[1] == (-1.0, 1.0)
 
 
-def test_a_fitted_exponent_of_one_is_no_share():
-    assert not family_of_fitted(Power(1.0)).of_share
-    assert family_of_fitted(Mixed(0.0)).of_share
-
-
 @pytest.mark.parametrize(
     ("side", "parameters", "said"),
     [
@@ -205,12 +191,3 @@ def test_what_the_report_says_without_a_value_in_force(log, side, parameters, sa
     assert re.search(said, messages)
     document = json.loads(identify_flight.to_json())["model"]["autopilot_curve"]
     assert document == {"side": side.value or None, "in_force": parameters}
-
-
-def test_flights_of_a_pool_tell_values_that_they_share():
-    logged = [{"THR_MDL_FAC": 0.3, "MOT_THST_EXPO": 0.1}, {"THR_MDL_FAC": 0.3}, {"THR_MDL_FAC": 0.4}]
-    assert curve_in_force(logged[:1]) == logged[0]
-    assert curve_in_force(logged[:2]) == {"THR_MDL_FAC": 0.3}
-    assert curve_in_force(logged) == {}
-    assert common_side([CurveSide.BEFORE, CurveSide.BEFORE]) is CurveSide.BEFORE
-    assert common_side([CurveSide.BEFORE, CurveSide.BEHIND]) is CurveSide.UNKNOWN

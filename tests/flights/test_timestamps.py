@@ -23,7 +23,6 @@ from eivor.flights.timestamps import (
     command_clock,
     corrected_stamps,
     finer_step,
-    known_clock,
     period_from_aliasing,
     stamps_are_true,
     with_corrected_stamps,
@@ -33,8 +32,6 @@ from eivor.motions.vertical.select import selected
 from eivor.report.flight import checks
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, Frame, Recording
-
-# -- Commands that are logged more slowly than issued: what stamps tell, and what is put betwee --
 
 
 def logged(issued_s: float, rate_hz: float, *, jitter_s: float = 0.0, seconds: float = 60.0):
@@ -64,27 +61,6 @@ def test_stamps_of_a_thinned_log_tell_the_step_of_its_controller(issued_s, rate_
     assert finer_step(logged(issued_s, rate_hz, jitter_s=jitter_s)) == pytest.approx(issued_s, rel=0.05)
 
 
-@pytest.mark.parametrize("jitter_s", [0.0, 2e-5, 3e-4, 1e-3, 4e-3])
-@pytest.mark.parametrize("rate_hz", [25.0, 50.0, 100.0, 250.0])
-def test_even_stamps_tell_no_finer_step_however_they_jitter(rate_hz, jitter_s):
-    assert finer_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s)) is None
-
-
-def test_as_many_distances_of_one_kind_as_of_the_other_tell_the_step():
-    time = np.concatenate([[0.0], np.cumsum(np.tile([0.008, 0.012], 1000))])
-    assert finer_step(time) == pytest.approx(0.004)
-
-
-def test_uneven_stamps_tell_none():
-    rng = np.random.default_rng(2)
-    assert finer_step(np.cumsum(rng.uniform(0.015, 0.025, 2000))) is None
-
-
-def test_lost_samples_tell_none():
-    time = np.arange(0.0, 60.0, 0.02)
-    assert finer_step(time[np.random.default_rng(3).random(time.size) > 0.1]) is None
-
-
 def test_stamps_that_were_rounded_to_milliseconds_tell_none():
     # distances of 21 and 22 ms; those of a controller of 4 ms are not powers of ten
     assert finer_step(np.round(np.arange(0.0, 60.0, 1.0 / 47.3), 3)) is None
@@ -97,16 +73,6 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     assert not command_clock(quick, []).thinned
     quicker = Channel("velocity_z", np.arange(0.0, 20.0, 0.004), np.zeros(5000), "m/s")
     assert command_clock(quick, [quick, quicker]).slack_s == pytest.approx(0.0025, rel=0.01)
-
-
-def test_even_stamps_do_not_show_how_often_commands_were_issued():
-    even = command(np.arange(0.0, 20.0, 0.01))
-    clock = command_clock(even, [])
-    assert clock.slack_s == pytest.approx(0.0025)
-    assert "--controller-rate" in clock.sentence
-    for issued_s, thinned in ((0.01, False), (0.02, False), (0.004, True)):
-        known = known_clock(even, 1.0 / issued_s)
-        assert (known.is_known, known.thinned, known.slack_s) == (True, thinned, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -152,33 +118,12 @@ def test_even_commands_among_irregular_samples_are_all_of_them():
     assert not command_clock(slow, [irregular]).is_known
 
 
-def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
-    clock = command_clock(command(np.arange(0.0, 20.0, 0.02)), [])
-    assert clock.thinned
-    assert clock.slack_s == pytest.approx(0.005)
-    assert clock.band_hz((0.04, 5.0)) == (0.04, pytest.approx(1.25))
-    assert "may be 5 ms longer or shorter" in clock.sentence
-
-
 def test_a_clock_that_is_told_leaves_no_slack():
     clock = command_clock(command(logged(0.004, 47.3)), [])
     assert clock.is_known
     assert clock.thinned
     assert clock.slack_s == 0.0
     assert "issued every 4 ms" in clock.sentence
-
-
-def test_commands_between_stamps_lie_on_the_line_between_them():
-    issued = as_issued(
-        command(np.array([0.0, 0.02, 0.032]), np.array([1.0, 2.0, 5.0])), CommandClock(0.02, 0.004)
-    )
-    np.testing.assert_allclose(issued.time_s, 0.004 * np.arange(9))
-    np.testing.assert_allclose(issued.values, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 3.0, 4.0, 5.0])
-
-
-def test_a_log_of_every_command_stays_as_it_is():
-    even = command(np.arange(0.0, 20.0, 0.01))
-    assert as_issued(even, known_clock(even, 100.0)) is even
 
 
 def test_nothing_is_put_into_gaps_or_beside_missing_values():
@@ -208,13 +153,6 @@ def lateness(kept: Channel, clock: CommandClock) -> float:
     return float((whole - thin) @ slope / (slope @ slope))
 
 
-def test_a_thinned_command_is_neither_late_nor_early():
-    kept = command(logged(0.004, 47.3))
-    assert lateness(kept, command_clock(kept, [])) == pytest.approx(0.0, abs=2e-5)
-    # held from stamp to stamp it is late by half of what the log's step is longer than the controller's
-    assert lateness(kept, CommandClock(0.0211, 0.0211)) == pytest.approx(0.0086, abs=2e-4)
-
-
 def test_without_a_told_clock_the_command_is_late_by_less_than_the_slack():
     kept = command(logged(0.004, 50.0))
     even = command_clock(kept, [])
@@ -237,13 +175,6 @@ def test_what_the_log_does_not_tell_is_said_with_the_lag():
     prepared = prepare_vertical(log, FlightOptions())
     assert prepared.command_slack_s == pytest.approx(0.0075)
     assert [finding.name for finding in prepared.findings] == ["command_clock"]
-
-
-def test_a_log_of_every_command_has_no_slack():
-    prepared = prepare_vertical(flown(seconds=20.0)[0], FlightOptions())
-    assert prepared.command_slack_s == 0.0
-    assert prepared.band_hz[1] == 5.0
-    assert not prepared.findings
 
 
 def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
@@ -346,17 +277,6 @@ def test_rounded_values_repeat_by_themselves():
     assert not command_clock(rounded, [height(others, others)]).looked
 
 
-def test_what_a_logger_looked_at_is_not_late():
-    _, instants = irregular(0.01, 0.002)
-    result = as_issued(looked_at(0.01, instants), CommandClock(0.01, 0.00125, looked=True))
-    grid = Grid(1.0, 0.01, (range(5500),))
-    thin = command_on_grid(result, grid)[0]
-    issued = np.arange(0.0, 62.0, 0.01)
-    whole = command_on_grid(command(issued, looked_at(0.01, issued).values), grid)[0]
-    slope = -np.sin(grid.time_s)
-    assert float((whole - thin) @ slope / (slope @ slope)) == pytest.approx(0.0, abs=1e-3)
-
-
 def test_a_clock_that_jumps_by_days_takes_no_memory_for_them():
     rng = np.random.default_rng(0)
     time_s = 0.02 * np.arange(1500) + 0.002 * rng.random(1500)
@@ -402,11 +322,6 @@ def test_stamps_that_err_are_evened_those_of_commands_too():
     assert reported.name == "erring_stamps"
     said_ms = float(reported.message.split("by up to ")[1].split(" ms")[0])
     assert said_ms == pytest.approx(1e3 * np.std(erring(2) - even()), rel=0.03)
-
-
-def test_stamps_that_are_true_stay_and_so_do_even_ones():
-    for log in (recording(erring(2), erring(2), erring(3)), recording(even(), even(), erring(3))):
-        assert with_corrected_stamps(log) == (log, ())
 
 
 def test_errors_that_add_up_stay():

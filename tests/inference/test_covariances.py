@@ -48,10 +48,6 @@ from eivor.lab.scenario_files import shipped_scenario
 from eivor.models.regression import Parameter, Regression, SampleRows
 from reference import constants as truth
 
-# -- Covariances: their scale on white noise, their coverage on autocorrelated noise, and expli --
-
-ONE_FLIGHT = np.zeros(400, dtype=np.int64)
-
 
 def least_squares_equation(G, e, flight_of_row):
     rows = EquationRows(G, e, G * e[:, None], flight_of_row)
@@ -68,34 +64,6 @@ def test_cosine_averages_are_their_formula():
     np.testing.assert_allclose(cosine_covariance([scores], scores.shape[0]), wanted, rtol=1e-10)
     # A constant is not in them: scores need not be centred.
     np.testing.assert_allclose(cosine_covariance([scores + 7.0], scores.shape[0]), wanted, rtol=1e-9)
-
-
-def test_cosine_averages_of_white_noise_agree_with_its_variance():
-    """B V / (N s^2) is chi-square on B degrees of freedom: its mean, and its whole distribution."""
-    runs, count, std = 2000, 300, 1.7
-    rng = np.random.default_rng(1)
-    result = np.array(
-        [cosine_covariance([std * rng.standard_normal((count, 1))], count)[0, 0] for _ in range(runs)]
-    )
-    ratio = result / (count * std**2)
-    error = np.sqrt(2.0 / COSINE_AVERAGES / runs)
-    assert abs(ratio.mean() - 1.0) < 4.0 * error
-    assert stats.kstest(COSINE_AVERAGES * ratio, stats.chi2(COSINE_AVERAGES).cdf).pvalue > 1e-4
-
-
-def test_robust_covariance_agrees_with_the_white_one_on_white_noise():
-    runs, rng = 600, np.random.default_rng(2)
-    ratios = []
-    for _ in range(runs):
-        G = rng.standard_normal((400, 2))
-        e = rng.standard_normal(400)
-        made = FLIGHT_DEFAULT.joint(least_squares_equation(G, e, ONE_FLIGHT))
-        assert [part.name for part in made.parts] == ["equal_weighted_cosines", "classical"]
-        robust, classical = (part.matrix for part in made.parts)
-        np.testing.assert_allclose(classical, np.linalg.inv(G.T @ G) * (e @ e) / 398, rtol=1e-9)
-        ratios.append(np.diag(robust) / np.diag(np.linalg.inv(G.T @ G)))
-    error = np.sqrt(2.0 / COSINE_AVERAGES / runs)
-    assert np.all(np.abs(np.mean(ratios, axis=0) - 1.0) < 4.5 * error)
 
 
 @pytest.mark.calibration
@@ -342,21 +310,6 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
         np.testing.assert_allclose(np.column_stack(columns), equation.sensitivity, rtol=1e-6)
 
 
-def test_blocks_of_rows_are_the_rows(record):
-    masked = replace(record, valid=np.random.default_rng(0).random(record.sample_count) > 0.02)
-    for signals in (record, masked):
-        problem = MOTION.regression(signals, ev.lags("input", 0, 4))
-        rows = problem.rows()
-        for made in (list(problem.blocks(700)), list(rows.blocks(700))):
-            np.testing.assert_array_equal(np.concatenate([block.response for block in made]), rows.response)
-            np.testing.assert_array_equal(
-                np.concatenate([block.regressors for block in made]), rows.regressors
-            )
-            np.testing.assert_array_equal(
-                np.concatenate([block.instruments for block in made]), rows.instruments
-            )
-
-
 def test_passes_over_other_chunks_are_refused(record):
     calls = []
 
@@ -397,18 +350,6 @@ def test_chunks_tell_weak_instruments_too():
     whole = ev.identify(MOTION.regression(white, instruments), method)
     chunked = ev.identify_chunks(chunks_of(white, 300), model=MOTION, method=method, instruments=instruments)
     assert whole.status == chunked.status == Status.WEAK
-
-
-@pytest.mark.parametrize("kernel", [cov.Bartlett(), cov.Parzen(), cov.QuadraticSpectral()])
-def test_no_bandwidth_beyond_the_record_makes_intervals_shorter(record, kernel):
-    fit = ev.identify(MOTION.regression(record), ev.methods.least_squares())
-    widths = []
-    for lags in (record.sample_count - 1, 10 * record.sample_count):
-        low, high = fit.with_covariance(cov.KernelRobust(kernel, cov.FixedBandwidth(lags))).interval(
-            "input_gain"
-        )
-        widths.append(high - low)
-    assert widths[1] == pytest.approx(widths[0])
 
 
 def test_fractional_bandwidths_count_every_lag_within_their_span():
@@ -458,14 +399,6 @@ def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):
         assert bounds[1][0] < low < high < bounds[1][1]
 
 
-def test_short_records_have_fewer_averages():
-    rng = np.random.default_rng(2)
-    for count in (4, 6, 40):
-        problem = ev.regression(response=rng.standard_normal(count), regressors=np.ones((count, 1)))
-        fit = ev.identify(problem, ev.methods.least_squares())
-        assert fit.joint_covariance.parts[0].degrees == min(8, count - 1)
-
-
 # -- Kernels, bandwidths and fixed-b critical values: explicit sums, published formulas, simula --
 
 KERNELS = (Bartlett(), Parzen(), QuadraticSpectral())
@@ -501,12 +434,6 @@ def test_kernels_are_those_of_linearmodels(kernel, bandwidth):
     peer = cov_kernel(scores, peer_weights(kernel, bandwidth, 300))
     result = kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
     np.testing.assert_allclose(result, peer, rtol=1e-10)
-
-
-def test_quadratic_spectral_kernel_is_smooth_at_zero():
-    x = np.array([0.0, 1e-9, 2.6e-4, 2.7e-4])
-    weights = QuadraticSpectral().weights(x)
-    np.testing.assert_allclose(weights, 1.0 - (1.2 * np.pi * x) ** 2 / 10.0, atol=1e-9)
 
 
 def test_bandwidths_are_their_formulas():

@@ -10,19 +10,10 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.bootstrap import (
-    BlockPlan,
-    BlockScheme,
-    autocovariance,
-    automatic_block_length,
-    block_plan,
-    piece_sums,
-)
-from eivor.inference.covariance import ByRow, Classical
+from eivor.inference.bootstrap import BlockScheme, autocovariance, automatic_block_length, block_plan
+from eivor.inference.covariance import ByRow
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.products import Products, block_edges, products_of_rows
-
-# -- The table of products: its parts, totals and replicates against the rows themselves --
 
 ROWS, P, N = 97, 3, 2
 
@@ -75,25 +66,6 @@ def test_totals_groups_and_sums():
     np.testing.assert_allclose(result.means, result.total.sums[0] / ROWS)
 
 
-def test_replicates_count_blocks_as_often_as_they_are_drawn():
-    result = table(5)
-    drawn = np.array([0, 3, 3, 4])
-    once = result.weighted(np.bincount(drawn, minlength=5).astype(np.float64))
-    np.testing.assert_allclose(result.resampled(drawn).sums, once.sums, atol=1e-12)
-    assert result.resampled(drawn).count == once.count
-    # rows may count less than one, so that old ones are forgotten
-    weighted = result.weighted(0.9 ** np.arange(5.0))
-    assert weighted.count == pytest.approx(float(0.9 ** np.arange(5.0) @ result.counts))
-
-
-def test_stretches_of_blocks_are_added_as_often_as_they_are_drawn():
-    """Three stretches of two blocks each: first blocks with first ones, and second with second."""
-    result = table(6)
-    drawn = result.weighted(np.array([2.0, 0.0, 1.0]))
-    np.testing.assert_allclose(drawn.sums, 2.0 * result.sums[:2] + result.sums[4:], atol=1e-12)
-    np.testing.assert_array_equal(drawn.counts, 2.0 * result.counts[:2] + result.counts[4:])
-
-
 def test_what_is_not_in_the_table_is_not_made_up():
     small = table(whole=False)
     for part in ("instruments", "regressors", "regressor_response", "power"):
@@ -109,44 +81,10 @@ def test_what_is_not_in_the_table_is_not_made_up():
 # -- Blocks: how they are drawn, how long they are, and that sums over pieces are sums over row --
 
 
-@pytest.mark.parametrize("scheme", list(BlockScheme))
-@pytest.mark.parametrize(("rows", "length"), [(100, 1), (1003, 7), (50_000, 40), (10, 10), (7, 3)])
-def test_replicates_have_as_many_atoms_as_the_record(scheme: BlockScheme, rows: int, length: int) -> None:
-    plan = block_plan(rows, float(length), scheme)
-    assert plan.bounds[0] == 0
-    assert plan.bounds[-1] == rows
-    sizes = np.diff(plan.bounds)
-    assert sizes.min() >= 1
-    assert sizes.max() - sizes.min() <= 1
-    assert abs(plan.block_length - length) <= 0.5 * length
-    pieces = plan.drawn(np.random.default_rng(0))
-    assert pieces.min() >= 0
-    assert pieces.max() < plan.pieces
-    assert pieces.size * plan.span == plan.atoms
-    drawn = plan.rows_of(pieces)
-    assert drawn.min() >= 0
-    assert drawn.max() < rows
-
-
-def test_short_records_have_atoms_of_one_row() -> None:
-    plan = block_plan(1000, 10.0)
-    assert plan == BlockPlan(1000, 100, 10)
-    pieces = np.array([3, 995])
-    assert plan.rows_of(pieces).tolist() == [*range(3, 13), 995, 996, 997, 998, 999, 0, 1, 2, 3, 4]
-
-
 def test_blocks_of_one_row_are_rows_drawn_independently() -> None:
     plan = block_plan(200, 1.0)
     drawn = plan.rows_of(plan.drawn(np.random.default_rng(5)))
     np.testing.assert_array_equal(drawn, np.random.default_rng(5).integers(0, 200, 200))
-
-
-def test_moving_blocks_stay_inside_the_record() -> None:
-    plan = block_plan(100, 10.0, BlockScheme.MOVING)
-    random = np.random.default_rng(2)
-    for _ in range(50):
-        blocks = plan.rows_of(plan.drawn(random)).reshape(-1, 10)
-        assert (np.diff(blocks, axis=1) == 1).all()
 
 
 @pytest.mark.thorough
@@ -156,25 +94,6 @@ def test_on_the_circle_every_row_is_drawn_equally_often() -> None:
     for _ in range(runs):
         counts += np.bincount(plan.rows_of(plan.drawn(random)), minlength=60)
     assert np.abs(counts / runs - 1.0).max() < 5.0 / np.sqrt(runs)
-
-
-def test_lengths_of_stationary_blocks_are_geometric() -> None:
-    plan, random = block_plan(4000, 8.0, BlockScheme.STATIONARY), np.random.default_rng(4)
-    follow = [np.diff(plan.drawn(random)) for _ in range(20)]
-    ends = np.mean([np.mean((step != 1) & (step != 1 - plan.atoms)) for step in follow])
-    assert ends == pytest.approx(1.0 / plan.steps, rel=0.05)
-
-
-@pytest.mark.parametrize("scheme", list(BlockScheme))
-def test_sums_over_pieces_are_sums_over_their_rows(scheme: BlockScheme) -> None:
-    values = np.random.default_rng(6).normal(size=(20_001, 2))
-    plan = block_plan(20_001, 100.0, scheme)
-    atoms = np.add.reduceat(values, plan.bounds[:-1], axis=0)
-    sums = piece_sums(atoms, plan)
-    assert sums.shape == (plan.pieces, 2)
-    for piece in (0, 17, plan.pieces - 1):
-        wanted = values[plan.rows_of(np.array([piece]))].sum(axis=0)
-        np.testing.assert_allclose(sums[piece], wanted, rtol=1e-12, atol=1e-12)
 
 
 def test_autocovariance_is_its_formula() -> None:
@@ -207,14 +126,6 @@ def test_automatic_length_of_white_noise_is_short_and_that_of_a_trend_long() -> 
     assert automatic_block_length(np.ones((100, 1))) == 1.0
 
 
-def test_the_most_persistent_series_decides() -> None:
-    random = np.random.default_rng(11)
-    slow = lfilter([1.0], [1.0, -0.9], random.normal(size=2000))
-    both = np.column_stack([random.normal(size=2000), slow])
-    alone = automatic_block_length(slow[:, None])
-    assert automatic_block_length(both) == pytest.approx(alone)
-
-
 # -- Covariance row by row: its formula, and that it holds a slow column in bins with a power o --
 
 
@@ -239,22 +150,6 @@ def test_it_is_hc3_with_t_of_each_parameters_own_rows():
     np.testing.assert_allclose(part.matrix, plain * np.outer(wider, wider), rtol=1e-9)
     assert part.name == "by_row"
     assert np.isinf(part.degrees)
-
-
-def test_it_holds_a_column_in_few_rows_whose_residual_is_stronger_than_the_rest():
-    """Sixty of 400 intervals of a .95 level by one variance for all rows miss; row by row at most 32 do."""
-    rng = np.random.default_rng(1)
-    n, held = 200, {"all": 0, "own": 0}
-    slow = 1.0 / np.arange(2.0, n + 2.0)
-    size = np.where(np.arange(n) < 10, 1.7, 1.0)
-    for _ in range(400):
-        y = size * rng.standard_normal(n)
-        error = slow @ y / (slow @ slow)
-        equation = equation_of(slow[:, None], y - error * slow)
-        held["all"] += abs(error) <= Classical().joint(equation).half_width(np.ones(1))
-        held["own"] += abs(error) <= ByRow().joint(equation).half_width(np.ones(1))
-    assert held["all"] < 340
-    assert held["own"] >= 368
 
 
 def test_a_column_in_a_single_row_is_no_error():

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import statsmodels.api as sm
-from scipy import special, stats
+from scipy import stats
 from statsmodels.stats.meta_analysis import combine_effects
 from statsmodels.stats.outliers_influence import OLSInfluence
 
@@ -22,8 +20,6 @@ from eivor.inference.random_effects import (
     random_effects_means,
 )
 
-# -- Means of estimates that differ: against other people's programs, by hand, and by draws --
-
 Y = np.array([0.1, 0.3, 0.8, 0.2])
 V = np.array([0.01, 0.02, 0.01, 0.04])
 
@@ -32,11 +28,7 @@ def drawn(seed: int, sizes: list[int], between: float) -> tuple[Groups, np.ndarr
     rng = np.random.default_rng(seed)
     rows = sum(sizes)
     errors = rng.uniform(0.01, 0.05, rows)
-    return (
-        Groups(np.array(sizes)),
-        0.3 + np.hypot(between, errors) * rng.standard_normal(rows),
-        errors**2,
-    )
+    return (Groups(np.array(sizes)), 0.3 + np.hypot(between, errors) * rng.standard_normal(rows), errors**2)
 
 
 @pytest.mark.parametrize("between", [0.1, 0.2, 0.4])
@@ -96,68 +88,6 @@ def test_groups_at_once_are_as_one_by_one():
     assert [end[1] for end in q_profile(groups, y, v)] == [0.0, np.inf]
 
 
-def test_the_mean_of_estimates_that_differ_counts_the_differences():
-    """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
-    y, v = np.array([0.1, 0.3, 0.8]), np.full(3, 1e-4)
-    for between in (moment_between, paule_mandel):
-        means = random_effects_means(one_group(3), y, v, between(one_group(3), y, v))
-        assert means.value[0] == pytest.approx(0.4)
-        assert means.between[0] == pytest.approx(np.var(y, ddof=1) - 1e-4)
-        assert means.variance[0] == pytest.approx(np.var(y, ddof=1) / 3.0)
-    # estimates closer to each other than their errors: never below what these say
-    same = np.full(3, 0.4)
-    close = random_effects_means(one_group(3), same, v, paule_mandel(one_group(3), same, v))
-    assert close.variance[0] == pytest.approx(1e-4 / 3.0)
-
-
-def test_groups_that_go_together_have_one_variance_between():
-    """By hand: with equal v it is the pooled variance of the rows about the means of their groups, less v."""
-    groups, y = Groups(np.array([2, 3, 1])), np.array([0.0, 0.2, 1.0, 1.3, 1.6, 5.0])
-    v = np.full(6, 1e-3)
-    mandel = paule_mandel(groups, y, v, together=one_group(3))
-    assert mandel == pytest.approx(np.full(3, (0.02 + 0.18) / 3.0 - 1e-3))
-
-
-@pytest.mark.parametrize("between", [0.0, 0.02, 0.05])
-def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(between):
-    """Second route: Q at the truth is chi-square, so solve Q(t) = draw, then draw the mean and the next."""
-    groups, y, v = drawn(8, [5], between)
-    centre = random_effects_means(groups, y, v, paule_mandel(groups, y, v)).value
-    half = between_distribution(groups, y, v).next_half_widths(centre)[0]
-    rng = np.random.default_rng(0)
-    draws = 4000
-    t = np.geomspace(1e-9, 1e3, 4000)
-    weights = 1.0 / (v + t[:, None])
-    means = weights @ y / weights.sum(axis=1)
-    q = (weights * (y - means[:, None]) ** 2).sum(axis=1)
-    index = np.clip(np.searchsorted(-q, -rng.chisquare(4, draws)), 0, t.size - 1)
-    following = means[index] + np.sqrt(1.0 / weights.sum(axis=1) + t)[index] * rng.standard_normal(draws)
-    inside = np.mean(np.abs(following - centre) <= half)
-    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / draws))
-
-
-@pytest.mark.parametrize("between", [0.0, 0.05, 0.5])
-def test_the_mean_of_estimates_with_equal_errors_is_no_longer_than_students(between):
-    """Truth: with equal v and a clear variance between, mixture and Hartung-Knapp are Student's t both."""
-    groups, y, _ = drawn(4, [6], between)
-    v = np.full(6, 1e-4)
-    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    half = between_distribution(groups, y, v).mean_half_widths(means)[0]
-    assert half >= means.half_widths()[0]
-    if between == 0.5:
-        assert half == pytest.approx(special.stdtrit(5, 0.975) * np.std(y, ddof=1) / np.sqrt(6), rel=0.01)
-
-
-def test_the_prediction_of_many_that_agree_is_what_their_mean_says():
-    """A thousand estimates of one value: the next is within little more of it than chance says."""
-    groups, y, v = drawn(2, [1000], 0.0)
-    half = between_distribution(groups, y, v).next_half_widths(np.array([np.average(y, weights=1.0 / v)]))[0]
-    assert 0.0 < half < 0.012
-    wide = drawn(2, [1000], 0.3)
-    known = between_distribution(*wide).next_half_widths(np.array([wide[1].mean()]))[0]
-    assert known == pytest.approx(special.ndtri(0.975) * 0.3, rel=0.05)
-
-
 # -- Drifts, steps, slopes on covariates, deviations: against least squares of others, by hand, --
 
 
@@ -190,17 +120,6 @@ def test_drifts_are_those_of_weighted_least_squares():
         assert result.line[rows] == pytest.approx(truth.fittedvalues)
 
 
-def test_a_drift_of_flights_at_one_time_is_not_told():
-    result = drifts(ordered([1.0, 2.0, 4.0], [3], nuisances=np.zeros(3)))
-    assert result.p_values[0] == 1.0
-    assert result.half_widths()[0] == np.inf
-
-
-def test_what_errors_say_is_a_floor():
-    exact = ordered(np.arange(6.0), [6], errors=1.0)
-    assert drifts(exact).std_error[0] == pytest.approx(1.0 / np.sqrt(17.5))
-
-
 def test_a_step_is_the_best_of_all_pairs_of_means():
     y, weights = drawn_courses(2, 25)
     y[6:15] += 5.0  # the first group, of 15, after its sixth
@@ -221,22 +140,6 @@ def test_a_step_is_the_best_of_all_pairs_of_means():
         assert result.first[number] <= result.index[number] <= result.last[number]
     assert result.index[0] == 6
     assert result.p_values[0] < 0.01 < result.p_values[1]
-
-
-def test_too_few_estimates_have_no_step():
-    result = steps(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5]))
-    assert (result.p_values[0], result.size[0], result.half_width[0]) == (1.0, 0.0, np.inf)
-    assert not result.after.any()
-
-
-@pytest.mark.parametrize("size", [8, 40])
-def test_the_search_for_a_place_is_counted(size):
-    """Draws without a step: no more are told than the level says, and not many fewer."""
-    groups = 2000
-    y = np.random.default_rng(size).standard_normal(groups * size)
-    share = np.mean(steps(ordered(y, [size] * groups)).p_values < 0.019)
-    assert share <= 0.019 + 3 * np.sqrt(0.019 / groups)
-    assert share >= 0.008
 
 
 def test_slopes_are_those_of_least_squares_with_means_and_lines_of_their_own():
@@ -262,23 +165,6 @@ def test_slopes_are_those_of_least_squares_with_means_and_lines_of_their_own():
     assert slopes.covariance[0] == pytest.approx(truth.cov_params()[:2, :2])
 
 
-def test_what_is_expected_of_a_slope_is_one_more_measurement():
-    """By hand: alone where there are too few rows; a covariate that never varies has no other slope."""
-    few = Groups(np.array([3])), Groups(np.array([1])), np.arange(3.0), np.ones(3), np.arange(3.0)[None, :]
-    slopes = shared_slopes(*few, np.ones((1, 3)), np.array([1.0]), np.array([0.3]))
-    assert slopes.values[0] == pytest.approx([1.0])
-    assert slopes.covariance[0, 0] == pytest.approx([0.09])
-    many = (
-        Groups(np.array([20])),
-        Groups(np.array([1])),
-        np.arange(20.0),
-        np.ones(20),
-        np.arange(20.0)[None, :],
-    )
-    unknown = shared_slopes(*many, np.ones((1, 20)), np.zeros(1), np.full(1, np.inf))
-    assert unknown.values[0, 0] == 0.0
-
-
 def test_deviations_are_externally_studentized_residuals():
     y, _ = drawn_courses(4, 12)
     y[5] += 6.0
@@ -291,19 +177,6 @@ def test_deviations_are_externally_studentized_residuals():
     expected = 2 * stats.t.sf(np.abs(truth.resid_studentized_external), 9)
     assert p_values[far] == pytest.approx(expected[far])
     assert (p_values[~far] == 1.0).all()
-
-
-def test_a_row_that_counts_little_is_judged_by_its_own_variance_and_hides_no_other():
-    """Truth: the residual of each of two far rows over the scatter of the rows that count."""
-    y = np.concatenate([drawn_courses(3, 20)[0], [40.0, 40.0]])
-    weights = np.concatenate([np.ones(20), np.full(2, 1e-12)])
-    rows = replace(ordered(y, [22], weights=weights), own_weights=np.ones(22))
-    mean = y[:20].mean()
-    p_values = deviation_p_values(rows, np.full(22, mean), weights / 20.0, np.ones(1))
-    degrees = 20  # of 22 rows, one mean, and the row itself
-    score = (40.0 - mean) / np.sqrt(np.sum((y[:20] - mean) ** 2) / degrees)
-    assert p_values[20:] == pytest.approx(2.0 * stats.t.sf(score, degrees), rel=1e-6)
-    assert (p_values[:20] > 1e-3).all()
 
 
 # -- Single estimates that lie far from those before and after them --
@@ -319,15 +192,6 @@ def noise(seed: int, rows: int) -> np.ndarray:
     return 0.004 * np.random.default_rng(seed).standard_normal(rows)
 
 
-@pytest.mark.parametrize("place", [0, 1, 2, 9, 18, 19])
-def test_a_single_far_estimate_has_its_distance_as_error(place):
-    y = noise(1, 20)
-    y[place] += 0.3
-    result = added(y, [20])
-    assert np.flatnonzero(result).tolist() == [place]
-    assert np.sqrt(result[place]) == pytest.approx(0.3, abs=0.03)
-
-
 @pytest.mark.parametrize("place", [3, 4, 10, 16, 17])
 @pytest.mark.parametrize("size", [0.05, 0.5, -5.0])
 def test_steps_and_drifts_are_courses(place, size):
@@ -335,20 +199,6 @@ def test_steps_and_drifts_are_courses(place, size):
     y[place:] += size
     assert not added(y, [20]).any()
     assert not added(noise(2, 20) + np.linspace(0.0, size, 20), [20]).any()
-
-
-def test_two_in_a_row_are_isolated():
-    y = noise(3, 20)
-    y[8:10] += 0.3
-    assert np.flatnonzero(added(y, [20])).tolist() == [8, 9]
-
-
-def test_groups_end_where_they_end():
-    """Another group's level is no neighbour; one that scatters more by itself is held to its own scatter."""
-    y = np.concatenate([noise(4, 1), 5.0 + noise(5, 12), -5.0 + 0.2 * (-1.0) ** np.arange(12), noise(7, 2)])
-    assert not added(y, [1, 12, 12, 2]).any()
-    assert added(y, [1, 12, 12, 2], Groups(np.array([1, 3]))).tolist() == added(y, [1, 12, 12, 2]).tolist()
-    assert not added(np.zeros(3), [1, 1, 1]).any()
 
 
 def test_few_of_normal_estimates_are_isolated():

@@ -32,8 +32,6 @@ from eivor.inference.diagnostics.residuals import (
 from eivor.inference.verdict import Status
 from eivor.signals.noise import fractional_difference
 
-# -- Whiteness, memory and excitation: formulas written out, sizes, and known orders --
-
 
 def test_whiteness_is_its_formulas():
     e = data.autoregression(np.random.default_rng(0), (70_000,), 0.3)  # longer than a block
@@ -219,27 +217,6 @@ def test_a_change_is_found_where_and_what_it_is():
     assert sum(constancy_of(seed, change=5.0, memory=0.5).p_value < 0.05 for seed in range(60)) == 60
 
 
-def test_units_do_not_count():
-    scores, M, *_ = scores_of(3, change=0.2)
-    sums, units = scores.reshape(128, -1, 2).sum(axis=1), np.array([1e-6, 1e5])
-    item, other = constancy(sums, M), constancy(sums * units, M * np.outer(units, units))
-    assert item.statistic == pytest.approx(other.statistic, rel=1e-6)
-    np.testing.assert_allclose(item.change, other.change * units, rtol=1e-6)
-    assert item.break_at == other.break_at
-
-
-def test_many_parameters_are_bounded_by_the_strongest():
-    rng = np.random.default_rng(6)
-    sums = rng.standard_normal((64, 8))
-    result = constancy(sums, np.eye(8))
-    assert result.p_value == pytest.approx(min(1.0, 8 * result.p_values.min()))
-    sums[40:, 5] += 5.0
-    result = constancy(sums, np.eye(8))
-    assert result.p_value < 0.05
-    assert int(np.argmin(result.p_values)) == 5
-    assert result.break_at == pytest.approx(40 / 64)
-
-
 def test_scores_of_zero_are_constant():
     assert constancy(np.zeros((64, 2)), np.eye(2)).p_value == pytest.approx(0.5)
 
@@ -262,26 +239,6 @@ def test_leverage_is_the_estimate_without_the_stretch():
     most = np.argmax(np.abs(leverage.in_std_errors), axis=0)
     np.testing.assert_array_equal(leverage.most, most)
     np.testing.assert_allclose(leverage.largest, leverage.in_std_errors[most, [0, 1]])
-
-
-def test_a_stretch_that_alone_determines_a_parameter():
-    sensitivities = np.stack([np.diag([1.0, 0.0]), np.diag([1.0, 2.0])])
-    leverage = segment_leverage(np.array([[1.0, 0.0], [-1.0, 0.0]]), sensitivities, np.ones(2), tenths(2))
-    assert np.isnan(leverage.shift[1]).all()
-    assert leverage.most[0] == 0
-
-
-def test_alike_stretches_move_the_estimate_by_a_third_of_its_error():
-    runs, shifts = 100, []
-    for seed in range(runs):
-        scores, M, X, _ = scores_of(seed)
-        current = np.einsum("kti,ktj->kij", X.reshape(10, -1, 2), X.reshape(10, -1, 2))
-        errors = np.sqrt(np.diag(np.linalg.inv(M)))
-        shifts.append(
-            segment_leverage(scores.reshape(10, -1, 2).sum(axis=1), current, errors, tenths(10)).in_std_errors
-        )
-    spread = np.std(shifts)
-    assert spread == pytest.approx(1.0 / 3.0, abs=4.0 * spread / np.sqrt(2.0 * 20 * runs) + 0.01)
 
 
 # -- Parameters and residuals that vary periodically: what varies, with which period, by how mu --
@@ -342,25 +299,8 @@ def test_sentences_have_number_unit_and_period():
     assert "most likely push by" in next(iter(push.lines(SUBJECT)))
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_size(memory):
-    """Bonferroni's bound holds: rejections at .05 are at most that, within their binomial error."""
-    runs = 60
-    results = [found_of(seed, memory=memory) for seed in range(runs)]
-    assert sum(result.p_value < 0.05 for result in results) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.05)
-    assert sum(result.speaks for result in results) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.01)
-
-
 def test_few_blocks_and_no_power_say_nothing():
     few = blocks_of(np.ones(31), STEP * np.arange(31), STEP, 31)
     assert strongest_swings(few, (("a", ""),)) == ()
     still = blocks_of(np.ones(640), STEP * np.arange(640), STEP, 64)
     assert strongest_swings(still, (("a", ""),))[0].p_value == 1.0
-
-
-def test_rows_one_step_apart_need_no_times():
-    counts = np.array([3.0, 4.0, 3.0])
-    sums = block_sums(np.zeros((3, 1)), counts, 0.1 * np.arange(10), 0.1)
-    even = block_sums(np.zeros((3, 1)), counts, None, 0.1)
-    np.testing.assert_allclose(even.times, sums.times, rtol=1e-14)
-    assert (even.block, even.span) == pytest.approx((sums.block, sums.span), rel=1e-14)

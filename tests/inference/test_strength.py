@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import instrument_data as data
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy import linalg, optimize, stats
+from scipy import stats
 
 from eivor.inference.covariance import cosine_averages
 from eivor.inference.diagnostics.instruments import (
@@ -29,13 +26,10 @@ from eivor.inference.diagnostics.record import (
     hotelling_p_value,
     joint_averages,
     orthonormal_basis,
-    over_identification,
 )
 from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from eivor.inference.verdict import Reason, Status, verdict
 from reference import constants as truth
-
-# -- Strength of instruments against linearmodels, ivreg2 and published critical values; its ca --
 
 linearmodels = pytest.importorskip("linearmodels")
 
@@ -100,56 +94,6 @@ def test_critical_value_is_the_quantile_of_a_noncentral_chi_square():
     x = 10.0
     K = 64.0 * 21.0 / (30.0 + 2.0 * x * 8.0 * 5.0)
     assert critical_value(W) == pytest.approx(stats.ncx2.ppf(0.95, K, x * K) / K, rel=1e-6)
-
-
-def test_white_f_is_that_from_rows():
-    Z, X = drawn(5)
-    wanted = conditional_first_stage(orthonormal_basis(Z), X)
-    np.testing.assert_allclose(strength_of(Z, X).conditional, wanted, rtol=1e-6)
-
-
-def test_smallest_eigenvalue_is_the_least_f_of_a_combination():
-    """Both forms are the minimum over directions of a ratio that is worked out here from rows."""
-    Z, X = drawn(6, memory=0.7)
-    result = strength_of(Z, X)
-    Q = np.linalg.qr(Z)[0] * np.sqrt(len(Z))
-    V = X - Q @ (Q.T @ X) / len(Z)
-    edges = (np.arange(101) * 600) // 100
-    cosines = np.sqrt(2.0) * np.cos(
-        np.pi / 100 * np.outer(np.arange(1, result.averages + 1), np.arange(100) + 0.5)
-    )
-
-    def ratio(angle):
-        d = np.array([np.cos(angle), np.sin(angle)])
-        scores = np.add.reduceat(Q * (V @ d)[:, None], edges[:-1], axis=0)
-        trace = np.sum((cosines @ scores) ** 2) / result.averages / len(Z)
-        return np.sum((Q.T @ (X @ d)) ** 2) / len(Z) / trace
-
-    def white(angle):
-        d = np.array([np.cos(angle), np.sin(angle)])
-        return np.sum((Q.T @ (X @ d)) ** 2) / len(Z) / 5 / (np.sum((V @ d) ** 2) / (len(Z) - 5))
-
-    for statistic, function in ((result.smallest_eigenvalue, ratio), (result.cragg_donald, white)):
-        grid = np.linspace(0.0, np.pi, 400)
-        near = grid[np.argmin([function(angle) for angle in grid])]
-        least = optimize.minimize_scalar(function, bounds=(near - 0.01, near + 0.01), method="bounded").fun
-        assert statistic == pytest.approx(least, rel=1e-6)
-
-
-@pytest.mark.parametrize("units", [1e-6, 1e6])
-def test_units_and_combinations_of_instruments_do_not_count(units):
-    Z, X = drawn(7, memory=0.5)
-    mix = np.random.default_rng(2).standard_normal((5, 5)) + 2.0 * np.eye(5)
-    item, other = strength_of(Z, X), strength_of(units * Z @ mix, X * np.array([1.0, units]))
-    for name in (
-        "effective",
-        "critical",
-        "conditional",
-        "shea_r_squared",
-        "cragg_donald",
-        "smallest_eigenvalue",
-    ):
-        np.testing.assert_allclose(getattr(item, name), getattr(other, name), rtol=1e-6)
 
 
 @pytest.mark.thorough
@@ -240,47 +184,6 @@ def problem(seed: int, rows: int = 200, count: int = 5) -> tuple[np.ndarray, np.
     return Z, G
 
 
-@given(seed=st.integers(0, 999))
-def test_conditional_strength_is_that_of_two_stage_residuals(seed):
-    """Sanderson and Windmeijer: regress G_j on the others by 2SLS, then its residual on the instruments."""
-    Z, G = problem(seed)
-    stage = conditional_first_stage(orthonormal_basis(Z), G)
-    for j in range(3):
-        others = np.delete(G, j, axis=1)
-        fitted = Z @ np.linalg.lstsq(Z, others)[0]
-        delta = np.linalg.solve(fitted.T @ others, fitted.T @ G[:, j])
-        residual = G[:, j] - others @ delta
-        explained = Z @ np.linalg.lstsq(Z, residual)[0]
-        wanted = (np.sum(explained**2) / (5 - 2)) / (np.sum((residual - explained) ** 2) / (200 - 5))
-        assert stage[j] == pytest.approx(wanted, rel=1e-8)
-
-
-def test_one_regressors_strength_is_the_ordinary_first_stage_f():
-    Z, G = problem(1)
-    fitted = Z @ np.linalg.lstsq(Z, G[:, 0])[0]
-    wanted = (np.sum(fitted**2) / 5) / (np.sum((G[:, 0] - fitted) ** 2) / 195)
-    assert conditional_first_stage(orthonormal_basis(Z), G[:, :1])[0] == pytest.approx(wanted)
-
-
-@given(seed=st.integers(0, 99), scale=st.floats(1e-6, 1e6))
-def test_strength_does_not_depend_on_units(seed, scale):
-    Z, G = problem(seed)
-    units = np.array([1.0, scale, 1.0])
-    plain = conditional_first_stage(orthonormal_basis(Z), G)
-    np.testing.assert_allclose(
-        conditional_first_stage(orthonormal_basis(Z * scale), G * units), plain, rtol=1e-5
-    )
-
-
-def test_an_exact_instrument_explains_and_lets_no_noise_through():
-    rng = np.random.default_rng(7)
-    Z, prior = rng.standard_normal((400, 5)), np.array([[0.0, 3.0]])
-    idle = rng.standard_normal((300, 400, 2))
-    basis = linalg.block_diag(orthonormal_basis(Z), np.eye(1))
-    strengths = [conditional_first_stage(basis, np.vstack([G, prior]), 1)[0] for G in idle]
-    assert np.mean(strengths) == pytest.approx(1.0, abs=0.1)  # 5 noisy rows are counted in part, not 6
-
-
 def test_strength_of_too_few_or_perfect_instruments():
     Z, G = problem(2)
     basis = orthonormal_basis(Z[:, :2])
@@ -288,33 +191,6 @@ def test_strength_of_too_few_or_perfect_instruments():
     np.testing.assert_array_equal(conditional_first_stage(orthonormal_basis(Z[:5]), G[:5]), np.zeros(3))
     inside = orthonormal_basis(np.column_stack([Z, G]))
     assert np.all(conditional_first_stage(inside, G) > 1e12)
-
-
-def test_basis_is_orthonormal_and_drops_what_is_no_direction():
-    Z, _ = problem(3)
-    columns = np.column_stack([1e9 * Z[:, 0], 1e-9 * Z[:, 1], np.zeros(200), Z[:, 0] + 1e-7 * Z[:, 1]])
-    basis = orthonormal_basis(columns)
-    assert basis.shape == (200, 2)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
-    assert orthonormal_basis(np.zeros((10, 3))).shape == (10, 0)
-    assert orthonormal_basis(np.empty((10, 0))).shape == (10, 0)
-
-
-def test_over_identification_is_chi_square_when_the_model_holds():
-    runs, rows = 1500, 300
-    rng = np.random.default_rng(4)
-    Z = rng.standard_normal((rows, 6))
-    basis = orthonormal_basis(Z)
-    G = Z @ rng.standard_normal((6, 2)) + rng.standard_normal((rows, 2))
-    p_values = []
-    for _ in range(runs):
-        y = G @ [1.0, 2.0] + rng.standard_normal(rows)
-        theta = np.linalg.lstsq(basis.T @ G, basis.T @ y)[0]
-        p_values.append(over_identification(basis, y - G @ theta, 1.0, 2)[1])
-    assert stats.kstest(p_values, "uniform").pvalue > 1e-4
-    # Exactly identified, or without residuals, it has nothing to say.
-    assert over_identification(basis[:, :2], y, 1.0, 2)[1] == 1.0
-    assert over_identification(basis, np.zeros(rows), 0.0, 2) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(Status)))
@@ -327,13 +203,6 @@ def test_the_worst_ground_decides_and_stands_first(order):
     for worst, best in itertools.combinations(range(4), 2):
         kept = [reason for reason in reasons if list(Status).index(reason.status) in {worst, best}]
         assert list(Status).index(verdict(kept).status) == best
-
-
-def test_no_ground_against_is_identified_and_equals_keep_their_order():
-    assert verdict([]).status is Status.IDENTIFIED
-    assert verdict([]).sentences == ()
-    both = [Reason(Status.WEAK, "First."), Reason(Status.WEAK, "Second.")]
-    assert verdict(both).sentences == ("First.", "Second.")
 
 
 # -- LS against instruments: Durbin and Wu-Hausman of linearmodels; size and power of the robus --
@@ -361,13 +230,6 @@ def test_linearmodels_durbin_and_wu_hausman(case):
     assert test.durbin_p_value == pytest.approx(peer.durbin().pval, rel=1e-6)
     assert test.wu == pytest.approx(peer.wu_hausman().stat, rel=1e-6)
     assert test.wu_p_value == pytest.approx(peer.wu_hausman().pval, rel=1e-6)
-
-
-def test_difference_is_that_of_the_two_estimates():
-    housing = data.housing()
-    theta, X, *_ = data.two_stage(*housing)
-    least_squares = np.linalg.lstsq(X, housing[0], rcond=None)[0]
-    np.testing.assert_allclose(endogeneity_of(housing).difference, theta - least_squares, rtol=1e-6)
 
 
 def test_covariance_is_that_of_the_difference_of_influence_functions():
@@ -444,15 +306,6 @@ def test_least_squares_is_not_compared_with_itself():
     assert endogeneity(products, np.eye(2)) is None
 
 
-@pytest.mark.parametrize("units", [1e-6, 1e6])
-def test_units_do_not_count(units):
-    y, endogenous, exogenous, excluded = drawn_endogeneity(4)
-    item = endogeneity_of((y, endogenous, exogenous, excluded))
-    other = endogeneity_of((y / units, units * endogenous, exogenous, excluded))
-    assert item.statistic == pytest.approx(other.statistic, rel=1e-6)
-    assert item.durbin == pytest.approx(other.durbin, rel=1e-6)
-
-
 # -- Hansen's J against Stata and linearmodels, by the two-step route, and its size in autocorr --
 
 
@@ -484,18 +337,6 @@ def test_linearmodels_kernel_weights(kernel, name, bandwidth):
     result = hansen_j(scores.mean(axis=0), A, S, count)
     assert pytest.approx(peer.j_stat.stat, rel=1e-6) == result.J
     assert result.p_value == pytest.approx(peer.j_stat.pval, rel=1e-6)
-
-
-def test_it_is_the_minimum_whatever_the_estimate():
-    """The least value of the weighted equations, found by solving for it; the same from any theta."""
-    scores, A, count, _ = parts(data.housing())
-    S = scores.T @ scores / count
-    g = scores.mean(axis=0)
-    for step in (np.zeros(3), np.array([1e-3, 0.2, -3.0])):
-        here = g - A @ step
-        weighted = np.linalg.solve(np.linalg.cholesky(S), np.column_stack([A, here]))
-        left = np.linalg.lstsq(weighted[:, :-1], weighted[:, -1], rcond=None)[1]
-        assert pytest.approx(count * float(left[0]), rel=1e-6) == hansen_j(here, A, S, count).J
 
 
 def test_exactly_identified_equations_cannot_disagree():
@@ -555,21 +396,3 @@ def test_size_of_compensated_equations(memory):
         robust_over_identification(compensated(s, memory=memory)).p_value < 0.05 for s in range(runs)
     )
     assert stats.binom.ppf(1e-4, runs, 0.05) <= rejected <= stats.binom.ppf(1.0 - 1e-4, runs, 0.065)
-
-
-def test_wrong_noise_is_noticed():
-    runs = 100
-    rejected = sum(robust_over_identification(compensated(s, wrong=0.25)).p_value < 0.05 for s in range(runs))
-    assert rejected > 80
-
-
-def test_units_do_not_count_over():
-    products = compensated(3)
-    psi, G, e = np.array([1e-6, 1.0, 1e6, 3.0, 1.0, 0.1]), np.full(products.cross.shape[2], 1e4), 1e-3
-    unit = np.concatenate([psi, G, [e]])
-    sums, shared = products.sums * np.outer(unit, unit), products.shared * np.outer(psi, G)
-    turned = replace(products, sums=sums, shared=shared, constant=products.constant * psi * e)
-    assert (
-        pytest.approx(robust_over_identification(products).J, rel=1e-6)
-        == robust_over_identification(turned).J
-    )

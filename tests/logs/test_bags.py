@@ -28,8 +28,6 @@ from eivor.logs.read import read_log
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
 
-# -- One flight in every kind of bag: the same channels, the same numbers --
-
 
 @pytest.fixture(scope="module")
 def flight():

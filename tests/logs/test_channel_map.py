@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError, EivorError, MissingReaderError, UsageError
 from eivor.logs import read_log
-from eivor.logs.channel_map import load_channel_map, parse_channel_map, parse_expression, shipped_maps
+from eivor.logs.channel_map import parse_channel_map, parse_expression
 from eivor.logs.table import columnar
 from eivor.logs.table.columnar import write_recording
 from eivor.motions.identify import identify_flight
@@ -94,15 +94,6 @@ optional = true
         r.channel("landed")
 
 
-def test_a_map_says_where_every_channel_comes_from(table):
-    text = '[channels.velocity_z]\ncolumn = "v down"\nsource = "sensor"\n'
-    r = read(table, 'source = "estimator"\n' + HEAD + PWM + text)
-    assert {name: channel.estimated for name, channel in r.channels.items()} == {
-        "input": True,
-        "velocity_z": False,
-    }
-
-
 def test_a_declared_delay_is_taken_off_the_stamps(table):
     late = '[channels.velocity_z]\ncolumn = "v down"\ndelay_ms = 8\n'
     r = read(table, HEAD + PWM + late)
@@ -127,10 +118,6 @@ def test_the_side_of_the_thrust_curve_is_declared_and_kept(table):
     assert {name: item.curve_side for name, item in back.items()} == sides
     with pytest.raises(UsageError, match="the curve_side of rotor_command_1"):
         write_recording(r, table.parent / "r.csv")
-
-
-def test_a_map_without_delays_says_nothing_of_them(table):
-    assert "sensor_delay" not in {f.name for f in read(table, HEAD + PWM).findings}
 
 
 @pytest.mark.parametrize(
@@ -249,18 +236,6 @@ def test_which_bounds_are_saturation(tmp_path, valid, stated, low, high):
     text = f'saturates = "{stated}"\n' if stated else ""
     r = read(tmp_path, HEAD + f'[columns.pwm]\nvalid = {valid}\n{text}[channels.input]\ncolumn = "pwm"\n')
     assert r.channels["input"].quality.saturated == low + high
-
-
-def test_the_input_map_is_said_in_its_own_words(table):
-    r = read(table, 'input_map = "power:2"\n' + HEAD + PWM)
-    assert r.input_map == "square"
-
-
-def test_shipped_maps_are_sound():
-    assert shipped_maps() == ("betaflight_csv", "crazyflie_csv", "inav_csv", "nanobench", "rotorpy")
-    for name in shipped_maps():
-        assert load_channel_map(name).name == name
-    assert len(parse_channel_map(HEAD + '[channels.input]\ncolumn = "a"\n', "x").required_columns) == 2
 
 
 @pytest.mark.parametrize(
@@ -539,9 +514,6 @@ def test_a_map_states_the_noise_of_a_channel(keys, noise):
 def test_a_map_whose_noise_is_none(keys):
     with pytest.raises(ChannelMapError, match="velocity_z"):
         parse_channel_map(NOISY.format(keys=keys), "noisy.toml")
-
-
-# -- Tables of other programs, of flights of known truth: a map is found, the truth is in the i --
 
 
 def parts(flight):

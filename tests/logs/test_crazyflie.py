@@ -15,7 +15,6 @@ from eivor.logs import log_format, logging_advice, read_log
 from eivor.logs.crazyflie import reader
 from eivor.logs.crazyflie.reader import SOURCES, TO_LOG
 from eivor.signals.channels import canonical_channel
-from eivor.signals.recording import Frame
 
 G = 9.80665
 
@@ -28,24 +27,6 @@ def read(tmp_path, content, **options):
 
 def messages(recording, name):
     return [finding.message for finding in recording.findings if finding.name == name]
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_types_of_events_have_clocks_of_their_own(tmp_path, version):
-    r = read(tmp_path, flight(version))
-    assert (r.format, r.frame, r.input_map, len(r.sha256)) == ("crazyflie", Frame.Z_UP, "square", 64)
-    c = r.channels
-    velocity, battery, height = c["velocity_z"], c["battery_voltage"], c["reference_position_z"]
-    np.testing.assert_allclose(velocity.time_s, 0.01 * np.arange(200), atol=1e-9)
-    np.testing.assert_allclose(velocity.values, np.sin(0.01 * np.arange(200)), atol=1e-6)
-    np.testing.assert_allclose(battery.time_s, 0.07 * np.arange(29) + 0.002, atol=1e-9)
-    np.testing.assert_allclose(height.time_s, 0.05 * np.arange(40) + 0.024, atol=1e-9)
-    np.testing.assert_allclose(height.values, 0.001 * (500 + (2 + 5 * np.arange(40)) % 9), atol=1e-9)
-    assert (velocity.estimated, battery.estimated, height.held) == (True, False, True)
-    np.testing.assert_allclose(c["rotor_command_4"].values, 1.0)
-    assert c["rotor_command_4"].held
-    np.testing.assert_array_equal(c["attitude_w"].values, np.ones(40))
-    assert {f.name for f in r.findings} == {"sensor_delay"}
 
 
 def test_delays_of_the_firmware_s_filters_are_taken_off(tmp_path):
@@ -276,25 +257,6 @@ def test_lost_bytes_cost_only_the_records_around_them(tmp_path, lost):
     )
 
 
-@pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"\x37"])
-def test_blocks_that_were_never_written(tmp_path, filler):
-    log = flight()
-    content = log.head() + bytes(log.body[:2000]) + filler * 4096 + bytes(log.body[6096:])
-    c = read(tmp_path, with_checksum(content)).channels["velocity_z"]
-    assert c.time_s[-1] == pytest.approx(1.99)
-    assert np.all(np.diff(c.time_s) > 0.005)
-    np.testing.assert_allclose(c.values[-20:], np.sin(c.time_s[-20:]), atol=1e-6)
-
-
-def test_the_clock_of_version_1_may_wrap(tmp_path):
-    rows = [[0.5 * row] for row in range(10)]
-    log = UsdLog(1)
-    log.add_type(7, "fixedFrequency", "stateEstimate.vz(f)")
-    for row, values in enumerate(rows):
-        log.add_record(7, (2**32 - 45 + 10 * row) % 2**32, *values)
-    np.testing.assert_allclose(read(tmp_path, log).channels["velocity_z"].time_s, 0.01 * np.arange(10))
-
-
 def test_stamps_that_cannot_be(tmp_path):
     log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 100)
     size, start = 14, len(log.head())
@@ -319,20 +281,6 @@ def test_clocks_that_jump_back(tmp_path):
     r = read(tmp_path, log)
     assert np.all(r.channels["velocity_z"].values == 1.0)
     assert "velocity_z 10" in messages(r, "time_stamps")[0]
-
-
-def test_gaps_of_regular_events(tmp_path):
-    log = UsdLog()
-    log.add_type(3, "fixedFrequency", "acc.z(f)")
-    log.add_type(4, "estTDOA", "pm.vbat(f)")
-    for row in range(100):
-        if not 20 <= row < 25 and not 60 <= row < 63:
-            log.add_record(3, 1000 * row, 1.0)
-        log.add_record(4, 1000 * row + (row * row * 7919) % 900_000, 3.7)
-    (reported,) = messages(read(tmp_path, log), "dropouts")
-    assert reported == (
-        "Records are missing in 'fixedFrequency' (2 gaps of 4 to 6 ms, steps of 1 ms otherwise)."
-    )
 
 
 def head(*parts):
@@ -371,49 +319,11 @@ def test_heads_that_are_not_sound(tmp_path, content, error, words):
         read(tmp_path, content)
 
 
-def test_names_of_all_kinds(tmp_path):
-    log = UsdLog()
-    log.add_type(3, "a\x1b[2J\nb", "acc.z(f)", "acc.z(f)", "a (b)(f)", "\x1b[31m(f)", "é(f)")
-    for row in range(20):
-        log.add_record(3, 1000 * row * (50 if row > 9 else 1), 1.0, 2.0, 3.0, 4.0, 5.0)
-    r = read(tmp_path, log)
-    np.testing.assert_allclose(r.channels["specific_force_body_z"].values, G)
-    text = " ".join(finding.message for finding in r.findings)
-    assert "a (b)" in text
-    assert text.isprintable()
-    assert text.isascii()
-
-
-def test_numbers_that_nothing_measures(tmp_path):
-    """Signalling NaN, infinity and what no whole number holds, in variables of other types than usual."""
-    log = UsdLog()
-    log.add_type(3, "fixedFrequency", "acc.z(f)", "gyro.x(d)", "stateEstimateZ.quat(d)", "pm.vbat(e)")
-    for row in range(20):
-        log.add_record(3, 1000 * row, 1.0, 1e308, -1e99, np.inf if row else 3.5)
-    content = bytearray(log.head() + log.body)
-    content[-22:-18] = b"\x01\x00\x80\x7f"
-    c = read(tmp_path, with_checksum(bytes(content))).channels
-    assert np.isnan(c["specific_force_body_z"].values).sum() == 1
-    assert "angular_rate_x" not in c
-    assert np.isfinite(c["battery_voltage"].values).sum() == 1
-
-
 def test_a_log_that_announces_no_types_of_events(tmp_path):
     path = tmp_path / "log00"
     path.write_bytes(flight(2).head()[:3] + b"\0\0" + flight(2).bytes()[5:])
     with pytest.raises(EmptyLogError):
         read_log(path)
-
-
-def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
-    """Runs of one type are found in blocks."""
-    log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 20_000)
-    lengths = []
-    plain = reader._run_length
-    monkeypatch.setattr(reader, "_run_length", lambda *a: lengths.append(plain(*a)) or lengths[-1])
-    assert read(tmp_path, log).channels["velocity_z"].values.size == 20_000
-    assert sum(lengths) > 19_000
-    assert len(lengths) < 10
 
 
 def test_many_small_damages_are_given_up_too(tmp_path, monkeypatch):

@@ -18,8 +18,6 @@ from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Frame, Recording
 
-# -- DataFlash logs: dialects of the firmware, and what each channel is --
-
 
 @pytest.fixture(scope="module")
 def flight():
@@ -131,16 +129,6 @@ def test_throttles_in_thousandths_of_old_firmware_are_shares(tmp_path):
     np.testing.assert_allclose(channel.values, 0.6 + 0.05 * np.sin(time), rtol=1e-6)
 
 
-@pytest.mark.parametrize("column", ["CRt", "CRate"])
-def test_firmware_before_the_estimators_has_its_climb_rate(tmp_path, column):
-    writer = DataflashWriter().text("ArduCopter V3.1.5 (3c57e771)")
-    time = np.arange(100) * 0.1
-    writer.add("CTUN", time, "hh", ThrOut=500, **{column: np.rint(100.0 * np.sin(time))})
-    channel = read(tmp_path, writer).channels["velocity_z"]
-    np.testing.assert_allclose(channel.values, -np.sin(time), atol=6e-3)  # z down
-    assert channel.estimated
-
-
 def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(tmp_path, flight):
     r = read(tmp_path, without(flight_log(flight, "4.6"), "RATE", "CTUN"))
     share = flight.channels["rotor_command_1"].values[::10]
@@ -160,15 +148,6 @@ def test_height_targets_of_modes_without_a_height_loop(tmp_path, flight):
     np.testing.assert_array_equal(r.channels["input_open_loop"].values, [0.0, 1.0, 0.0])
     assert np.isnan(r.channels["feedback_reference_roll"].values[600])
     assert np.isfinite(r.channels["reference_roll"].values[600])
-
-
-def test_setpoints_end_where_their_message_falls_silent(tmp_path, flight):
-    writer = flight_log(flight, "4.6")
-    number = writer.numbers["PSCD"]
-    writer.messages = [(time, item) for time, item in writer.messages if item[2] != number or time < 110.0]
-    r = read(tmp_path, writer)
-    assert np.isnan(r.channels["reference_position_z"].values[-1])
-    assert "setpoint_silent" in findings(r)
 
 
 def test_delays_of_filters_are_taken_off(tmp_path, flight):
@@ -212,16 +191,6 @@ def test_sticks_ask_beside_a_sweep_of_the_attitude(tmp_path, flight):
     np.testing.assert_allclose(channel.values[sweep], np.radians(1.0), atol=1e-6)
     assert np.all(channel.values[channel.time_s > 7.02] == 0.0)
     assert channel.quality.duplicated_stamps == 0
-
-
-@pytest.mark.parametrize(("axis", "by_sticks"), [(7, True), (13, True), (14, False), (0, False)])
-def test_who_flies_in_system_identification(tmp_path, flight, axis, by_sticks):
-    """A sweep of position or velocity has its loops; beside others the sticks set throttle and attitude."""
-    r = read(tmp_path, flight_log(flight, "3.4", modes={0.0: 25}).parameters(SID_AXIS=axis))
-    for name in ("pilot_in_control", "input_open_loop", "pilot_sets_attitude"):
-        assert r.channels[name].values.tolist() == [float(by_sticks)], name
-    assert ("reference_roll" in r.channels) is by_sticks
-    assert ("reference_position_z" in r.channels) is not by_sticks
 
 
 def test_a_sweep_of_the_position_is_named(tmp_path, flight):
@@ -324,22 +293,6 @@ def test_modes_by_name_and_lines_of_windows(read_text, flight_text, names):
         assert log.channels["input_open_loop"].values.tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("how", ["mark", "tabs", "indented", "empty lines"])
-def test_spaces_and_marks_around_names(read_text, flight_text, how):
-    plain = flight_log(flight_text, "4.6").lines()
-    written = {
-        "mark": b"\xef\xbb\xbf" + plain,
-        "tabs": plain.replace(b", ", b" ,\t"),
-        "indented": b" \t" + plain.replace(b"\n", b"\n \t")[:-2],
-        "empty lines": b"\r\n\n" + plain.replace(b"\n", b"\n\n"),
-    }[how]
-    assert written != plain
-    log, expected = read_text(written), read_text(plain)
-    assert log.findings == expected.findings
-    assert list(log.channels) == list(expected.channels)
-    np.testing.assert_array_equal(log.channels["input"].values, expected.channels["input"].values)
-
-
 def test_a_text_with_commas(read_text):
     writer = DataflashWriter().text("ArduCopter V4.6.2, with a comma").add("RATE", [0.0, 0.1], "f", AOut=0.4)
     assert read_text(writer.lines()).vehicle == "rotary wing"
@@ -362,11 +315,6 @@ def test_damaged_lines_are_left_out_and_counted(read_text, flight_text):
     assert "left out: 3" in told(log, "message_formats")
     assert "ends within a line (7 bytes" in told(log, "truncated")
     assert abs(log.channels["velocity_z"].values.size - 50) <= 3
-
-
-def test_a_log_without_flight_data_text(read_text):
-    with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
-        read_text(b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format\n")
 
 
 # -- Every message of a DataFlash log, and every number in it, as pymavlink has it --
@@ -409,13 +357,6 @@ def assert_alike(path):
                 values = ours[name].stored(column) if field.kind.subdtype else ours[name].values(column)
                 np.testing.assert_allclose(values, selected, rtol=1e-15, err_msg=f"{name}.{column}")
     return sum(map(len, theirs.values()))
-
-
-@pytest.mark.parametrize("dialect", ["3.3", "3.4", "4.1", "4.6"])
-def test_the_messages_of_a_dialect(tmp_path, dialect):
-    path = tmp_path / "flight.bin"
-    path.write_bytes(flight_log(simulated(seed=3, duration=2.0), dialect).bytes())
-    assert assert_alike(path) > 700
 
 
 def test_every_code_of_a_field(tmp_path):

@@ -33,8 +33,6 @@ from eivor.report import inspection as inspected
 from eivor.report.inspection import inspection_document, inspection_json
 from eivor.signals.recording import Channel, Frame, Recording
 
-# -- Channels that do not fit into memory together, and what a long DataFlash log takes of it --
-
 
 def channel(name, count=100, clock=None):
     time = np.arange(float(count)) if clock is None else clock
@@ -73,14 +71,6 @@ def test_what_is_not_kept_is_made_only_when_it_is_asked_for():
     assert "velocity_z" not in made  # the checks of annotations look at the first of a mapping
     np.testing.assert_array_equal(risen.channels["velocity_z"].values, -log.channels["velocity_z"].values)
     assert made.count("velocity_z") == 2
-
-
-def test_sizes_of_long_channels_are_told_of_some_of_their_values(monkeypatch):
-    monkeypatch.setattr(common, "ENOUGH", 10)
-    channels = {f"specific_force_body_{axis}": channel(f"specific_force_body_{axis}") for axis in "xyz"}
-    (channel_findings,) = common.channel_findings(channels)
-    assert "has a median of 1.73 m/s^2, where about 9.8 is expected" in channel_findings.message
-    assert common.look(channels["specific_force_body_x"]).values.size == 10
 
 
 @pytest.mark.parametrize("dialect", ["3.4", "4.6"])

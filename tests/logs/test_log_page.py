@@ -23,8 +23,6 @@ from eivor.logs.read import log_formats, readable_formats
 from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
 from validation.pages import page_with
 
-# -- The page of logs holds what the code holds, and what it recommends can be read --
-
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "logs.md").read_text(encoding="utf-8")
 

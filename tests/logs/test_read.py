@@ -29,7 +29,7 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import log_format, logging_advice, read, read_log
+from eivor.logs import logging_advice, read, read_log
 from eivor.logs.common import LogFormat, begins_with
 from eivor.logs.mapping import recording_from_columns
 from eivor.logs.mapping import recording_from_columns as recording_from_columns_columns
@@ -98,15 +98,6 @@ def test_paths(tmp_path):
         read_log("x" * 5000)
 
 
-def test_permission(tmp_path):
-    path = written(tmp_path, b"time,velocity_z\n0,1\n")
-    path.chmod(0)
-    if os.access(path, os.R_OK):
-        pytest.skip("this user may read everything")
-    with pytest.raises(InputError, match="permission"):
-        read_log(path)
-
-
 def test_file_names_with_glob_characters(tmp_path):
     import polars as pl
 
@@ -135,18 +126,6 @@ def test_advice():
     assert "vehicle_thrust_setpoint" in logging_advice("mcap", "input")[0]
     with pytest.raises(UsageError, match="'gzip'"):
         logging_advice("gzip")
-
-
-def test_starts_fast():
-    import subprocess
-    import sys
-
-    code = "import sys, eivor.logs; print([m for m in ('polars', 'pyulog', 'pandas') if m in sys.modules])"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
-
-
-# -- The table of formats, and a format of somebody else in it --
 
 
 @pytest.fixture
@@ -217,13 +196,6 @@ def test_declared_formats_do_not_take_the_place_of_others(table):
         "wheels",
         "csv",
     ]
-
-
-def test_names_are_unique_and_looked_up():
-    names = [row.name for row in log_formats()]
-    assert len(set(names)) == len(names)
-    assert all(log_format(row.name) is row for row in log_formats())
-    assert log_format("frame") is None
 
 
 @pytest.mark.parametrize(
@@ -461,18 +433,6 @@ def found(recording) -> list[str]:
     return [finding.message for finding in recording.findings if finding.name == "own_clock"]
 
 
-@pytest.mark.parametrize("every", [2, 5, 20])
-def test_a_column_of_a_slower_topic_has_its_own_rate(every):
-    recording = joined(has_value=np.arange(ROWS) % every == 1)
-    channel = recording.channels["rotor_command_1"]
-    np.testing.assert_array_equal(channel.time_s, OWN_TIME_S[1::every])
-    np.testing.assert_array_equal(channel.values, VALUES[1::every])
-    assert channel.rate_hz == pytest.approx(100.0 / every)
-    assert channel.quality.missing_values == 0
-    (message,) = found(recording)
-    assert message.endswith(f"read at rates of their own: rotor_command_1 {100 / every:.3g} Hz.")
-
-
 @pytest.mark.parametrize(("rate_hz", "name"), [(5.0, "velocity_x"), (30.0, "input"), (50.0, "input")])
 def test_values_that_fill_the_rows_until_the_next_are_of_a_slower_logger(rate_hz, name):
     logged = np.floor(OWN_TIME_S * rate_hz + 1e-9) / rate_hz
@@ -499,14 +459,6 @@ def test_values_that_fill_the_rows_until_the_next_are_of_a_slower_logger(rate_hz
 def test_values_that_repeat_by_themselves_are_of_every_row(column):
     channel = recording_from_columns_own({"time": OWN_TIME_S, "input": column}).channels["input"]
     np.testing.assert_array_equal(channel.time_s, OWN_TIME_S)
-
-
-def test_a_setpoint_that_is_not_in_force_for_a_while_stays_so():
-    slow = np.arange(ROWS) % 10 == 0
-    gone = (OWN_TIME_S > 4.0) & (OWN_TIME_S < 7.0)
-    channel = joined(has_value=slow & ~gone, name="reference_position_z").channels["reference_position_z"]
-    silent_s = channel.time_s[np.isnan(channel.values)]
-    np.testing.assert_allclose(silent_s, [5.0])
 
 
 @pytest.mark.parametrize(

@@ -170,12 +170,6 @@ def test_a_file_cut_inside_a_quoted_cell(tmp_path, end):
     assert names(r)[0] == "truncated"
 
 
-def test_a_cut_last_line_is_left_out(tmp_path):
-    r = csv(tmp_path, "time,velocity_z,input\n0,1,1\n0.1,2,1\n0.2,3")
-    assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
-    assert "truncated" in names(r)
-
-
 @pytest.mark.parametrize(
     "cell", ["=1+1", "=cmd|' /C calc'!A0", "{0.__class__}", "[red]x[/red]", "%s%n", "<b>", "$(id)"]
 )
@@ -220,13 +214,6 @@ def test_a_climb_that_no_rotorcraft_makes_is_doubted():
     r = recording_from_columns({"time": time_s, "velocity_z": 57.0 * np.sin(time_s), "input": time_s})
     (finding,) = (f for f in r.findings if f.name == "mixed_units")
     assert finding.message.startswith("velocity_z reaches 57 m/s: its estimator has diverged")
-
-
-def test_sane_units_raise_no_doubt(tmp_path):
-    t = np.arange(200) * 0.01
-    frame = {"time": t, "specific_force_z": 9.8 + np.sin(t), "position_z": np.sin(t), "velocity_z": np.cos(t)}
-    pl.DataFrame(frame).write_csv(tmp_path / "t.csv")
-    assert read_log(tmp_path / "t.csv").findings == ()
 
 
 def test_rows_that_a_resampler_made_up(tmp_path):
@@ -288,8 +275,6 @@ def test_damaged_parquet(tmp_path):
     with pytest.raises(CorruptLogError, match="Parquet file that cannot be decoded"):
         read_log(tmp_path / "t.parquet")
 
-
-# -- The tables that pyulog's `ulog2csv` makes of a flight are read as its ULog is --
 
 PARAMETERS = "IMU_ACCEL_CUTOFF"
 
@@ -508,12 +493,6 @@ def test_delays_of_sensors_are_kept(tmp_path):
     assert {channel.delay_s for channel in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
     with pytest.raises(UsageError, match="the delay of"):
         write_recording(late, tmp_path / "r.csv")
-
-
-def test_csv_reads_back_the_same(tmp_path):
-    r = recording_from_columns(COLUMNS)
-    write_recording(r, tmp_path / "r.csv")
-    same(r, read_log(tmp_path / "r.csv"))
 
 
 def test_what_cannot_be_written(tmp_path):

@@ -17,8 +17,6 @@ from eivor.motions.identify import identify_flight
 from eivor.signals.recording import Recording
 from motions.turning_logs import STEP_S, Vehicle, turned
 
-# -- What a Crazyflie's log holds of turning: torque setpoints, and what was asked of attitude  --
-
 FULL = 65535.0
 
 
@@ -253,13 +251,6 @@ def test_old_logs_hold_angles():
     never = {f"q_d[{index}]": np.zeros(COUNT) for index in range(4)}
     result = made(*log((0, 0, 0, 0), **angles, **never))
     assert result["reference_pitch"] == pytest.approx(np.full(COUNT, 0.2))
-
-
-def test_damaged_quaternions_are_missing():
-    parts = of([(0.3, 0.2, 0.1)] * COUNT)
-    parts["q_d[0]"][3], parts["q_d[1]"][5] = np.nan, 9.0
-    result = made(*log((15,), **parts))
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(result["reference_yaw"])), [3, 5])
 
 
 def test_a_setpoint_of_neither_kind_makes_no_channel():

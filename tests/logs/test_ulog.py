@@ -201,12 +201,6 @@ def test_a_silent_setpoint_is_not_in_force(tmp_path):
     np.testing.assert_allclose(reference.time_s[np.isnan(reference.values)], [4.8, 34.8], atol=1e-6)
 
 
-def test_a_gap_of_exactly_the_limit_is_no_silence(tmp_path):
-    t = np.concatenate([np.arange(19) * 0.2 - 0.004, 4.596 + np.arange(20) * 0.2])
-    r = read(tmp_path, UlogWriter().topic("trajectory_setpoint", t, position=np.full((39, 3), -2.0)))
-    assert r.channels["reference_position_z"].time_s.size == 39
-
-
 def test_instances(tmp_path):
     t = np.arange(100) * 0.1
     writer = (
@@ -461,8 +455,6 @@ def test_nothing_is_printed(tmp_path):
     assert out.getvalue() == ""
     assert err.getvalue() == ""
 
-
-# -- Delays of a PX4 log's topics: filters known from parameters, means, the way to the stamp --
 
 RATE_HZ = 4000.0
 

@@ -26,9 +26,6 @@ from eivor.lab.fractional_model import (
     FractionalPart,
     Side,
 )
-from eivor.signals.noise import fractional_difference
-
-# -- Fractional difference equations: free run, impulse and frequency response, stability, bad  --
 
 ORDER = ev.UnknownOrder("order", 0.2, 1.2)
 LAGGED = ev.FractionalDifferenceModel(
@@ -45,21 +42,6 @@ LAGGED_TRUTH = {
 
 def relaxation(operator=None):
     return ev.FractionalDifferenceModel((0.0, 0.6), (0.0,), operator or FractionalDifference())
-
-
-def test_a_free_run_meets_its_equation():
-    u = np.random.default_rng(0).standard_normal(400)
-    y = LAGGED.simulate(LAGGED_TRUTH, u)
-    left = y + 4.0 * fractional_difference(y, 0.8) - 0.7 * fractional_difference(np.append(0.0, y[:-1]), 0.3)
-    right = 1.5 * u + 0.4 * fractional_difference(np.append([0.0, 0.0], u[:-2]), 0.8)
-    assert left == pytest.approx(right, abs=1e-12)
-
-
-def test_the_frequency_response_is_the_transform_of_the_impulse_response():
-    h = LAGGED.impulse_response(LAGGED_TRUTH, 1 << 16, rate_hz=5.0)
-    index = np.array([0.01, 0.3, 2.0])
-    transform = np.array([np.sum(h * np.exp(-2j * np.pi * f / 5.0 * np.arange(h.size))) for f in index])
-    assert LAGGED.frequency_response(LAGGED_TRUTH, index, rate_hz=5.0) == pytest.approx(transform, rel=1e-4)
 
 
 def mittag_leffler_step(t):
@@ -89,16 +71,6 @@ def test_the_step_response_is_that_of_mittag_leffler_but_for_the_step(operator, 
     assert np.abs(errors[0]).max() < (2e-3 if factor == 2.0 else 1e-4)
     for coarse, fine in pairwise(errors):
         assert np.linalg.norm(coarse) / np.linalg.norm(fine) == pytest.approx(factor, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    "back", [(1.0, -0.5), (1.0, 0.9, 0.5), (1.0, -2.5), (0.2, 1.0), (1.0, 0.1, -3.0, 1.0)]
-)
-def test_growing_modes_are_roots_of_whole_orders(back):
-    """Polynomials in z^-1 as equations of whole orders: their roots inside the circle are counted."""
-    inside = int((np.abs(np.roots(back[::-1])) < 1.0).sum())
-    side = Side(tuple((c, 0.0, lag) for lag, c in enumerate(back)), FractionalDifference(), 1.0)
-    assert side.growing_modes == inside
 
 
 @pytest.mark.parametrize(

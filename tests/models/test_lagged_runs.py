@@ -6,10 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-import eivor as ev
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models import lagged_runs
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay, nothing_moves
@@ -17,8 +14,6 @@ from eivor.models.regression import AxisRows, Parameter
 from eivor.models.separable import Nuisance
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.signals.filters import actuator_state, first_order_lag
-
-# -- Lagged runs against what is written out: a rover in twenty lines, axes, candidates for a r --
 
 STEP_S = 0.02
 AT = {"actuator_lag": 0.1}
@@ -70,19 +65,6 @@ def drive(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]
             pushed = throttle[k] + (pushed - throttle[k]) * np.exp(-STEP_S / fine / 0.15)
     noise = rng.standard_normal((2, count))
     return velocities + 0.002 * noise[0], accelerations + 0.05 * noise[1], throttle
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    "method", [ev.methods.least_squares(), ev.methods.reference_iv()], ids=lambda m: m.name
-)
-def test_a_rover_is_identified(method):
-    fit = ev.identify(rover(*drive(np.random.default_rng(0))), method)
-    assert fit.names == ("rolling", "dry", "drive", "actuator_lag")
-    for name, truth in (("rolling", 0.6), ("dry", 0.4), ("drive", 3.0), ("actuator_lag", 0.15)):
-        error = fit.std_error(name)
-        assert abs(fit.parameters[name] - truth) < 4.0 * error
-        assert error < 0.1 * truth
 
 
 # -- rows --------------------------------------------------------------------------------------------------
@@ -145,29 +127,6 @@ def test_instruments_of_an_axis_are_not_those_of_another():
     assert layout.axis_of_row.shape == layout.flight_of_row.shape
 
 
-def test_an_axis_with_one_candidate_beside_one_with_two_has_it_twice():
-    two, lone = columns(1, candidates=2), columns(2, axis=1)
-    bins = LaggedRuns((two, lone), PAIR, (LAG,)).bins(AT)
-    alone = [LaggedRuns((each,), PAIR, (LAG,)).bins(AT).responses for each in (two, lone)]
-    first = alone[0].shape[0]
-    np.testing.assert_allclose(bins.responses[:first], alone[0], rtol=1e-12)
-    np.testing.assert_allclose(bins.responses[first:], np.repeat(alone[1], 2, axis=1), rtol=1e-12)
-
-
-def test_flights_of_one_axis_use_the_candidates_that_all_have():
-    """The last one; rows in time take the first of each flight."""
-    two, lone = columns(1, candidates=2), columns(2, flight=1)
-    problem = LaggedRuns((two, lone), PAIR, (LAG,))
-    last = LaggedRuns((replace(two, responses=two.responses[:, 1:]),), PAIR, (LAG,))
-    bins = problem.bins(AT)
-    assert bins.responses.shape[1] == 1
-    responses = last.bins(AT).responses
-    np.testing.assert_array_equal(bins.responses[: responses.shape[0]], responses)
-    np.testing.assert_array_equal(
-        problem.rows(AT).response[:550], LaggedRuns((two,), PAIR, (LAG,)).rows(AT).response
-    )
-
-
 def test_scores_of_one_time_are_added_over_the_axes():
     rng = np.random.default_rng(3)
     item, other = columns(1), columns(2, axis=1)
@@ -181,28 +140,6 @@ def test_scores_of_one_time_are_added_over_the_axes():
         scores[:550], test[:550] * e[:550, None] + test[550:1100] * e[550:1100, None], atol=1e-13
     )
     np.testing.assert_allclose(scores[550:], test[1100:] * e[1100:, None], atol=1e-13)
-
-
-def test_scores_of_bins_at_one_time_are_added_over_the_axes():
-    rng = np.random.default_rng(5)
-    item, other = columns(1), columns(2, axis=1)
-    layout = LaggedRuns((item, other), PAIR, (LAG,)).bins(AT).layout
-    alone = LaggedRuns((item,), PAIR, (LAG,)).bins(AT).layout
-    count = alone.flight_of_row.size
-    test, e = rng.standard_normal((2 * count, 3)), rng.standard_normal(2 * count)
-    wanted = alone.scores(test[:count], e[:count]) + alone.scores(test[count:], e[count:])
-    np.testing.assert_allclose(layout.scores(test, e), wanted, atol=1e-12)
-    # Runs that begin at other times are of other times.
-    moved = LaggedRuns((item, replace(other, runs=(slice(50, 300),))), PAIR, (LAG,)).bins(AT).layout
-    rows = moved.flight_of_row.size
-    assert moved.scores(rng.standard_normal((rows, 3)), rng.standard_normal(rows)).shape[0] == 550 + 250
-
-
-def test_bins_are_the_same_whether_they_were_asked_for_before():
-    problem = LaggedRuns((columns(1),), PAIR, (LAG,))
-    first = problem.bins(AT)
-    np.testing.assert_array_equal(problem.bins(AT).regressors, first.regressors)
-    assert np.abs(problem.bins({"actuator_lag": 0.3}).regressors - first.regressors).max() > 1e-3
 
 
 @pytest.mark.parametrize("together", [1, 1500, 1_000_000])
@@ -277,47 +214,6 @@ def test_a_lag_shorter_than_the_step_has_the_slope_of_longer_ones():
 
 # -- Runs in frequency: there and back, Parseval's sums, the edges of the band, smoothing by a  --
 
-LENGTHS = st.integers(60, 900)
-
-
-@given(length=LENGTHS, seed=st.integers(0, 99))
-def test_series_and_spectrum_are_inverse_on_the_bins_kept(length, seed):
-    run = SpectralRun(0, length, 0.01, (0.04, 5.0))
-    rng = np.random.default_rng(seed)
-    spectrum = rng.standard_normal((run.count, 2)) + 1j * rng.standard_normal((run.count, 2))
-    series = run.series(spectrum)
-    again = np.fft.rfft(series, axis=0)[run.bins] / np.sqrt(length)
-    np.testing.assert_allclose(again, spectrum, atol=1e-12)
-    # A sinusoid of the band keeps its power: the FFT is unitary.
-    assert np.sum(series**2) == pytest.approx(2.0 * np.sum(np.abs(spectrum) ** 2))
-
-
-@given(lengths=st.lists(LENGTHS, min_size=1, max_size=3), seed=st.integers(0, 99))
-def test_scores_add_up_to_the_products_of_rows(lengths, seed):
-    rows = BinRows(tuple(SpectralRun(i, n, 0.01, (0.04, 5.0)) for i, n in enumerate(lengths)))
-    total = sum(2 * run.count for run in rows.runs)
-    rng = np.random.default_rng(seed)
-    test, residual = rng.standard_normal((total, 3)), rng.standard_normal(total)
-    scores = rows.scores(test, residual)
-    assert scores.shape == (sum(lengths), 3)
-    np.testing.assert_allclose(scores.sum(axis=0), test.T @ residual, atol=1e-10)
-    # Also run by run, so that clusters of flights add up.
-    first = lengths[0]
-    np.testing.assert_allclose(
-        scores[:first].sum(axis=0),
-        test[rows.flight_of_row == 0].T @ residual[rows.flight_of_row == 0],
-        atol=1e-10,
-    )
-
-
-@given(lengths=st.lists(LENGTHS, min_size=1, max_size=3), seed=st.integers(0, 99))
-def test_stacked_rows_are_taken_apart_again(lengths, seed):
-    layout = BinRows(tuple(SpectralRun(i, n, 0.01, (0.04, 5.0)) for i, n in enumerate(lengths)))
-    bins = sum(run.count for run in layout.runs)
-    rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((bins, 2)) + 1j * rng.standard_normal((bins, 2))
-    np.testing.assert_array_equal(np.concatenate(layout.complex_blocks(layout.stacked(columns))), columns)
-
 
 @pytest.mark.parametrize("length", [300, 301, 1000, 6000, 6001])
 @pytest.mark.parametrize("step_s", [0.01, 0.005, 0.1])
@@ -369,20 +265,6 @@ def test_smoothing_is_the_mean_over_a_share_of_the_frequency(length):
         near = np.abs(index - k) <= half
         naive[position] = values[near].mean(axis=0)
     np.testing.assert_allclose(run.smoothed(values), naive, rtol=1e-10)
-
-
-def test_spectrum_forgets_an_offset_and_keeps_a_sinusoid():
-    run = SpectralRun(0, 2000, 0.01, (0.04, 5.0))
-    time = 0.01 * np.arange(2000)
-    wave = np.sin(2.0 * np.pi * 1.0 * time)[:, None]
-    np.testing.assert_allclose(run.spectrum(wave + 100.0), run.spectrum(wave), atol=1e-10)
-    power = np.abs(run.spectrum(wave)[:, 0]) ** 2
-    assert run.frequency_hz[np.argmax(power)] == pytest.approx(1.0)
-    # Half of the tapered series' energy is at positive frequencies, and the line holds nearly all of it.
-    energy = np.sum((wave[:, 0] * run.taper) ** 2)
-    assert power.sum() == pytest.approx(0.5 * energy, rel=1e-3)
-    np.testing.assert_array_equal(run.taper, run.taper[::-1])
-    assert (run.taper == 1.0).sum() == 2000 - 2 * 100
 
 
 def test_whitening_divides_every_column_and_blends_the_responses():

@@ -30,14 +30,12 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.rates.motion import Rates
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.verdict import RigidBodyChecks
-from eivor.motions.table import loaded_motion, motion_by_name, motion_names, wording_of
+from eivor.motions.table import loaded_motion, motion_by_name, motion_names
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.verdict import VerticalChecks
 from eivor.signals import channels
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, Recording
-
-# -- The table of motions: Eivor's own, and those that other packages bring --
 
 HERE = __name__
 CLIMB_RATE = CanonicalChannel("climb_rate", "m/s")
@@ -89,13 +87,6 @@ def test_own_motions_are_known_by_name():
     assert "vertical" in motion_names()
 
 
-def test_words_of_quantities_are_found_and_unknown_ones_have_none():
-    wording = wording_of("viscous_friction")
-    assert wording is not None
-    assert (wording.words, wording.symbol, wording.shown_unit) == ("viscous friction", "K", "1/s")
-    assert wording_of("theta_1") is None
-
-
 @pytest.mark.thorough
 def test_a_package_brings_a_motion(added, table, recording_of_example):
     added(climb=f"{HERE}:Climb")
@@ -113,12 +104,6 @@ def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
     assert channels.canonical_channel("climb_rate") == CLIMB_RATE
 
 
-def test_own_motions_come_first(added):
-    added(vertical=f"{HERE}:Climb")
-    assert motion_by_name("vertical") == Vertical()
-    assert motion_names() == ("vertical", "rates", "rigid-body")
-
-
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
@@ -129,11 +114,7 @@ def test_own_motions_come_first(added):
         ),
         ("walk", "no_such_package:Walk", "a motion 'walk' that can be loaded .*ModuleNotFoundError"),
         ("walk", f"{HERE}:NO_MOTION", "a motion called 'walk' .*; received 7"),
-        (
-            "walk",
-            f"{HERE}:Misnamed",
-            "a motion called 'walk' .*; received one .* called 'other'",
-        ),
+        ("walk", f"{HERE}:Misnamed", "a motion called 'walk' .*; received one .* called 'other'"),
     ],
 )
 def test_what_is_no_motion_is_refused(added, name, value, said):

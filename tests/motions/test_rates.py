@@ -23,8 +23,6 @@ from motions.turning_logs import AXES
 from motions.turning_logs import Vehicle as Vehicle_ahead
 from motions.turning_logs import turned as turned_ahead
 
-# -- Turning about the body axes: what flights tell of effectiveness and lag, and what they do  --
-
 TRUTH = Vehicle()
 HEADLINE = {"roll_effectiveness": 100.0, "pitch_effectiveness": 80.0, "effective_lag": TRUTH.effective_lag_s}
 

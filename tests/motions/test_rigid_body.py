@@ -28,8 +28,6 @@ from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
 
-# -- The rigid body: what a flight with rotor commands tells of every axis --
-
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=16.0, seed=3)
 EXACT = Sensors(*[Sensor()] * 5)
 

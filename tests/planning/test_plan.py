@@ -37,8 +37,6 @@ from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flig
 from flights.flight_logs import prepare_vertical
 from planning.conftest import written_module
 
-# -- Plans: what a flight tells of the next one, shapes within limits, the formula, and the cho --
-
 LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
 
 

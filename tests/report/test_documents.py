@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -16,10 +15,7 @@ from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import (
-    Bullets,
-    TableOf,
-)
+from eivor.report.document import Bullets, TableOf
 from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
@@ -107,18 +103,6 @@ def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimat
     assert "inf" not in text.replace("information", "")
 
 
-def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
-    flight = fit.prepared[0]
-    hostile = replace(
-        fit,
-        prepared=(replace(flight, recording=replace(flight.recording, name=HOSTILE)),),
-        findings=(Finding("x", HOSTILE),),
-    )
-    text = _text(on_terminal(flight_document(hostile)), 80)
-    assert "\x1b" not in text
-    assert text.count("[red]x[/] [link=http://a]y[/link]\\x1b[2J\\n$z$") == 2
-
-
 @pytest.mark.thorough
 def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     channels = {**recording.channels}
@@ -168,17 +152,6 @@ def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
     assert numbers(_quantity(value, low, high), PLAIN) == shown
-
-
-def test_any_size_gives_short_text() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(300):
-        centre = rng.choice([-1, 1]) * 10 ** rng.uniform(-12, 12)
-        width = abs(centre) * 10 ** rng.uniform(-8, 8)
-        value, interval = numbers(_quantity(centre, centre - width, centre + width), PLAIN)
-        assert float(value) == pytest.approx(centre, abs=0.051 * width + 1e-9 * abs(centre))
-        low, high = (float(end) for end in interval.strip("[]").split(","))
-        assert high - low == pytest.approx(2 * width, rel=0.11, abs=1e-9 * abs(centre))
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,7 @@ from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_
 from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
-from eivor.report.figures import residual_figure, robust_band, signals_figure
-from eivor.signals.noise import FractionalNoise
+from eivor.report.figures import residual_figure, signals_figure
 from eivor.signals.signals import Signals
 
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
@@ -110,23 +109,6 @@ def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
     assert spectrum.get_ylabel() == "amplitude density [m/s² per √Hz]"
     assert any("fractional noise, order" in word for word in words(figure))
     assert inside(figure)
-
-
-def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_and_holds_when_not() -> None:
-    random = np.random.default_rng(4)
-    assert robust_band(random.normal(size=20_000), 5) == pytest.approx(
-        np.full(5, 1.96 / np.sqrt(20_000)), rel=0.03
-    )
-    # strength in bursts: the white band is left far more often than it says, the robust one as often
-    left, robust = 0, 0
-    for _ in range(400):
-        e = random.normal(size=1000) * np.where(np.arange(1000) % 200 < 20, 5.0, 0.5)
-        e -= e.mean()
-        r = float(e[1:] @ e[:-1] / (e @ e))
-        left += abs(r) > 1.96 / np.sqrt(1000)
-        robust += abs(r) > robust_band(e, 1)[0]
-    assert left / 400 > 0.3
-    assert robust / 400 < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 400)
 
 
 def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
@@ -233,20 +215,6 @@ def test_no_estimate_is_said():
     assert "no estimate" in figure.axes[0].texts[0].get_text()
     with pytest.raises(UsageError, match="scores to draw"):
         nrmse_figure({})
-
-
-@pytest.mark.parametrize("order", [pytest.param(-0.5, marks=pytest.mark.thorough), -0.4, 0.0, 0.3])
-def test_the_fitted_line_lies_on_the_bands(order):
-    values = FractionalNoise(0.2, order).sample(20_000, np.random.default_rng(2))
-    figure = residual_figure(values, rate_hz=50.0, unit="m/s²")
-    axes = figure.axes[2]
-    bands, fitted = axes.lines[1], axes.lines[3]
-    index = np.interp(np.log(bands.get_xdata()), np.log(fitted.get_xdata()), np.log(fitted.get_ydata()))
-    inner = (bands.get_xdata() < fitted.get_xdata()[-1]) & (bands.get_xdata() > 200.0 * fitted.get_xdata()[0])
-    assert np.abs(np.log(bands.get_ydata()) - index)[inner].max() < 0.25
-    assert axes.get_ylabel() == "amplitude density [m/s² per √Hz]"
-    assert axes.get_xlabel() == "frequency [Hz]"
-    assert inside(figure)
 
 
 def test_density_integrates_to_the_variance():

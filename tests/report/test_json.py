@@ -188,17 +188,6 @@ def test_numbers_are_finite_or_null(still: ev.FlightEstimate) -> None:
     }
 
 
-def test_the_sets_are_lists_of_pieces(fit: ev.FlightEstimate) -> None:
-    document: dict[str, Any] = json.loads(fit.to_json())
-    friction = document["parameters"]["viscous_friction"]
-    assert set(friction["sets"]) == {"wald", "profile", "anderson_rubin"}
-    for pieces in friction["sets"].values():
-        check(pieces, [PAIR])
-    below = sum(part["below"] for part in friction["systematic"])
-    ((low, high),) = friction["sets"]["wald"]
-    assert [low - below, high] == pytest.approx(friction["interval"])
-
-
 def test_text_is_ascii_whatever_the_log_is_called(fit: ev.FlightEstimate) -> None:
     flight = fit.prepared[0]
     named = replace(flight, recording=replace(flight.recording, name="é\udcff\x1b"))

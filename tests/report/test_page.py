@@ -22,7 +22,7 @@ from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.report.document import Cell, Section, TableColumn, TableOf
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
-from eivor.report.flight_page import LARGEST, MISSING, drawing, flight_page, packed
+from eivor.report.flight_page import MISSING, drawing, flight_page, packed
 from eivor.report.html import element, own, section_html
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
@@ -281,17 +281,6 @@ def unpacked(packed: dict) -> tuple[np.ndarray, np.ndarray]:
     values = np.where(codes == MISSING, np.nan, line["low"] + codes * line["step"])
     times = np.concatenate([start + step * np.arange(count) for start, step, count in packed["stretches"]])
     return times, values
-
-
-def test_a_short_series_comes_back_as_it_was():
-    time_s = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(2.0, 2.5, 0.01)])
-    values = np.sin(7.0 * time_s)
-    values[17] = np.nan
-    made = packed(chart(time_s, values), 1000)
-    times, back = unpacked(made)
-    assert len(made["stretches"]) == 2
-    np.testing.assert_allclose(times, time_s, atol=1e-9)
-    np.testing.assert_allclose(back, values, atol=0.51 * 2.0 / LARGEST)
 
 
 def test_a_long_series_keeps_its_extremes_where_they_are():

@@ -18,8 +18,6 @@ from eivor.serve import jobs
 from eivor.serve.app import KEPT_S, ServeOptions, Server
 from serve.conftest import Asking, Clock, closed
 
-# -- Jobs in processes of their own: told by stages, cancelled, kept to their limits, forgotten --
-
 
 def until(events, stage):
     """Wait for a stage."""

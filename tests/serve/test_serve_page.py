@@ -22,8 +22,6 @@ from eivor.serve.requests import RefusedError, parse_job
 from eivor.serve.worker import outcome_of
 from report.parsed_page import Element, parsed
 
-# -- The text of the page of `eivor serve`: what its policy allows, and that text in it stays t --
-
 #: What would make HTML or code of a string.
 NEVER = (
     "innerHTML",

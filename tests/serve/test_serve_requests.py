@@ -22,8 +22,6 @@ from eivor.serve.jobs import shown_name
 from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
 from serve.conftest import closed, wait_for
 
-# -- Who may ask for what: everything else is refused, in a sentence, and touches nothing --
-
 NOBODY = "0" * 32
 
 

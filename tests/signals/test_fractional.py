@@ -9,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import binom
 
-from eivor.signals.filters import FACTORS, fast_length
 from eivor.signals.noise import fractional_difference, fractional_weights
-
-# -- Fractional differences against direct summation and against their own inverse --
 
 
 @given(order=st.floats(-2.0, 2.0), count=st.integers(1, 60), seed=st.integers(0, 1000))
@@ -46,19 +43,6 @@ def test_opposite_orders_undo_each_other(order):
     np.testing.assert_allclose(fractional_difference(there, -order), values, atol=1e-10)
 
 
-def test_one_dimension_stays_one():
-    assert fractional_difference(np.ones(7), -0.5).shape == (7,)
-
-
-@pytest.mark.parametrize("order", [-2.0, -0.5, -0.4, 0.5, 1.3])
-@pytest.mark.parametrize("count", [3, 997, 4096, 4097])
-def test_fft_agrees_with_direct_summation_to_ten_digits(order, count):
-    values = np.random.default_rng(3).standard_normal(count)
-    direct = np.convolve(fractional_weights(order, count), values)[:count]
-    difference = fractional_difference(values, order)
-    assert np.abs(difference - direct).max() <= 1e-10 * np.abs(direct).max()
-
-
 @pytest.mark.thorough
 def test_a_million_samples_take_as_long_as_a_few_transforms():
     """About four; direct summation takes as long as a hundred thousand. One is 0.04 s."""
@@ -68,28 +52,3 @@ def test_a_million_samples_take_as_long_as_a_few_transforms():
     # The last sample, by direct summation over the whole record.
     direct = fractional_weights(-0.5, values.size) @ values[::-1]
     assert difference[-1] == pytest.approx(direct, rel=1e-10)
-
-
-def test_kept_weights_do_not_leak_between_orders_and_lengths():
-    values = np.random.default_rng(4).standard_normal(50)
-    first = fractional_difference(values, -0.4)
-    fractional_difference(values[:40], -0.4)
-    fractional_difference(values, -0.3)
-    np.testing.assert_array_equal(fractional_difference(values, -0.4), first)
-    np.testing.assert_allclose(fractional_difference(values[:40], -0.4), first[:40], atol=1e-13)
-
-
-# -- Lengths of which transforms are quick --
-
-
-@pytest.mark.parametrize(
-    ("count", "length"), [(1, 1), (28, 28), (29, 28), (31, 30), (11_994, 11_979), (12_000, 12_000)]
-)
-def test_the_largest_length_of_small_factors(count: int, length: int) -> None:
-    assert fast_length(count) == length
-
-
-def test_little_is_left_out() -> None:
-    omitted = [count - fast_length(count) for count in range(9_000, 11_000)]
-    assert 29 not in FACTORS
-    assert 1 < max(omitted) <= 70

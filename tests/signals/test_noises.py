@@ -25,8 +25,6 @@ from eivor.signals.noise import (
 )
 from eivor.signals.recording import DataSheet
 
-# -- What noises say of their covariance, against direct sums and against noise that was drawn --
-
 
 def direct(order: float, lag: int, start: int, count: int) -> np.ndarray:
     """Sum of the products of weights, term by term."""
@@ -36,12 +34,7 @@ def direct(order: float, lag: int, start: int, count: int) -> np.ndarray:
     )
 
 
-@given(
-    order=st.floats(-0.5, 0.5),
-    lag=st.integers(0, 12),
-    start=st.integers(0, 40),
-    count=st.integers(1, 40),
-)
+@given(order=st.floats(-0.5, 0.5), lag=st.integers(0, 12), start=st.integers(0, 40), count=st.integers(1, 40))
 def test_fractional_autocovariance_is_the_double_sum(order, lag, start, count):
     autocovariance = FractionalNoise(2.0, order).autocovariance(lag, start, count)
     np.testing.assert_allclose(autocovariance, 4.0 * direct(order, lag, start, count), rtol=1e-11, atol=1e-14)
@@ -66,27 +59,6 @@ def test_growth_across_the_border_of_real_blocks():
     whole = np.cumsum(weights[: border + 20] * weights[lag : border + 20 + lag])
     stretch = GrowthTable(order, lag).stretch(border - 10, 25)
     np.testing.assert_allclose(stretch, whole[border - 10 : border + 15], rtol=1e-10)
-
-
-@pytest.mark.parametrize(("order", "lag"), [(-0.5, 0), (-0.4, 3), (0.4, 1)])
-def test_fractional_autocovariance_is_that_of_drawn_noise(order, lag):
-    runs, count, std = 20_000, 30, 0.7
-    white = std * np.random.default_rng(8).standard_normal((count, runs))
-    drawn = fractional_difference(white, order)
-    products = drawn[: count - lag] * drawn[lag:]
-    expected = FractionalNoise(std, order).autocovariance(lag, 0, count - lag)
-    error = products.std(axis=1) / np.sqrt(runs)
-    # Thirty or so means, each within 4.5 standard errors: one in ten thousand fails by chance.
-    assert np.all(np.abs(products.mean(axis=1) - expected) < 4.5 * error)
-
-
-def test_white_noise_has_its_variance_at_lag_zero_only():
-    noise = WhiteNoise(0.3)
-    np.testing.assert_array_equal(noise.autocovariance(0, 5, 4), np.full(4, 0.3**2))
-    np.testing.assert_array_equal(noise.autocovariance(2, 0, 3), np.zeros(3))
-    assert noise.variance == pytest.approx(0.09)
-    np.testing.assert_allclose(FractionalNoise(0.3, 0.0).autocovariance(0, 9, 3), 0.09)
-    np.testing.assert_allclose(FractionalNoise(0.3, 0.0).autocovariance(2, 9, 3), 0.0, atol=1e-18)
 
 
 @pytest.mark.parametrize(
@@ -135,27 +107,6 @@ def test_half_derivative_of_a_ramp():
     ramp = step * np.arange(100_001)
     result = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
     assert result == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
-
-
-@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.4), FractionalNoise(0.3, 0.5)])
-def test_sampled_noise_has_its_autocovariance(noise):
-    streams = np.random.default_rng(12).spawn(4000)
-    drawn = np.array([noise.sample(40, stream) for stream in streams])
-    for lag in (0, 1, 4):
-        products = drawn[:, : 40 - lag] * drawn[:, lag:]
-        error = products.std(axis=0) / np.sqrt(len(streams))
-        expected = noise.autocovariance(lag, 0, 40 - lag)
-        assert np.all(np.abs(products.mean(axis=0) - expected) < 4.5 * error)
-
-
-@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.5)])
-def test_another_std_scales_every_sample(noise):
-    sample = noise.sample(50, np.random.default_rng(5))
-    other = noise.with_std(0.9).sample(50, np.random.default_rng(5))
-    np.testing.assert_allclose(other, 3.0 * sample, rtol=1e-12)
-    assert noise.with_std(0.9).std == 0.9
-    assert noise.with_std(noise.std) == noise
-    np.testing.assert_array_equal(noise.with_std(0.0).sample(50, np.random.default_rng(5)), 0.0)
 
 
 def test_order_is_the_slope_of_the_spectrum():
@@ -234,14 +185,6 @@ def test_tails_without_a_standard_deviation(degrees: float) -> None:
         ev.HeavyTailedNoise(1.0, degrees)
 
 
-def test_a_random_walk_is_a_fractional_noise() -> None:
-    walk = ev.FractionalNoise(1.0, -1.0).sample(100, np.random.default_rng(3))
-    white = ev.WhiteNoise(1.0).sample(100, np.random.default_rng(3))
-    np.testing.assert_allclose(walk, np.cumsum(white), atol=1e-9)
-    with pytest.raises(NonFiniteError, match=r"between -1\.0 and 0\.5"):
-        ev.FractionalNoise(1.0, -1.1)
-
-
 # -- What a data sheet says of a sensor's noise --
 
 
@@ -291,26 +234,6 @@ def test_errors_are_those_of_the_theory():
     assert estimate_long_memory(values).bandwidth == int(100_001**0.65)
     low, high = whole.order_interval(0.9)
     assert high - low == pytest.approx(2.0 * NormalDist().inv_cdf(0.95) * whole.order_error)
-
-
-def test_unit_and_mean_do_not_matter():
-    values = FractionalNoise(0.02, -0.4).sample(3000, np.random.default_rng(6))
-    memory, other = estimate_long_memory(values), estimate_long_memory(1e3 * values + 5.0)
-    assert other.order == pytest.approx(memory.order, abs=1e-9)
-    assert other.std == pytest.approx(1e3 * memory.std, rel=1e-9)
-    assert memory.memory == -memory.order
-
-
-def test_short_memory_at_high_frequencies_is_left_out():
-    """A moving average on top of order -0.4 shifts the estimate from all frequencies, not the local one."""
-    rng = np.random.default_rng(9)
-    values = fractional_difference(rng.standard_normal(60_001), -0.4)
-    blurred = values[1:] + 0.9 * values[:-1]
-    local, whole = estimate_long_memory(blurred), estimate_long_memory(blurred, bandwidth=29_999)
-    assert abs(local.order + 0.4) < 4.0 * local.order_error
-    assert abs(whole.order + 0.4) > 20.0 * whole.order_error
-    # Delta^-0.4 of white noise with 1.9 times the std is what it is like at low frequencies.
-    assert local.std == pytest.approx(1.9, abs=4.0 * local.std_error)
 
 
 def test_noise_to_declare():

@@ -8,21 +8,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.signal import cont2discrete
 
 from eivor.errors import ParameterError
 from eivor.lab.records import (
-    ALWAYS_MEASURED,
-    NOISY_CHANNELS,
-    SMALL,
     AltitudeControl,
     Control,
     DisturbanceRoute,
-    OpenLoop,
     Scenario,
     VelocityControl,
     pushed_motion,
-    sampled_vehicle,
     simulate,
 )
 from eivor.motions.vertical.model import GRAVITY
@@ -36,8 +30,6 @@ from eivor.simulation.vertical import (
     VerticalVehicles,
     simulate_vertical,
 )
-
-# -- Controlled vehicles against plain loops, a matrix exponential, an integrator, and each oth --
 
 K, K_U, T = 0.293, 0.021, 0.2
 VELOCITY = VelocityControl(15.0, 4.0)
@@ -92,31 +84,6 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
         velocity, altitude, _ = flow @ [velocity, altitude, push]
 
 
-@pytest.mark.parametrize("friction", [0.0, 1e-9, 1e-4, 0.99 * SMALL / T, 1.01 * SMALL / T, K, 12.0])
-def test_step_is_the_matrix_exponentials(friction):
-    vehicle = sampled_vehicle(friction, K_U, T)
-    system = (np.array([[-friction, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.eye(2), np.zeros((2, 1)))
-    exact = cont2discrete(system, T, method="zoh")
-    np.testing.assert_allclose([[vehicle.decay, 0.0], [vehicle.held, 1.0]], exact[0], rtol=1e-12)
-    np.testing.assert_allclose([[vehicle.held], [vehicle.rise]], exact[1], rtol=1e-12)
-
-
-def test_altitude_noise_is_declared_and_of_its_own_stream():
-    """The others' realisations are those of a scenario without an altitude."""
-    with_exact_height = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
-    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=with_exact_height), rng())
-    for name in ALWAYS_MEASURED:
-        item, other = (
-            entry.signals.channel(name) - entry.truth.channel(name) for entry in (with_altitude, without)
-        )
-        np.testing.assert_allclose(item, other, atol=1e-12)
-    error = with_altitude.signals.channel("position_z") - with_altitude.truth.channel("position_z")
-    np.testing.assert_allclose(error, NOISY.noise["position_z"].sample(150, rng().spawn(6)[5]), atol=1e-12)
-    assert with_altitude.signals.noise["position_z"] == NOISY.noise["position_z"]
-    assert without.signals.noise["position_z"] == WhiteNoise(0.0)
-    assert with_altitude.signals.noise["reference_position_z"] == WhiteNoise(0.0)
-
-
 def test_altitude_follows_its_reference():
     """Without steady error, also against a constant push, since the velocity's errors are summed."""
     steps = replace(QUIET, excitation=SteppedExcitation((1.0,), 1e6), samples=1500)
@@ -128,21 +95,6 @@ def test_altitude_follows_its_reference():
     assert pushed.altitude is not None
     assert pushed.altitude[-1] == pytest.approx(0.0, abs=1e-7)
     assert pushed.input[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("control", "channels"),
-    [
-        (OpenLoop(), ALWAYS_MEASURED),
-        (VELOCITY, (*ALWAYS_MEASURED, "reference_velocity_z")),
-        (ALTITUDE, (*NOISY_CHANNELS, "reference_position_z")),
-    ],
-)
-def test_records_have_what_their_control_needs(control, channels):
-    result = simulate(replace(QUIET, control=control), rng())
-    assert set(result.signals.channels) == set(channels)
-    assert set(result.truth.channels) == {*channels, "disturbance"}
-    assert set(result.signals.noise) == set(channels)
 
 
 def loop_by_columns(control: Control) -> np.ndarray:
@@ -173,34 +125,6 @@ def test_loops_called_stable_are(altitude, gain, integral):
     except ParameterError:
         accepted = False
     assert accepted == stable
-
-
-def test_grid_of_loops_holds_both_kinds():
-    radius = [
-        np.abs(np.linalg.eigvals(loop_by_columns(AltitudeControl(altitude, 30.0, 5.0)))).max()
-        for altitude in (0.3, 40.0)
-    ]
-    assert radius[0] < 1.0 < radius[1]
-
-
-@pytest.mark.parametrize(
-    "control",
-    [
-        VelocityControl(1e4),
-        VelocityControl(-20.0),
-        VelocityControl(15.0, -4.0),
-        AltitudeControl(40.0, 30.0, 5.0),
-        AltitudeControl(0.4, -30.0),
-        AltitudeControl(0.4, 30.0, -5.0),
-    ],
-    ids=str,
-)
-def test_unstable_loops_are_refused(control):
-    sentence = (
-        r"loop is stable.*received (Velocity|Altitude)Control\(.*at input_gain=0.021 and 5 Hz.*a factor of"
-    )
-    with pytest.raises(ParameterError, match=sentence):
-        replace(QUIET, control=control)
 
 
 @pytest.mark.parametrize(
@@ -315,17 +239,6 @@ def test_flight_is_that_of_an_independent_integration(index):
                 state = solve_ivp(
                     derivative, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-12, args=(command,)
                 ).y[:, -1]
-
-
-@pytest.mark.parametrize("index", range(4))
-def test_batch_is_its_flights_one_by_one(index):
-    together = fly_all()
-    vehicles, met, controller = single(index)
-    alone = simulate_vertical(vehicles, met, step_s=STEP_S, controller=controller)
-    for part in fields(alone):
-        np.testing.assert_allclose(
-            getattr(alone, part.name)[:, 0], getattr(together, part.name)[:, index], rtol=1e-12, atol=1e-12
-        )
 
 
 def test_thrust_stays_in_its_range():

@@ -28,7 +28,7 @@ from eivor.lab.disturbances import (
     bilinear,
     paper_disturbance,
 )
-from eivor.simulation.excitation import Disturbance, DrydenGust, WhiteDisturbance, settling
+from eivor.simulation.excitation import Disturbance, DrydenGust, WhiteDisturbance
 
 STEP_S = 0.2
 #: Standard errors within which a mean must lie.
@@ -106,15 +106,6 @@ def test_same_generator_same_series(disturbance, count):
     np.testing.assert_array_equal(series, disturbance.sample(count, STEP_S, rng(5)))
 
 
-def test_arma_has_the_autocovariance_of_the_textbook():
-    """ARMA(1, 1): gamma_0 = (1 + 2ab + b^2)/(1 - a^2), gamma_1 = (1 + ab)(a + b)/(1 - a^2)."""
-    a, b, std = 0.7, 0.4, 0.5
-    variance = std**2 * (1 + 2 * a * b + b**2) / (1 - a**2)
-    first = std**2 * (1 + a * b) * (a + b) / (1 - a**2)
-    process = Arma(std, (a,), (b,))
-    assert_autocovariance(process, {0: variance, 1: first, 2: a * first, 5: a**4 * first})
-
-
 def test_arma_is_the_filter_of_scipy_after_its_start():
     series = Arma(1.0, (1.2, -0.5), (0.3,)).sample(400, STEP_S, rng())
     stream = rng()
@@ -153,21 +144,6 @@ def test_random_coefficients_have_their_moments():
     assert_mean((single**4).mean(axis=1), 3 * std**4 * (81 + 54 + 3))
 
 
-def test_threshold_chooses_the_regime():
-    """A delay beyond the order: the regime is independent of the shocks that it weighs.
-
-    Var(x[k] | x[k-2] in regime r) = std^2 (1 + b_r^2), and so for the product with the sample before.
-    """
-    process = ThresholdMovingAverage((-0.2,), ((0.1,), (-1.5,)), delay=2, std=0.8)
-    series = realisations(process, 300, 500)
-    low = series[:, :-2] <= -0.2
-    for regime, b in ((low, 0.1), (~low, -1.5)):
-        shares = regime.mean(axis=1)
-        assert 0.2 < shares.mean() < 0.8
-        squares = (np.where(regime, series[:, 2:] ** 2, 0.0).mean(axis=1)) / shares.mean()
-        assert_mean(squares, 0.8**2 * (1 + b**2))
-
-
 def test_threshold_is_its_recursion():
     process = ThresholdMovingAverage((-0.5, 0.5), ((0.9,), (0.0,), (-0.9,)), delay=1)
     shocks = rng().standard_normal(1 + 10 + 50)
@@ -192,17 +168,6 @@ def test_bilinear_is_uncorrelated_with_heavy_tails():
     # Not independent: x[k] follows the product that drives it.
     bispectral = series[:, 3:] * series[:, 1:-2] * series[:, 2:-1]
     assert_mean(bispectral.mean(axis=1), b * variance * s**2)
-
-
-def test_several_bilinear_terms_follow_their_recursion():
-    process = Bilinear((BilinearTerm(0.3, 2, 1), BilinearTerm(-0.4, 5, 3)), std=0.9)
-    shocks = 0.9 * rng().standard_normal(5 * settling((0.9 * 0.7) ** 2) + 60)
-    series = [0.0] * 5
-    for k in range(5, shocks.size):
-        x = 0.3 * series[k - 2] * shocks[k - 1] - 0.4 * series[k - 5] * shocks[k - 3]
-        series.append(x + shocks[k])
-    np.testing.assert_allclose(process.sample(60, STEP_S, rng()), series[-60:], atol=1e-6)
-    assert_autocovariance(process, {1: 0.0, 2: 0.0, 5: 0.0})
 
 
 def test_a_series_of_ones_own_is_taken_as_it_is():
@@ -297,13 +262,6 @@ def test_papers_first_coefficient_has_mean_zero_and_its_second_mean_three():
     assert (now * then * (then - now)).mean() > 100.0
 
 
-def test_parts_of_a_sum_keep_to_themselves():
-    """A part's realisation does not depend on what stands before it."""
-    sample = SumOfDisturbances((Trend((0.0,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
-    other = SumOfDisturbances((Arma(0.0, (0.5,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
-    np.testing.assert_array_equal(sample, other)
-
-
 def test_adversary_is_at_its_bounds_and_in_every_band():
     series = BoundedAdversary(0.7, 50.0, 1.0, high_share=0.5).sample(4000, STEP_S, rng())
     assert set(np.unique(series)) == {-0.7, 0.7}
@@ -332,14 +290,6 @@ def test_dryden_has_its_correlation():
 def test_ornstein_uhlenbeck_forgets_exponentially():
     expected = {lag: 0.64 * np.exp(-lag * STEP_S / 0.5) for lag in (0, 1, 3)}
     assert_autocovariance(OrnsteinUhlenbeck(0.8, 0.5), expected, runs=1000)
-
-
-@pytest.mark.parametrize("tiny", [1e-3, 1e-6])
-def test_dryden_on_a_fine_grid_is_smooth_and_finite(tiny):
-    series = DrydenGust(1.0, 2.0, 2.0).sample(1000, tiny, rng())
-    assert np.isfinite(series).all()
-    # Its steps are those of a diffusion of intensity 3 std^2 / tau.
-    assert np.mean(np.diff(series) ** 2) == pytest.approx(3.0 * tiny, rel=0.25)
 
 
 @pytest.mark.parametrize(

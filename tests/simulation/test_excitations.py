@@ -27,8 +27,6 @@ from eivor.simulation.excitation import (
 )
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
-# -- Excitations: their peaks, their bands, and what they refuse --
-
 STEP_S = 0.2
 
 
@@ -107,12 +105,6 @@ def test_binary_sequence_is_held_and_shifted():
     assert not np.array_equal(series, sampled(PseudoRandomBinary(0.4, 6, 3), 600, seed=2))
 
 
-def test_steps_come_in_their_order():
-    series = sampled(SteppedExcitation((1.0, -1.0, 0.5), 0.6), 12)
-    np.testing.assert_array_equal(series, np.repeat([1.0, -1.0, 0.5, 1.0], 3))
-    np.testing.assert_array_equal(sampled(SteppedExcitation((1.0, 2.0), 0.3), 6), [1, 1, 2, 1, 1, 2])
-
-
 def test_random_steps_have_their_levels_and_times():
     series = RandomSteps(0.2, 0.5, 1.5).sample(200_000, 0.01, np.random.default_rng(0))
     assert series[0] == 0.0
@@ -129,14 +121,6 @@ def test_given_series_is_the_users():
     np.testing.assert_array_equal(sampled(GivenSeries((1.0, 2.0, 3.0)), 2), [1.0, 2.0])
     with pytest.raises(ParameterError, match=r"a series of 4 values or more.*received 3"):
         sampled(GivenSeries((1.0, 2.0, 3.0)), 4)
-
-
-def test_scaled_has_its_std_exactly():
-    series = sampled(ScaledExcitation(PaperInput(1.0), 0.044))
-    assert series.std() == pytest.approx(0.044, rel=1e-12)
-    np.testing.assert_allclose(series / series[0], sampled(PaperInput(1.0)) / sampled(PaperInput(1.0))[0])
-    with pytest.raises(ParameterError, match=r"a series that varies.*received a constant one"):
-        sampled(ScaledExcitation(SteppedExcitation((1.0,), 1.0), 1.0))
 
 
 @pytest.mark.parametrize(

@@ -12,16 +12,9 @@ import polars as pl
 import pytest
 from scipy.stats import binom
 
-from eivor.errors import InputError, ParameterError, UsageError
+from eivor.errors import InputError, UsageError
 from eivor.lab import scenario_files
-from eivor.lab.disturbances import (
-    CoefficientCourse,
-    Garch,
-    SumOfDisturbances,
-    ThresholdMovingAverage,
-    TimeVaryingArma,
-    paper_disturbance,
-)
+from eivor.lab.disturbances import paper_disturbance
 from eivor.lab.records import (
     AltitudeControl,
     DisturbanceRoute,
@@ -53,13 +46,10 @@ from eivor.simulation.excitation import (
     RandomSteps,
     ScaledExcitation,
     SteppedExcitation,
-    WhiteDisturbance,
 )
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.vertical import simulate_vertical_flights
 from validation.pages import page_with
-
-# -- Scenarios from TOML: every kind, and every mistake with the place where it was made --
 
 TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
 
@@ -190,15 +180,6 @@ def test_every_kind_simulates(read, section, body, route):
     assert moved == (section == "disturbance" and route == "dynamics")
 
 
-def test_nested_values_arrive(read):
-    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[3][1]}").disturbance
-    assert disturbance == ThresholdMovingAverage((0.0,), ((0.1,), (0.9,)), delay=2)
-    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[11][1]}").disturbance
-    assert disturbance == SumOfDisturbances((paper_disturbance(), WhiteDisturbance(1.0)))
-    disturbance = read(f"{TRUTH}[excitation]\n{KINDS[-1][1]}").excitation
-    assert disturbance == GivenSeries((1.0, -1.0) * 60)
-
-
 CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
 WRONG = [
     ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
@@ -289,24 +270,6 @@ def test_shipped_scenarios_read_and_simulate():
         assert scenario.samples == 4000
         assert scenario.rate_hz == 5.0
         simulate(scenario, np.random.default_rng(1))
-
-
-def test_shipped_scenarios_say_what_the_method_says():
-    assert shipped_scenario("arch").disturbance == Garch(0.1, (0.85,), largest_square=1e4)
-    assert shipped_scenario("time-varying-arma").disturbance == TimeVaryingArma(
-        1.0,
-        (CoefficientCourse(amplitude=0.8, cycles=3.0),),
-        (CoefficientCourse(amplitude=0.9, cycles=5.0, phase=np.pi / 2.0),),
-    )
-    closed = shipped_scenario("closed-loop")
-    assert closed.control == VelocityControl(15.0, 4.0)
-    # The reference is scaled to the standard deviation that z' has in the open loop.
-    spread = [
-        simulate(shipped_scenario("rich"), stream).truth.channel("velocity_z").std()
-        for stream in np.random.default_rng(3).spawn(10)
-    ]
-    assert isinstance(closed.excitation, ScaledExcitation)
-    assert closed.excitation.std == pytest.approx(np.mean(spread), rel=0.02)
 
 
 def test_unknown_shipped_scenario():
@@ -400,28 +363,6 @@ def test_column_is_the_input(series, tmp_path, name):
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
     truth = simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
-
-
-def test_whole_numbers_are_numbers(series, tmp_path):
-    (tmp_path / "mine.csv").write_text("u, v\n" + "".join(f" {k % 2} , 0\n" for k in range(60)))
-    table(u=np.arange(60)).write_parquet(tmp_path / "mine.parquet")
-    assert read_scenario(series("mine.csv")).excitation == GivenSeries((0.0, 1.0) * 30)
-    assert read_scenario(series("mine.parquet")).excitation == GivenSeries(tuple(map(float, range(60))))
-
-
-def test_any_list_of_numbers_may_stand_in_a_file(tmp_path):
-    (tmp_path / "levels.csv").write_text("level\n1\n-1\n0.5\n")
-    path = tmp_path / "one.toml"
-    values = 'levels = { file = "levels.csv", column = "level" }'
-    path.write_text(f'{SCENARIO}[excitation]\nkind = "steps"\ndwell_s = 2\n{values}\n')
-    assert read_scenario(path).excitation.levels == (1.0, -1.0, 0.5)
-
-
-def test_too_short_a_series_is_told(series, tmp_path):
-    table().head(59).write_csv(tmp_path / "mine.csv")
-    scenario = read_scenario(series("mine.csv"))
-    with pytest.raises(ParameterError, match=r"a series of 60 values or more.*received 59"):
-        simulate(scenario, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -528,16 +469,6 @@ def test_a_study_depends_on_the_numbers_and_not_on_the_file(tmp_path):
     assert results["one.csv"] == results["two.parquet"] == study_identity(tmp_path, str(VALUES.tolist()))
     assert results["one.csv"] == study_identity(tmp_path, '{ file = "two.parquet", column = "v" }')
     assert results["three.csv"] != results["one.csv"]
-
-
-def test_a_file_of_a_scenario_that_a_study_names_is_beside_the_scenario(tmp_path):
-    (tmp_path / "below").mkdir()
-    table().write_csv(tmp_path / "below" / "mine.csv")
-    (tmp_path / "below" / "one.toml").write_text(SCENARIO + SERIES.format(file="mine.csv", column="u"))
-    (tmp_path / "study.toml").write_text(
-        'runs = 2\nseed = 1\nscenario = "below/one.toml"\n[[methods]]\nname = "least_squares"\n'
-    )
-    assert read_study(tmp_path / "study.toml").experiment.scenario.excitation.values[:2] == tuple(VALUES[:2])
 
 
 # -- Flights of a whole vehicle from TOML: what is read, what is refused, those that come with  --

@@ -6,12 +6,10 @@ from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.integrate import solve_ivp
 
 from eivor.errors import ParameterError, UsageError
-from eivor.fleet.analysis import across_of, wanted_columns
 from eivor.lab.disturbances import Arma
 from eivor.lab.records import (
     ALWAYS_MEASURED,
@@ -21,10 +19,8 @@ from eivor.lab.records import (
     VelocityControl,
     simulate,
 )
-from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.signals.recording import Frame
 from eivor.simulation.environment import (
     OWN_HEIGHT,
     FlightTruth,
@@ -36,17 +32,9 @@ from eivor.simulation.environment import (
     gusts,
     sensor_errors,
 )
-from eivor.simulation.excitation import (
-    GivenSeries,
-    PaperInput,
-    WhiteDisturbance,
-    WhiteExcitation,
-)
+from eivor.simulation.excitation import PaperInput, WhiteDisturbance, WhiteExcitation
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
 from validation.effective_parameters import effective_parameters
-from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
-
-# -- Simulated records against an integrator, against the model's own equation, and against eac --
 
 NOISY = {
     "velocity_z": FractionalNoise(1.0, -0.4),
@@ -56,11 +44,7 @@ NOISY = {
 RATIOS = {"velocity_z": 0.1, "acceleration_z": 0.045, "input": 0.045}
 OPEN = Scenario(0.293, 0.021, samples=200)
 FULL = replace(
-    OPEN,
-    noise=NOISY,
-    noise_to_signal=RATIOS,
-    disturbance=WhiteDisturbance(1.0),
-    disturbance_to_signal=0.3,
+    OPEN, noise=NOISY, noise_to_signal=RATIOS, disturbance=WhiteDisturbance(1.0), disturbance_to_signal=0.3
 )
 CONTROL = {"control": VelocityControl(15.0, 4.0)}
 
@@ -113,23 +97,6 @@ def test_truth_obeys_the_equation(scenario):
     np.testing.assert_allclose(truth.channel("acceleration_z"), 0.021 * u - 0.293 * v + e, atol=1e-13)
 
 
-def test_routes_differ_as_they_should():
-    """In the equation e shifts the response only; in the dynamics the velocity responds as to an input."""
-    calm = simulate(replace(FULL, disturbance=None, disturbance_to_signal=None), rng()).truth
-    shifted = simulate(FULL, rng()).truth
-    pushed = simulate(replace(FULL, route=DisturbanceRoute.DYNAMICS), rng()).truth
-    e = shifted.channel("disturbance")
-    np.testing.assert_array_equal(pushed.channel("disturbance"), e)
-    np.testing.assert_array_equal(shifted.channel("velocity_z"), calm.channel("velocity_z"))
-    np.testing.assert_allclose(
-        shifted.channel("acceleration_z") - calm.channel("acceleration_z"), e, atol=1e-15
-    )
-    moved = pushed.channel("velocity_z") - calm.channel("velocity_z")
-    as_input = replace(OPEN, input_gain=1.0, excitation=GivenSeries(tuple(e.tolist())))
-    np.testing.assert_allclose(moved, simulate(as_input, rng()).truth.channel("velocity_z"), atol=1e-14)
-    assert np.std(moved) > 0.01 * np.std(calm.channel("velocity_z"))
-
-
 @pytest.mark.parametrize("route", list(DisturbanceRoute))
 @pytest.mark.parametrize("control", [{}, CONTROL])
 def test_ratios_are_of_the_motion_without_noise(route, control):
@@ -159,24 +126,6 @@ def test_measured_is_true_plus_declared(control):
     assert result.parameters == {"viscous_friction": 0.293, "input_gain": 0.021}
 
 
-def test_absolute_std_is_kept_and_silence_declared():
-    scenario = replace(OPEN, noise={"input": WhiteNoise(0.05)})
-    signals = simulate(scenario, rng()).signals
-    assert signals.noise == {
-        "velocity_z": WhiteNoise(0.0),
-        "acceleration_z": WhiteNoise(0.0),
-        "input": WhiteNoise(0.05),
-    }
-
-
-def test_noise_by_ratio_alone_is_white():
-    scenario = replace(OPEN, noise_to_signal={"input": 0.1})
-    result = simulate(scenario, rng())
-    std = 0.1 * float(result.truth.channel("input").std())
-    assert isinstance(result.signals.noise["input"], WhiteNoise)
-    assert result.signals.noise["input"].std == pytest.approx(std)
-
-
 CHANGES = [
     ("excitation", {"excitation": WhiteExcitation(1.0)}),
     ("disturbance", {"disturbance": Arma(1.0, (0.5,))}),
@@ -203,16 +152,6 @@ def test_changing_one_source_leaves_the_others(changed, change):
     for name, values in before.items():
         same = np.allclose(values, after[name], atol=1e-9)
         assert same == (name != changed), name
-
-
-def test_same_generator_same_record_and_the_next_another():
-    signals, other = simulate(FULL, rng()).signals, simulate(FULL, rng()).signals
-    stream = rng()
-    simulate(FULL, stream)
-    following = simulate(FULL, stream).signals
-    for name in ALWAYS_MEASURED:
-        np.testing.assert_array_equal(signals.channel(name), other.channel(name))
-        assert not np.array_equal(signals.channel(name), following.channel(name))
 
 
 def test_record_without_noise_gives_its_parameters_back():
@@ -291,11 +230,6 @@ def test_excitation_reaches_a_limit_and_passes_none(kind, seed):
     assert speed >= 1.6 - 1e-9 or acceleration >= 3.0 - 1e-9
 
 
-def test_vigour_is_a_share_of_the_limits():
-    full, half = (reference(TrajectoryKind.CHIRP, vigour=vigour) for vigour in (1.0, 0.5))
-    np.testing.assert_allclose(half.position, 0.5 * full.position, rtol=1e-12)
-
-
 @pytest.mark.parametrize("kind", sorted(OWN_HEIGHT))
 def test_own_height_is_never_scaled_up(kind):
     heights = [np.ptp(reference(kind, seed=seed).position) for seed in range(5)]
@@ -320,41 +254,6 @@ def test_errors_have_their_levels_over_the_record(kind):
     for name in ("acceleration", "velocity", "position", "attitude", "angular_rate"):
         rms = np.sqrt(np.mean(getattr(errors, name) ** 2))
         assert rms == pytest.approx(getattr(noise, name), rel=0.05)
-
-
-# -- Fleets with known truth, as a table and as logs --
-
-
-def test_wear_breakage_and_weather_act_on_thrust():
-    spec = FleetSpec(
-        vehicles=2, flights=5, between_vehicles=0.0, between_flights=0.0, wear=0.2, broken=((1, 3, 0.5),)
-    )
-    truth = fleet_truth(spec)
-    assert truth.worn[:5] == pytest.approx([1.0, 0.95, 0.9, 0.85, 0.8])
-    assert truth.worn[5:] == pytest.approx([1.0, 0.95, 0.9, 0.425, 0.4])
-    assert truth.input_gain == pytest.approx(GRAVITY / 0.25 * truth.worn)
-    assert truth.hover_input**2 * truth.input_gain == pytest.approx(GRAVITY)
-    windy = fleet_truth(FleetSpec(vehicles=1, flights=50, between_flights=0.0, weather=0.05, battery=0.03))
-    explained = np.log(windy.air_density / 1.20) + 1.5 * np.log(windy.battery_voltage / 15.6)
-    left = np.log(windy.input_gain) - explained
-    assert left == pytest.approx(np.full(50, left[0]))
-
-
-def test_rows_are_the_truth_with_errors_as_they_say():
-    spec = FleetSpec(vehicles=50, flights=40)
-    rows, truth = fleet_rows(spec), fleet_truth(spec)
-    off = (rows["input_gain.value"].to_numpy() - truth.input_gain) / rows["input_gain.std_error"].to_numpy()
-    assert np.std(off) == pytest.approx(1.0, abs=0.06)
-    columns = set(wanted_columns(across_of(motion_by_name("vertical"))))
-    assert columns - set(rows.columns) == {"mass"}  # which no log tells
-    assert rows.equals(fleet_rows(spec))
-    assert rows.filter(pl.col("vehicle") == "v0001")["start"].is_sorted()
-
-
-@pytest.mark.parametrize("wrong", [{"vehicles": 0}, {"wear": 1.0}, {"broken": ((0, 1, 1.5),)}])
-def test_what_is_no_fleet_is_refused(wrong):
-    with pytest.raises(UsageError, match=r"fleet of one vehicle|share of thrust"):
-        FleetSpec(**wrong)
 
 
 # -- Flights of the own simulator: logs against the truth, and one specification against anothe --
@@ -427,17 +326,6 @@ def test_effective_parameters_are_the_nominal_ones():
     )
 
 
-def test_bias_and_noise_are_on_the_logged_force_alone():
-    quiet = replace(LOUD, noise=SensorNoise(NoiseKind.FRACTIONAL, acceleration=0.0), accelerometer_bias=0.0)
-    loud, quiet_flight = fly(LOUD), fly(quiet)
-    error = values(loud, "specific_force_z") - loud.truth.specific_force_z
-    assert error.mean() == pytest.approx(LOUD.accelerometer_bias, abs=0.3)
-    assert np.std(error) == pytest.approx(LOUD.noise.acceleration, rel=0.4)
-    np.testing.assert_allclose(
-        values(quiet_flight, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12
-    )
-
-
 @pytest.mark.thorough
 def test_controller_answers_the_noise_that_is_logged():
     hover = replace(QUIET, trajectory=TrajectoryKind.HOVER, tilt_rms=0.0, integral_share=0.0)
@@ -447,27 +335,6 @@ def test_controller_answers_the_noise_that_is_logged():
     error = -gains.position_gain * values(flight, "position_z") - values(flight, "velocity_z")
     thrust = hover.input_gain * values(flight, "rotor_command_1") ** 2
     np.testing.assert_allclose(thrust, GRAVITY + gains.velocity_gain * error, rtol=1e-12)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")  # a minute has the shapes of eight seconds
-def test_tilt_has_its_size():
-    truth = fly(replace(QUIET, tilt_rms=0.1, duration=60.0)).truth
-    # 1 - cos(roll) cos(pitch) is half the squared angles, each .1 rad before smoothing takes 7 % off.
-    assert np.mean(1.0 - truth.cos_tilt) == pytest.approx(0.1**2 / 1.15, rel=0.3)
-
-
-def test_recording_is_what_the_recipe_reads():
-    recording = fly(QUIET).recording
-    assert recording.frame is Frame.Z_UP
-    assert recording.input_map == "square"
-    assert {"rotor_command_1", "velocity_z", "position_z", "specific_force_z", "cos_tilt"} < set(
-        recording.channels
-    )
-    held = {name for name, channel in recording.channels.items() if channel.held}
-    assert held == {"rotor_command_1"} | {
-        name for name in recording.channels if name.startswith("reference_")
-    }
 
 
 # ------------------------------------------------------------------------- a flight is its specification
@@ -481,21 +348,6 @@ def test_flight_does_not_depend_on_its_batch():
     identical(batch[-2], fly(LOUD))
     identical(next(simulate_vertical_flights([LOUD, *others[:3]])), batch[-2])
     identical(batch[0], fly(others[0]))
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("change", "same"),
-    [
-        ({"noise": SensorNoise(NoiseKind.WHITE)}, ("reference_position_z",)),
-        ({"trajectory": TrajectoryKind.CHIRP}, ()),
-        ({"seed": 23}, ()),
-    ],
-)
-def test_streams_are_apart(change, same):
-    first, second = fly(LOUD), fly(replace(LOUD, **change))
-    for name in ("reference_position_z", "rotor_command_1", "specific_force_z"):
-        assert np.array_equal(values(first, name), values(second, name)) == (name in same)
 
 
 # ------------------------------------------------------------------------------------------ refusals

@@ -16,8 +16,7 @@ import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import ParameterError
 from eivor.lab import figures
-from eivor.lab.cramer_rao import disturbance_power
-from eivor.lab.disturbances import Arma, GivenDisturbance, SumOfDisturbances, Trend
+from eivor.lab.disturbances import Arma
 from eivor.lab.paper import named_readings, run_paper
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import read_study, shipped_scenario
@@ -229,23 +228,6 @@ def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -
     white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
     separated = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
     assert np.abs(np.log(separated)).max() > 1.0
-
-
-def test_what_every_record_has_alike_is_no_noise() -> None:
-    white = WhiteDisturbance(1e-3)
-    alone, drifting = (
-        ev.bounds.cramer_rao(replace(exact_regressors(item, 1e-5), samples=500), runs=2).covariance
-        for item in (SumOfDisturbances((white,)), SumOfDisturbances((white, Trend((0.0, 5.0)))))
-    )
-    np.testing.assert_allclose(drifting, alone, rtol=1e-6)
-
-
-def test_a_disturbance_that_is_given_counts_as_white() -> None:
-    """It has no mean over records: a single record's power is zero in some bins."""
-    series = np.random.default_rng(5).normal(0.0, 1e-3, 500)
-    given = exact_regressors(GivenDisturbance(tuple(series.tolist())), 1e-7)
-    power = disturbance_power(replace(given, samples=500))
-    np.testing.assert_allclose(power, series.var())
 
 
 def test_what_has_no_bound_is_refused() -> None:

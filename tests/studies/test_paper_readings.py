@@ -171,16 +171,6 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
 # -- noises and ratios -------------------------------------------------------------------------------
 
 
-def test_alternating_noise_has_the_printed_weights():
-    rng = np.random.default_rng(5)
-    white = np.random.default_rng(5).standard_normal(60)
-    sample = AlternatingNoise(2.0, -0.4).sample(60, rng)
-    signs = (-1.0) ** np.arange(60)
-    weights = binom(-0.4, np.arange(60))
-    expected = 2.0 * np.convolve(weights, white * signs)[:60]
-    assert sample == pytest.approx(expected, rel=1e-10)
-
-
 def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
     """The disturbance likewise: ratios of the paper to what is in a record."""
     made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))

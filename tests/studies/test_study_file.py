@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from eivor.errors import InputError
-from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
-from eivor.lab.records import Scenario
+from eivor.lab.experiments import DifferenceEquation
 from eivor.lab.scenario_files import read_study
 from eivor.lab.study import MethodChoice
 from eivor.signals.noise import FractionalNoise, WhiteNoise
@@ -53,13 +52,6 @@ def read(folder: Path, text: str):
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return read_study(path)
-
-
-def test_least_that_a_study_says(tmp_path):
-    study = read(tmp_path, STUDY)
-    assert (study.name, study.runs, study.seed, study.intervals) == ("mine", 5, 3, False)
-    assert study.experiment == VerticalExperiment(Scenario(0.3, 0.02, samples=300))
-    assert study.methods == (MethodChoice("least_squares"),)
 
 
 def test_everything_that_a_study_may_say(tmp_path):

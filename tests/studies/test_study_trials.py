@@ -27,7 +27,7 @@ from eivor.lab.study import (
     trial,
 )
 from eivor.lab.study import METHODS as METHOD_NAMES
-from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import WhiteDisturbance, autoregression, constant
 from eivor.strict_toml import read_toml
@@ -214,21 +214,6 @@ def test_recursion_is_that_of_the_equation():
         y[k + 3] = a[0] * y[k + 2] + a[1] * y[k + 1] + a[2] * y[k] + driven[k]
     np.testing.assert_allclose(autoregression(driven, constant(a, driven.size)), y[3:], rtol=1e-12)
     np.testing.assert_array_equal(autoregression(driven, constant((), driven.size)), driven)
-
-
-def test_noise_is_declared_as_added():
-    equation = DifferenceEquation(
-        (0.5,), (2.0,), Coin(), noise={"output": FractionalNoise(1.0, -0.4)}, noise_to_signal={"output": 0.1}
-    )
-    quiet = DifferenceEquation((0.5,), (2.0,), Coin())
-    noisy, true = (item.record(np.random.default_rng(3)) for item in (equation, quiet))
-    declared = noisy.noise["output"]
-    assert isinstance(declared, FractionalNoise)
-    assert declared.order == -0.4
-    assert declared.std == pytest.approx(0.1 * true.channel("output").std())
-    assert noisy.noise["input"] == WhiteNoise(0.0)
-    np.testing.assert_array_equal(noisy.channel("input"), true.channel("input"))
-    assert not np.array_equal(noisy.channel("output"), true.channel("output"))
 
 
 def test_a_disturbance_moves_the_machine():

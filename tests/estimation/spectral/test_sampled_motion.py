@@ -35,8 +35,6 @@ from eivor.signals.recording import Recording
 from eivor.tools import Float
 from tests.flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, flown
 
-# -- What the motion does between samples, in frequency, against records and finite differences --
-
 
 def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> SampledMotion:
     """Motion at the truth of a record without any noise."""
@@ -68,18 +66,6 @@ def test_without_noise_only_the_transient_is_left() -> None:
     assert np.abs(left[1]).max() < 1e-10 * np.abs(second).max()
 
 
-def test_a_linear_input_is_near_rho_one_half() -> None:
-    held, linear = (motion_of(Intersample.LINEAR, blend) for blend in (0.0, 0.5))
-
-    def left(motion: SampledMotion) -> float:
-        """Power of the second residual beside the transient."""
-        shape, second = motion.memory, motion.residuals()[1]
-        t = (shape.conj() * second).real.sum() / (np.abs(shape) ** 2).sum()
-        return float(np.sum(np.abs(second - t * shape) ** 2))
-
-    assert left(linear) < 1e-2 * left(held)
-
-
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_directions_are_derivatives_over_the_input(place: int) -> None:
     motion = replace(motion_of(Intersample.HOLD, 0.0), blend=0.2)
@@ -93,13 +79,6 @@ def test_directions_are_derivatives_over_the_input(place: int) -> None:
     if name == "friction":  # of what is measured V is, of the true motion g U
         slope[0] += motion.response * motion.record.input - motion.record.velocity
     np.testing.assert_allclose(slope, direction, rtol=1e-6, atol=1e-9 * np.abs(direction).max())
-
-
-def test_no_friction_is_a_limit() -> None:
-    motion = motion_of(Intersample.HOLD, 0.0)
-    small, none = replace(motion, friction=1e-6), replace(motion, friction=0.0)
-    np.testing.assert_allclose(none.response, small.response, rtol=1e-4)
-    np.testing.assert_allclose(none.response_by_friction, small.response_by_friction, rtol=1e-3)
 
 
 def test_the_noise_fit_knows_its_gradient() -> None:

@@ -11,14 +11,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, UsageError
-from eivor.estimation.pair_whitening import corrected_spectrum, power_around, signal_weights
-from eivor.estimation.sampled_motion import (
-    PairSpectrum,
-    SampledMotion,
-    SampledProblem,
-    inner,
-    sampled_problem,
-)
+from eivor.estimation.pair_whitening import corrected_spectrum
+from eivor.estimation.sampled_motion import PairSpectrum, SampledMotion, SampledProblem, sampled_problem
 from eivor.estimation.spectral_equations import (
     SpectralSolution,
     _meat,
@@ -32,8 +26,6 @@ from eivor.estimation.spectral_equations import (
 )
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
-
-# -- Spectral methods as users call them: better than generalized IV, honest, and never lost --
 
 ProblemOf = Callable[[str, int, int], ev.SignalRegression]
 SPECTRAL = [ev.methods.spectral_giv, ev.methods.spectral_giv_combined, ev.methods.whittle_ml]
@@ -65,30 +57,6 @@ def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
     rmse = {name: np.sqrt(np.mean(np.square(error), axis=0)) for name, error in errors.items()}
     assert rmse["spectral"][0] < 0.4 * rmse["plain"][0]
     assert rmse["spectral"][1] < rmse["plain"][1]
-
-
-@pytest.mark.parametrize("lines", [8, 30])
-def test_a_sparse_multisine_is_estimated_near_the_bound(lines: int) -> None:
-    """The neighbours of a line hold noise only: the line counts its own power."""
-    from eivor.simulation.excitation import GivenSeries
-
-    samples, records = 4000, 20
-    angle = 2.0 * np.pi * np.arange(samples) / samples
-    phases = np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, lines)
-    numbers = np.round(np.linspace(6.0, 400.0, lines))
-    series = np.cos(np.outer(angle, numbers) + phases).sum(axis=1) * np.sqrt(2.0 / lines)
-    scenario = replace(
-        shipped_scenario("rich"), samples=samples, excitation=GivenSeries(tuple(series.tolist()))
-    )
-    bound = np.array(list(ev.bounds.cramer_rao(scenario).std_errors.values()))
-    errors = []
-    for seed in range(records):
-        signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
-        problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
-        errors.append(ev.identify(problem, ev.methods.spectral_giv()).values[:2] - TRUTH)
-    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / bound
-    # 1.2, enlarged by what chance does to the RMSE of so few records once in a hundred times
-    assert (ratio <= 1.2 * (1.0 + 2.33 / np.sqrt(2.0 * records))).all()
 
 
 def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) -> None:
@@ -223,14 +191,6 @@ def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
     assert "fewer than" not in combined.summary()
 
 
-def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
-    result = ev.identify(problem_of("rich", 1000, 3), ev.methods.spectral_giv())
-    assert result.has_rows
-    assert result.residuals.size == 2000
-    assert np.var(result.residuals) == pytest.approx(1.0, abs=0.15)
-    assert result.to_frame().height == len(result.names)
-
-
 @pytest.mark.thorough
 def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
     """A declared strength that is far off moves the likelihood; spectral GIV sees the residuals."""
@@ -275,13 +235,6 @@ def dense() -> np.ndarray:
 
 
 @pytest.fixture
-def other() -> np.ndarray:
-    rng = np.random.default_rng(1)
-    root = rng.standard_normal((BINS, 2, 2)) + 1j * rng.standard_normal((BINS, 2, 2))
-    return root @ root.conj().swapaxes(1, 2)
-
-
-@pytest.fixture
 def pair() -> np.ndarray:
     rng = np.random.default_rng(2)
     return rng.standard_normal((2, BINS)) + 1j * rng.standard_normal((2, BINS))
@@ -291,30 +244,9 @@ def as_pair(dense: np.ndarray) -> PairSpectrum:
     return PairSpectrum(dense[:, 0, 0].real, dense[:, 1, 1].real, dense[:, 0, 1])
 
 
-def as_dense(C: PairSpectrum) -> np.ndarray:
-    rows = [np.stack([C.first + 0j, C.cross], axis=-1), np.stack([C.cross.conj(), C.second + 0j], axis=-1)]
-    return np.stack(rows, axis=-2)
-
-
 def test_solutions_are_those_of_the_matrices(dense: np.ndarray, pair: np.ndarray) -> None:
     expected = np.linalg.solve(dense, pair.T[:, :, None])[:, :, 0].T
     np.testing.assert_allclose(as_pair(dense).solved(pair), expected, rtol=1e-12)
-
-
-def test_whitened_pairs_have_the_weighted_length(dense: np.ndarray, pair: np.ndarray) -> None:
-    C = as_pair(dense)
-    white = C.whitened(pair)
-    np.testing.assert_allclose(inner(white, white), inner(pair, C.solved(pair)), rtol=1e-12)
-    L = np.linalg.cholesky(dense)
-    np.testing.assert_allclose(white, np.linalg.solve(L, pair.T[:, :, None])[:, :, 0].T, rtol=1e-12)
-
-
-def test_products_are_those_of_the_matrices(dense: np.ndarray, other: np.ndarray) -> None:
-    C, P = as_pair(dense), as_pair(other)
-    inverse = np.linalg.inv(dense)
-    np.testing.assert_allclose(as_dense(P.between(C)), inverse @ other @ inverse, rtol=1e-10)
-    np.testing.assert_allclose(as_dense(C + P * 2.0), dense + 2.0 * other, rtol=1e-14)
-    np.testing.assert_allclose(C.determinant, np.linalg.det(dense).real, rtol=1e-11)
 
 
 # -- The equations against their naive form, bin by bin, and the linear rows that stand for the --
@@ -330,30 +262,6 @@ def solution(sampled: SampledProblem, request: pytest.FixtureRequest) -> Spectra
     start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).values[:2].tolist())
     pilot = pilot_at(start, sampled.input_variance)
     return solved_equations(pilot, sampled.input_variance, free_blend=request.param)
-
-
-def dense_spectrum(solution: SpectralSolution, k: int) -> np.ndarray:
-    C = solution.spectrum
-    return np.array([[C.first[k], C.cross[k]], [C.cross[k].conj(), C.second[k]]])
-
-
-def test_the_naive_sums_are_zero(solution: SpectralSolution) -> None:
-    motion, U = solution.motion, solution.motion.record.input
-    scores, sizes = np.zeros(solution.parameters), np.zeros(solution.parameters)
-    nuisances = np.zeros(solution.nuisances.size)
-    residual = solution.residual
-    for k in range(U.size):
-        inverse = np.linalg.inv(dense_spectrum(solution, k))
-        wc = solution.weights[k] * solution.factors[k]
-        right = inverse @ (U[k].conj() * residual[:, k] + motion.input_noise[:, k] * solution.input_variance)
-        for j in range(solution.parameters):
-            term = wc * (motion.directions[j][:, k].conj() @ right).real
-            scores[j] += term
-            sizes[j] += abs(term)
-        for j, psi in enumerate(solution.nuisance_shapes):
-            nuisances[j] += solution.factors[k] * (psi[:, k].conj() @ inverse @ residual[:, k]).real
-    assert np.abs(scores).max() < 1e-6 * sizes.max()
-    np.testing.assert_allclose(nuisances, 0.0, atol=1e-6 * sizes.max())
 
 
 def test_rows_meet_the_same_equations(solution: SpectralSolution, sampled: SampledProblem) -> None:
@@ -391,30 +299,6 @@ def test_noise_of_the_input_and_leverage_enlarge_the_covariance(
     enlarged = np.diag(spectral_covariance(solution).model)
     monkeypatch.setattr(SpectralSolution, "leverage", lambda *_: np.zeros(solution.weights.size))
     assert np.all(enlarged > np.diag(spectral_covariance(solution).model))
-
-
-def test_the_compensation_matters(sampled: SampledProblem, solution: SpectralSolution) -> None:
-    start = SampledMotion(sampled.record, solution.motion.friction, solution.motion.gain)
-    pilot = pilot_at(start, sampled.input_variance)
-    without = solved_equations(pilot, 0.0, free_blend=solution.free_blend)
-    lost = 1.0 - without.motion.gain / solution.motion.gain
-    noise = sampled.input_variance / float(np.mean(np.abs(sampled.record.input) ** 2))
-    assert lost > 0.2 * noise > 0.0
-
-
-def test_weights_read_their_own_bin_at_lines_only() -> None:
-    rng = np.random.default_rng(0)
-    noise_variance = 0.5
-    bins = rng.standard_normal(200) + 1j * rng.standard_normal(200)
-    before = signal_weights(bins, noise_variance)
-    around = power_around(bins)[100]
-    for factor, line in ((11.0, False), (13.0, True)):
-        bins[100] = np.sqrt(factor * around)
-        after = signal_weights(bins, noise_variance)
-        expected = (1.0 - noise_variance / (factor * around)) ** 2 if line else before[100]
-        assert after[100] == pytest.approx(expected, rel=1e-9)
-        assert (after[[99, 101]] > before[[99, 101]]).all()
-        assert ((after >= 1e-6) & (after <= 1.0)).all()
 
 
 def test_a_wrong_model_is_corrected_by_the_residuals(solution: SpectralSolution) -> None:

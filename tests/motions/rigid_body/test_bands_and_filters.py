@@ -49,8 +49,6 @@ from eivor.signals.filters import low_passed
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import Logged, TorqueDisturbance
 
-# -- Logs that have not passed the filters of the vehicle file, and logs that have --
-
 BASE = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0, seed=2)
 CUTOFF_HZ = 80.0
 

@@ -16,16 +16,14 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
 from eivor.motions.rigid_body.regression import (
     FROM_HZ,
     body_velocity,
-    drag_moments,
     force_by_velocity,
     gyroscopic_moment,
     inferred_velocity,
-    lift_moments,
 )
 from eivor.motions.rigid_body.vehicle import (
     DRAG_MOMENT,
@@ -38,11 +36,7 @@ from eivor.motions.rigid_body.vehicle import (
     YAW_EQUATION,
     InertiaRatios,
     KnownVehicle,
-    RotorLayout,
     Vehicle,
-    by_pitch_coupling,
-    by_roll_coupling,
-    pitch_over_roll,
 )
 from eivor.motions.rigid_body.verdict import (
     identified_ratios,
@@ -55,21 +49,10 @@ from eivor.signals.signals import Signals
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import Sensors
 
-# -- What lift turns, against the torques of the simulated rotors --
-
 LIFT = 2e-4
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
 LIFTED = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, translational_lift=LIFT))
 KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.positions), LIFTED.rotors.spins)
-
-
-def test_lift_turns_as_in_the_simulator():
-    air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
-    turned = [wrench(coefficients_of(item), air, rates, speeds)[1] for item in (LIFTED, SPEC.vehicle)]
-    moments = lift_moments(RotorLayout(KNOWN), np.array(air)[:, None], np.array([rates[2]]))
-    expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
-    assert LIFT * moments[:, 0] == pytest.approx(expected, rel=1e-9)
-    assert np.abs(expected).min() > 1e-7
 
 
 def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
@@ -96,27 +79,6 @@ def moved(by: tuple[float, float, float], vehicle: Vehicle = BESIDE_SPEC.vehicle
     return replace(vehicle, rotors=replace(vehicle.rotors, positions=positions))
 
 
-@pytest.mark.parametrize("by", [(0.01, 0.0, 0.0), (0.0, -0.02, 0.0), (0.0, 0.0, 0.015)])
-def test_drag_beside_the_centre_of_mass_turns_by_the_velocities_along_the_other_axes(by):
-    """The simulator's torques at equal speeds, velocity by velocity."""
-    coefficients = coefficients_of(moved(by))
-    speeds = [HOVER] * 4
-    resting = np.array(wrench(coefficients, STILL, STILL, speeds)[1])
-    of_velocity = np.column_stack(
-        [
-            np.array(wrench(coefficients, tuple(item), STILL, speeds)[1]) - resting
-            for item in np.eye(3).tolist()
-        ]
-    )
-    assert np.abs(of_velocity).max() > 1e-6
-    velocity = np.array([1.3, -0.7, 0.4])
-    torque = np.array(wrench(coefficients, tuple(velocity.tolist()), STILL, speeds)[1]) - resting
-    for axis in range(3):
-        others = [along for along in range(3) if along != axis]
-        columns = drag_moments(axis, velocity[:, None])[:, 0]
-        assert of_velocity[axis, others] @ columns == pytest.approx(torque[axis], abs=1e-12)
-
-
 def test_rotors_that_spin_turn_as_in_the_simulator():
     spinning = replace(
         BESIDE_SPEC.vehicle, rotors=replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
@@ -136,20 +98,6 @@ def test_rotors_that_spin_turn_as_in_the_simulator():
         )
         assert turned[0][axis] - turned[1][axis] == pytest.approx(expected[0], rel=1e-9)
         assert abs(expected[0]) > 1e-3
-
-
-def test_damping_of_rotors_above_the_centre_of_mass_is_told_with_their_height():
-    high = moved((0.0, 0.0, 0.02))
-    damping = effective_parameters(high).rate_damping
-    for axis in (0, 1):
-        slopes = []
-        for rate in (0.0, 1.0):
-            rates = tuple(rate * (index == axis) for index in range(3))
-            body = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, *rates]
-            slopes.append(
-                body_derivative(coefficients_of(high), body, [HOVER] * 4, [0.0] * 4, STILL, STILL)[10 + axis]
-            )
-        assert slopes[0] - slopes[1] == pytest.approx(damping[axis], rel=1e-9)
 
 
 def known(vehicle: Vehicle) -> KnownVehicle:
@@ -231,7 +179,6 @@ def test_a_log_that_begins_in_the_air_counts_once_rotors_no_longer_know_how_they
 RATE_HZ = 100.0
 TIME = np.arange(400) / RATE_HZ
 VELOCITY = np.column_stack([np.sin(TIME), 0.5 * TIME, np.cos(2.0 * TIME)])
-FORCE = np.column_stack([np.cos(TIME), np.full(TIME.size, 0.5), GRAVITY - 2.0 * np.sin(2.0 * TIME)])
 
 
 def tilted(**none: None) -> tuple[Signals, Rotation]:
@@ -245,15 +192,6 @@ def tilted(**none: None) -> tuple[Signals, Rotation]:
         },
     }
     return Signals(RATE_HZ, {name: channel for name, channel in channels.items() if name not in none}), body
-
-
-def test_the_change_of_velocity_tells_what_an_accelerometer_reads():
-    signals, body = tilted()
-    force = force_by_velocity(signals)
-    inner = slice(5, -5)
-    assert force is not None
-    assert force[inner] == pytest.approx(body.inv().apply(FORCE)[inner], abs=1e-6)
-    assert body_velocity(signals) == pytest.approx(body.inv().apply(VELOCITY))
 
 
 def test_without_attitude_neither_is_known():
@@ -352,17 +290,6 @@ def told(vehicle=SPINNING) -> dict[str, float]:
     gains = {f"{name}_gain": gain for name, gain in zip(("roll", "pitch"), truth.torque_gains, strict=False)}
     pairs = zip(("roll", "pitch"), truth.gyroscopic_ratios, strict=False)
     return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
-
-
-def test_ratios_are_those_of_the_inertias():
-    values = told()
-    assert pitch_over_roll(values) == pytest.approx(SECOND / FIRST)
-    for ratio in (by_roll_coupling, by_pitch_coupling):
-        assert ratio(values) == pytest.approx(THIRD / FIRST)
-    ratios = InertiaRatios.of_values(values)
-    assert (ratios.of_axis(ROLL_EQUATION), ratios.of_axis(PITCH_EQUATION)) == pytest.approx(
-        (THIRD / FIRST, THIRD / SECOND)
-    )
 
 
 def test_columns_are_sums_of_those_that_they_replace(problem):

@@ -19,8 +19,6 @@ from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.physical_parameters import physical_parameters
 from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
 
-# -- Physical parameters: back to a vehicle's own numbers, honest intervals, and what is said w --
-
 AXES = "xyz"
 TURNING = ("roll", "pitch", "yaw")
 
@@ -448,41 +446,3 @@ def test_equations_hold_at_hover(thrust):
         thrust_part = parameters.thrust_gain * 4.0 * phi if axis == 2 else 0.0
         expected = thrust_part - parameters.drag[axis] * v - parameters.quadratic_drag[axis] * speed * v
         assert force[axis] == pytest.approx(expected, rel=1e-9)
-
-
-def test_torques_are_those_of_the_gains():
-    parameters, coefficients = effective_parameters(VEHICLE), coefficients_of(VEHICLE)
-    speeds, still = np.array([500.0, 510.0, 520.0, 540.0]), (0.0, 0.0, 0.0)
-    slope = body_derivative(
-        coefficients, [0.0] * 6 + [1.0] + [0.0] * 6, speeds.tolist(), [0.0] * 4, still, still
-    )
-    phi = speeds**2 + 100.0 * speeds
-    x, y, _ = np.array(ROTORS.positions).T
-    roll, pitch, yaw = parameters.torque_gains
-    np.testing.assert_allclose(
-        slope[10:], [roll * (y @ phi), -pitch * (x @ phi), yaw * (phi @ ROTORS.spins)], rtol=1e-9
-    )
-
-
-def test_translational_lift_is_that_of_all_rotors():
-    vehicle = replace(VEHICLE, rotors=replace(ROTORS, translational_lift=1e-3))
-    assert effective_parameters(vehicle).translational_lift == pytest.approx(4e-3)
-    moving = [0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 1.0] + [0.0] * 6
-    up = [
-        specific_force(coefficients_of(v), moving, [500.0] * 4, (0.0, 0.0, 0.0))[2]
-        for v in (vehicle, VEHICLE)
-    ]
-    assert up[0] - up[1] == pytest.approx(4e-3 * 9.0)
-
-
-def test_what_rotors_drag_at_hover_is_that_of_their_speed():
-    parameters, hover = effective_parameters(replace(VEHICLE, drag=BodyDrag())), VEHICLE.hover_speed
-    x, y, _ = np.array(ROTORS.positions).T
-    arms = np.array([np.sum(y**2), np.sum(x**2), np.sum(x**2 + y**2)])
-    np.testing.assert_allclose(parameters.rate_damping, hover * arms * parameters.rotor_rate_drag)
-    np.testing.assert_allclose(parameters.drag, 4.0 * hover * np.array(parameters.rotor_drag))
-
-
-def test_gyroscopic_ratios_belong_to_one_body():
-    first, second, third = effective_parameters(VEHICLE).gyroscopic_ratios
-    assert first + second + third + first * second * third == pytest.approx(0.0, abs=1e-15)

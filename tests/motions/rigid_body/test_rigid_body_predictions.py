@@ -31,8 +31,6 @@ from eivor.simulation.excitation import Multisine
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, Sensors, TorqueDisturbance
 
-# -- Flights under torques from outside: what exogenous signals predict, and what instruments o --
-
 BASE = shipped_rigid_body_flight("crazyflie")
 #: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.
 GYRO_HZ, FORCE_HZ, DELAY_S = 80.0, 30.0, 0.004

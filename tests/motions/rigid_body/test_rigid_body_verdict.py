@@ -34,8 +34,6 @@ from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import Logged
 
-# -- What a log that holds every fourth command leaves open of gains and lag --
-
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
 ROTORS = SPEC.vehicle.rotors
 VEHICLE = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)

@@ -16,7 +16,7 @@ from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, specific_force
+from eivor.motions.rigid_body.dynamics import side_by_side
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import (
     LAYOUTS,
@@ -26,17 +26,12 @@ from eivor.motions.rigid_body.vehicle import (
     Rotors,
     Vehicle,
     load_vehicle,
-    shipped_vehicles,
     vehicle_template,
 )
 from eivor.motions.rigid_body.verdict import Order, observed_order
-from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.excitation import RandomSteps
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
-from tests.motions.rigid_body.state_derivatives import state_derivative
-
-# -- Vehicle files: what they hold, and what each mistake in one is answered with --
 
 X = 'layout = "quad-x"\nnumbering = "px4"\n'
 EACH = "positions = [[0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [-0.1, -0.1]]\n"
@@ -50,16 +45,6 @@ def loaded(tmp_path):
         return load_vehicle(path)
 
     return load
-
-
-def test_a_layout_alone_is_enough(loaded):
-    vehicle = loaded()
-    assert vehicle.name == "mine"
-    assert (vehicle.count, vehicle.in_metres, vehicle.thrust_map) == (4, False, "square")
-    assert vehicle.arm == pytest.approx(1.0)
-    unknown = ("mass", "speed_scale", "torque_ratio", "yaw_inertia_ratio", "delay", "arm_scale")
-    assert all(getattr(vehicle, name) is None for name in unknown)
-    assert vehicle.gyro_cutoff_hz is vehicle.accelerometer_cutoff_hz is None
 
 
 def test_everything_is_read(loaded):
@@ -169,13 +154,6 @@ def test_what_is_no_vehicle(tmp_path):
             load_vehicle(source)
 
 
-@pytest.mark.parametrize("name", shipped_vehicles())
-def test_shipped_vehicles_load(name):
-    vehicle = load_vehicle(name)
-    assert vehicle.count == 4
-    assert vehicle.name != name
-
-
 def test_the_crazyflie_is_as_published():
     vehicle = load_vehicle("crazyflie-2x")
     assert vehicle.mass is not None
@@ -235,20 +213,6 @@ def test_speed_of_thrust_inverts_it(linear, quadratic):
     assert rotors.speed_of_thrust(-1.0) == 0.0
 
 
-def test_hover_carries_the_weight():
-    hover = VEHICLE.hover_speed
-    assert 2.0 * ROTORS.thrust(hover) == pytest.approx(GRAVITY, rel=1e-12)
-    assert VEHICLE.full_thrust == pytest.approx(20.0)
-    body = [0.0] * 6 + [1.0] + [0.0] * 6
-    force = specific_force(coefficients_of(VEHICLE), body, [hover, hover], (0.0, 0.0, 0.0))
-    assert force == pytest.approx((0.0, 0.0, GRAVITY))
-
-
-def test_inertia_has_its_elements_in_order():
-    matrix = replace(VEHICLE, inertia=(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)).inertia_matrix
-    np.testing.assert_array_equal(matrix, [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -290,18 +254,6 @@ def test_rotors_are_checked(change, message):
 def test_drag_is_checked(drag, message):
     with pytest.raises(ParameterError, match=message):
         BodyDrag(**drag)
-
-
-def test_batch_of_states_is_each_of_them():
-    rng = np.random.default_rng(4)
-    state, command, wind = (
-        rng.standard_normal((5, 2, 15)),
-        rng.uniform(0.0, 1e3, (5, 2, 2)),
-        rng.standard_normal((5, 2, 3)),
-    )
-    together = state_derivative(side_by_side([VEHICLE]), state, command, wind)
-    alone = state_derivative(side_by_side([VEHICLE]), state[3, 1], command[3, 1], wind[3, 1])
-    np.testing.assert_allclose(together[3, 1], alone, rtol=1e-13, atol=1e-13)
 
 
 def test_several_need_equally_many_rotors():

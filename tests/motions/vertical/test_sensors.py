@@ -32,7 +32,6 @@ from flights.flight_logs import GAIN, LAG_S, STEP_S, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
-# -- Sensors that disagree: what is told of them, what it harms, and what is taken out --
 
 VERTICAL = Vertical()
 
@@ -104,18 +103,6 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     assert re.fullmatch(said, sensor_agreement_sentence(result))
 
 
-@pytest.mark.parametrize(
-    ("channel", "factor", "said"),
-    [("velocity_z", 1.06, "%) more than"), ("specific_force_z", 1.06, "%) less than")],
-)
-def test_a_scale_is_named(log, channel, factor, said):
-    result = agreement(scaled(log, channel, factor))
-    assert list(result.significant) == ["scale"]
-    size = 0.06 if channel == "velocity_z" else 1.0 / 1.06 - 1.0
-    assert abs(result.significant["scale"].value - size) < 3.0 * result.significant["scale"].std_error
-    assert said in sensor_agreement_sentence(result)
-
-
 def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     two = np.deg2rad(2.0)
     for yaw, name, sign in (
@@ -168,36 +155,6 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     assert "in another way than these" in sensor_agreement_sentence(result)
     without = {name: channel for name, channel in leaning.channels.items() if name != "velocity_x"}
     assert list(agreement(replace(leaning, channels=without)).differences) == ["offset", "scale"]
-
-
-def test_there_is_nothing_to_compare(log):
-    alone = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
-    assert agreement(replace(log, channels=alone)) is None
-    flights = (prepare(log, VERTICAL, FlightOptions()),)
-    none = instruments(flights, FlightOptions(), least_squares())
-    assert VERTICAL.abilities.sensors.agreement(VERTICAL.problem(flights, none.rule), flights) is None
-
-
-def test_small_differences_matter_to_nothing():
-    assert not Difference(0.0005, 1e-5, least=0.001).matters
-    assert Difference(0.0015, 1e-4, least=0.001).matters
-    assert Difference(0.0, 0.0).p_value == 1.0
-
-
-@pytest.mark.parametrize(
-    ("times", "said"),
-    [
-        (1.05, "The velocity reads 5.0% (± 0.4%) more than the accelerometer."),
-        (0.8, "The velocity reads 20.0% (± 0.3%) less than the accelerometer."),
-        (100.0, "The velocity reads 100 times what the accelerometer does."),
-        (0.01, "The velocity reads 0.01 times what the accelerometer does."),
-        (-1.01, "The velocity goes down where the accelerometer goes up."),
-    ],
-)
-def test_a_scale_is_told_as_what_one_reads_over_the_other(times, said):
-    # what is estimated is their difference over the mean of both
-    scale = Difference(2.0 * (times - 1.0) / (times + 1.0), 0.002)
-    assert sentence("scale", scale) == said
 
 
 AGREE = OverIdentification(0.0, 1, 0.5, None)
@@ -319,15 +276,6 @@ def test_thrust_by_a_logged_voltage_is_told_as_that():
     assert "--term voltage" in omitted.supply_sentence
     assert omitted.supply_change == pytest.approx(0.1)
     assert not replace(omitted, voltage_change=0.01).missed("supply")
-
-
-def test_flights_without_a_voltage_among_others_are_told_by_the_time(log_left):
-    volts = with_channel(
-        log_left, "battery_voltage", np.linspace(12.0, 11.0, log_left.channels["velocity_z"].values.size)
-    )
-    flights = [prepare(item, VERTICAL, FlightOptions()) for item in (volts, log_left)]
-    assert changed_by(flights[:1]) is not None
-    assert changed_by(flights) is None
 
 
 def test_a_thrust_curve_that_bends_is_missed(log_left):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy
 from scipy import stats
 
 import eivor as ev
@@ -21,19 +20,11 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.motion import (
-    Vertical,
-    beyond,
-    fitting_p_value,
-    supply_findings,
-    vertical_flight,
-)
+from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings
 from eivor.motions.vertical.regression import check_terms
 from eivor.motions.vertical.verdict import near_ground
 from eivor.signals.recording import Recording
 from flights.flight_logs import changed, channel, flown, prepare_vertical
-
-# -- The vertical motion as the recipe and the reports see it --
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +42,6 @@ def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
     }
 
 
-def test_excitation_is_that_of_the_runs(fit):
-    (flight,) = fit.prepared
-    excitation = Vertical().abilities.excitation(fit.prepared)
-    command, speed = flight.used_input, flight.signals.channel("velocity_z")[flight.used]
-    mapped = (command**2).mean(axis=1) * flight.signals.channel("cos_tilt")[flight.used]
-    assert excitation == (
-        f"The input varied by {mapped.std() / mapped.mean():.1%} and the vertical speed by "
-        f"{speed.std():.2g} m/s (standard deviations)."
-    )
-
-
 def test_an_input_of_zero_says_nothing_of_its_variation():
     log = example_flight()
     off = {
@@ -73,16 +53,6 @@ def test_an_input_of_zero_says_nothing_of_its_variation():
     flight = prepare(idle, Vertical(), FlightOptions())
     assert flight.runs
     assert Vertical().abilities.excitation((flight,)) == ""
-
-
-def test_the_trace_is_the_measured_acceleration_and_the_model(fit):
-    (trace,) = Vertical().traces(fit.fit.problem, fit.estimate)
-    best, flight = fit.estimate, vertical_flight(fit.prepared[0])
-    (rows,) = flight.cut(np.column_stack([flight.acceleration, flight.velocity]))
-    force, speed = scipy.signal.detrend(rows, axis=0).T
-    np.testing.assert_allclose(trace.measured, force, atol=1e-10)
-    friction = -best.theta[0] * speed
-    np.testing.assert_allclose(trace.predicted, trace.driven + friction, atol=1e-10)
 
 
 def test_lag_and_delay_have_profile_sets_and_their_sum_is_known_best(fit):

@@ -10,12 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from eivor.motions.rigid_body.dynamics import (
-    Coefficients,
-    body_derivative,
-    coefficients_of,
-    speed_derivative,
-)
+from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, coefficients_of, speed_derivative
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.rigid_body_spec import HeldInputs, RotorCourse, runge_kutta
@@ -82,49 +77,6 @@ def test_free_body_keeps_momentum_and_energy():
     assert np.abs(falling).max() < 1e-7 * GRAVITY * np.abs(bodies[:, 2]).max()
 
 
-@unchecked
-def test_axisymmetric_body_precesses():
-    top = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5))
-    bodies, _ = flown(
-        coefficients_of(top), turning((2.0, 0.0, 5.0)), [0.0] * 4, STILL, step_s=0.005, seconds=20.0
-    )
-    time = 0.005 * np.arange(bodies.shape[0])
-    angle = (2.6 - 1.4) / 1.4 * 5.0 * time
-    expected = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(time.size, 5.0)])
-    np.testing.assert_allclose(bodies[:, 10:], expected, atol=1e-7 * 5.0)
-    # In the world the body's axis turns about the momentum, at the momentum over the lateral inertia.
-    momentum = np.array([1.4 * 2.0, 0.0, 2.6 * 5.0])
-    axis = Rotation.from_rotvec(np.outer(time, momentum / 1.4)).apply([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(rotations(bodies).apply([0.0, 0.0, 1.0]), axis, atol=1e-7)
-
-
-def test_climb_is_an_exponential():
-    vehicle = replace(SMALL, rotors=replace(ROTORS, inflow=7.5e-7), drag=BodyDrag(linear=(0.0, 0.0, 4e-3)))
-    speed = 1.1 * vehicle.hover_speed
-    bodies, _ = flown(
-        coefficients_of(vehicle), LEVEL, [speed] * 4, HeldInputs([speed] * 4), step_s=0.01, seconds=2.0
-    )
-    friction = (4.0 * 7.5e-7 * speed + 4e-3) / 0.03
-    final = (1.1**2 - 1.0) * GRAVITY / friction
-    time = 0.01 * np.arange(bodies.shape[0])
-    np.testing.assert_allclose(bodies[:, 5], -final * np.expm1(-friction * time), atol=1e-9)
-
-
-def test_error_goes_with_the_fourth_power_of_the_step():
-    coefficients, hover = coefficients_of(DRAGGED), DRAGGED.hover_speed
-    held = HeldInputs(
-        [1.05 * hover, hover, 0.98 * hover, hover], wind=(1.0, -0.5, 0.3), disturbance=(1e-5, 0.0, 0.0)
-    )
-    ends = []
-    for step_s in (0.02, 0.01, 0.00125):
-        bodies, _ = flown(
-            coefficients, turning((1.0, 2.0, 3.0)), [hover] * 4, held, step_s=step_s, seconds=0.6
-        )
-        ends.append(bodies[-1])
-    ratio = np.linalg.norm(ends[0] - ends[2]) / np.linalg.norm(ends[1] - ends[2])
-    assert 13.0 < ratio < 19.0
-
-
 def test_small_steps_agree_with_scipys_integrator():
     vehicle = replace(DRAGGED, rotors=replace(DRAGGED.rotors, lag_down=0.02, inertia=1e-9))
     c, hover = coefficients_of(vehicle), vehicle.hover_speed
@@ -161,24 +113,6 @@ def test_rotors_that_speed_up_turn_the_body_the_other_way():
     np.testing.assert_allclose(bodies[:, 12], expected, atol=1e-7)
 
 
-def test_spinning_rotors_make_a_gyroscope_of_the_body():
-    equal = replace(ROTORS, spins=(1, 1, 1, 1), inertia=3e-9, torque_ratio=0.0)
-    vehicle = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5), rotors=equal)
-    speed = 1500.0
-    bodies, _ = flown(
-        coefficients_of(vehicle),
-        turning((0.5, 0.0, 0.0)),
-        [speed] * 4,
-        HeldInputs([speed] * 4),
-        step_s=0.002,
-        seconds=1.0,
-    )
-    angle = 3e-9 * 4.0 * speed / 1.4e-5 * 0.002 * np.arange(bodies.shape[0])
-    # The rotors' momentum points down, so the rates turn clockwise about the body's z.
-    np.testing.assert_allclose(bodies[:, 10], 0.5 * np.cos(angle), atol=1e-8)
-    np.testing.assert_allclose(bodies[:, 11], -0.5 * np.sin(angle), atol=1e-8)
-
-
 @unchecked
 def test_rotors_and_body_exchange_momentum():
     """Rotors that speed up while the body tumbles: the sum of both momenta stays."""
@@ -198,13 +132,3 @@ def test_rotors_and_body_exchange_momentum():
     np.testing.assert_allclose(
         total, np.tile(total[0], (total.shape[0], 1)), atol=1e-7 * np.linalg.norm(total[0])
     )
-
-
-# ------------------------------------------------------------------------------------ side by side
-
-
-def test_rotors_follow_with_the_lag_of_their_direction():
-    coefficients = coefficients_of(replace(SMALL, rotors=replace(ROTORS, lag_down=0.02)))
-    up, down = RotorCourse(coefficients, 0.01).after([1000.0, 1000.0], [1200.0, 700.0])
-    assert up == pytest.approx(1200.0 - 200.0 * np.exp(-0.01 / 0.07), rel=1e-12)
-    assert down == pytest.approx(700.0 + 300.0 * np.exp(-0.01 / 0.02), rel=1e-12)
