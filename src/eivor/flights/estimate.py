@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from eivor.errors import EstimationError, InputError, InstrumentError, MissingNoiseError, TooFewSamplesError
+from eivor.errors import (
+    EstimationError,
+    InputError,
+    InstrumentError,
+    MissingNoiseError,
+    TooFewSamplesError,
+    UsageError,
+)
 from eivor.estimation.derived import ParameterSets, ProfileSets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
@@ -23,7 +30,6 @@ from eivor.flights.lag_prior import (
     LAG_SUMS,
     LagMeasurement,
     LagPrior,
-    check_lag_searched,
     lag_quantities,
     lag_searched,
     reciprocal,
@@ -49,7 +55,6 @@ from eivor.flights.result import (
     FlightEstimate,
     fit_diagnostics,
     fit_numbers,
-    fitted_noise_findings,
     flight_diagnostics,
     flight_findings,
 )
@@ -62,6 +67,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
+from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import (
@@ -325,7 +331,12 @@ def known_lag(
     """What is known of the lag beside the motion: what a user gave, else what the log gives most closely."""
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
-        check_lag_searched(problem)
+        if not lag_searched(problem):
+            raise UsageError(
+                "a flight whose actuators' lag is searched for",
+                "one whose actuators' state was measured, or a motion without a lag",
+                "Leave out what is known of the lag, or name the command with --input.",
+            )
         if alone is None:
             return LagPrior(options.lag, QuantityEstimate(NAN, "s", NAN, NO_INTERVAL), slack_s), ()
         strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
@@ -340,7 +351,7 @@ def known_lag(
     for item in sorted(measurements, key=lambda entry: entry.prior.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
         result = LagPrior(item.prior, own, 0.0 if item is by_telemetry else slack_s, by=item)
-        if result.agrees:
+        if result.p_value >= SIGNIFICANT:
             return result, tuple(noticed)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
         noticed.append(Finding(f"{item.source}_contradicts", sentence))
@@ -422,9 +433,12 @@ def with_fit(
         **({} if fit.sensors is None else fit.sensors.numbers),
         **inputs.checks.numbers,
     }
+    noises = "; ".join(noise.sentence for noise in best.noises)
+    sentence = f"Noises that fit what the estimate leaves: {noises}."
+    fitted_noise = (Finding("fitted_noise", sentence),) if noises else ()
     findings = (
         *flight_findings(prepared, motion.words),
-        *fitted_noise_findings(best),
+        *fitted_noise,
         *own_findings(motion, prepared, quantities),
     )
     overall = verdict(list(against))

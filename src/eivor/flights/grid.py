@@ -86,8 +86,8 @@ LONGEST_S = 6 * 3600.0
 class Grid:
     """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
-    start_s: float  # Time of k = 0, and the step [s]
-    step_s: float  # Time of k = 0, and the step [s]
+    start_s: float  # Time of k = 0 [s]
+    step_s: float  # [s]
     #: Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
     pieces: tuple[range, ...]
 
@@ -221,9 +221,12 @@ def _held(
 
 
 def command_on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Values of a command on the grid, and where they stand on data."""
+    """Values of a command on the grid, and where they stand on data that its actuator remembers."""
     series, good = _mean_in_force(channel, grid) if channel.held else on_grid(channel, grid)
-    return series, _unbroken(channel, grid, good)
+    # without its gaps and the time that the actuator needs to forget them
+    broken, wait = ~good | _inside(channel.gaps(), grid.time_s), int(np.ceil(RECOVERY_S / grid.step_s))
+    total = np.concatenate([np.zeros(wait + 1, dtype=np.int64), np.cumsum(broken)])
+    return series, total[wait + 1 :] - total[: grid.count] == 0
 
 
 def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
@@ -246,16 +249,6 @@ def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"
     in_force[inside] = whole / step
     good[inside] = lost[last] == lost[first]
     return in_force, good
-
-
-def _unbroken(channel: Channel, grid: Grid, good: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """`good` without the gaps of a command and the time that the actuator needs to forget them."""
-    broken = ~good | _inside(channel.gaps(), grid.time_s)
-    if not broken.any():
-        return good
-    wait = int(np.ceil(RECOVERY_S / grid.step_s))
-    total = np.concatenate([np.zeros(wait + 1, dtype=np.int64), np.cumsum(broken)])
-    return total[wait + 1 :] - total[: grid.count] == 0
 
 
 def _averaged(
@@ -337,21 +330,16 @@ def airborne(
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
-    flying = ~off
-    ground_height = None if height is None else _ground(height, off, step_s)
-    if height is None or ground_height is None:
-        missing = "no height is logged" if height is None else "it is on at both ends of the log"
-        return Active(_without_margins(flying, step_s), f"the input ({missing})")
-    flying &= height > ground_height + CLEARANCE_M
-    return Active(_without_margins(flying, step_s), "the input and the height above ground")
-
-
-def _ground(height: Float[np.ndarray, " n"], off: Bool[np.ndarray, " n"], step_s: float) -> float | None:
-    """Height of the ground: where the vehicle is while its input is off at the ends of the log."""
+    if height is None:
+        return Active(_without_margins(~off, step_s), "the input (no height is logged)")
+    # the ground is where the vehicle is while its input is off at the ends of the log
     on = np.flatnonzero(~off)
     ends = [height[: on[0]], height[on[-1] + 1 :]] if on.size else [height]
-    known = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
-    return min(known) if known else None
+    ground = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
+    if not ground:
+        return Active(_without_margins(~off, step_s), "the input (it is on at both ends of the log)")
+    flying = ~off & (height > min(ground) + CLEARANCE_M)
+    return Active(_without_margins(flying, step_s), "the input and the height above ground")
 
 
 def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
@@ -380,11 +368,11 @@ def upward(recording: Recording) -> Recording:
     if recording.frame is Frame.Z_UP:
         return recording
     logged = recording.channels
-    channels: Mapping[str, Channel]
-    if isinstance(logged, MadeChannels):
-        channels = _TurnedChannels(logged)
-    else:
-        channels = {name: _turned(channel) for name, channel in logged.items()}
+    channels: Mapping[str, Channel] = (
+        _TurnedChannels(logged)
+        if isinstance(logged, MadeChannels)
+        else {name: _turned(channel) for name, channel in logged.items()}
+    )
     return replace(recording, channels=channels, frame=Frame.Z_UP)
 
 

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from math import hypot, sqrt
 
 import numpy as np
 
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EstimationError
 from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Kind, QuantityEstimate, QuantitySpec
-from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, outcome_word
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.regression import Parameter
-from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Values
+from eivor.models.separable import Bounds, Prior, SeparableProblem, Values
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel
 from eivor.tools import Float
@@ -84,22 +83,21 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for."""
     joint = joint_quantities(estimate)
-    both = {}
-    for nuisance in problem.nuisances:
-        value = nuisance.first
-        both[nuisance.name] = joint.get(nuisance.name, QuantityEstimate(value, "s", 0.0, (value, value)))
-    parts = [estimate.direction(name) for name in both if name in joint]
-    lag, delay = both[ACTUATOR_LAG.name], both[DELAY.name]
-    if len(parts) < 2:
-        known = sum(item.value for name, item in both.items() if name not in joint)
-        effective = next((item for name, item in both.items() if name in joint), lag)
-        low, high = effective.interval
-        effective = replace(effective, value=effective.value + known, interval=(low + known, high + known))
-    else:
-        direction, covariance = np.sum(parts, axis=0), estimate.joint_covariance
-        value, half = lag.value + delay.value, covariance.half_width(direction, LEVEL)
-        error = covariance.std_error(direction)
+    fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
+    joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}
+    lag, delay = joint[ACTUATOR_LAG.name], joint[DELAY.name]
+    value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
+    if len(searched) == 2:
+        covariance, direction = (
+            estimate.joint_covariance,
+            np.sum([*map(estimate.direction, searched)], axis=0),
+        )
+        half, error = covariance.half_width(direction, LEVEL), covariance.std_error(direction)
         effective = QuantityEstimate(value, "s", error, (value - half, value + half), lowest=0.0)
+    else:
+        alone = joint[searched[0]] if searched else lag
+        low, high = (end + (value - alone.value) for end in alone.interval)
+        effective = replace(alone, value=value, interval=(low, high))
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
 
@@ -189,13 +187,8 @@ class LagPrior:
 
     @property
     def contradicted(self) -> bool:
-        """Beyond doubt."""
+        """They differ beyond doubt."""
         return self.p_value <= BEYOND_DOUBT
-
-    @property
-    def agrees(self) -> bool:
-        """Without a doubt."""
-        return self.p_value >= SIGNIFICANT
 
     @property
     def closer_alone(self) -> bool:
@@ -214,11 +207,6 @@ class LagPrior:
         else:  # the flight's own interval is no such end: it has no systematic parts
             low, high = self._ends(known)
         return max(interval[0], min(low, value)), min(interval[1], max(high, value))
-
-    @property
-    def outcome(self) -> str:
-        """Whether they agree, in a word or two."""
-        return outcome_word(self.p_value, ("agree", "may contradict each other", "contradict each other"))
 
     @property
     def given(self) -> str:
@@ -242,42 +230,31 @@ class LagPrior:
         low, high = self.alone.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
         closer = ", and the flight alone is closer" if self.closer_alone else ""
+        words = ("agree", "may contradict each other", "contradict each other")
         return (
             f"{who} {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
-            f"they {self.outcome}{closer}"
+            f"they {outcome_word(self.p_value, words)}{closer}"
         )
 
 
 def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay."""
-    return problem.with_nuisances(tuple(_with_known(nuisance, known) for nuisance in problem.nuisances))
-
-
-def _with_known(nuisance: Nuisance, known: Prior | Bounds) -> Nuisance:
-    if known == NO_LAG and nuisance.name in (ACTUATOR_LAG.name, DELAY.name):
-        return nuisance.known_at(0.0)
-    if nuisance.name != ACTUATOR_LAG.name:
-        return nuisance
-    if isinstance(known, Bounds):
-        half = 0.5 * (known.high - known.low)
-        known = Prior(known.low + half, max(EVEN_STD * half, EXACT_S))
-    return replace(nuisance, prior=known, known_with=(DELAY.name,))
+    nuisances = {nuisance.name: nuisance for nuisance in problem.nuisances}
+    if known == NO_LAG:
+        nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in LAG_SUMS}
+    elif ACTUATOR_LAG.name in nuisances:
+        if isinstance(known, Bounds):
+            half = 0.5 * (known.high - known.low)
+            known = Prior(known.low + half, max(EVEN_STD * half, EXACT_S))
+        lag = replace(nuisances[ACTUATOR_LAG.name], prior=known, known_with=(DELAY.name,))
+        nuisances[ACTUATOR_LAG.name] = lag
+    return problem.with_nuisances(tuple(nuisances.values()))
 
 
 def lag_searched(problem: SeparableProblem) -> bool:
     """Whether the problem has an actuators' lag to search."""
     return any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in problem.nuisances)
-
-
-def check_lag_searched(problem: SeparableProblem) -> None:
-    """Refuse what is known of a lag that is not searched for."""
-    if not lag_searched(problem):
-        raise UsageError(
-            "a flight whose actuators' lag is searched for",
-            "one whose actuators' state was measured, or a motion without a lag",
-            "Leave out what is known of the lag, or name the command with --input.",
-        )
 
 
 # -- Telemetry --
@@ -294,26 +271,17 @@ LARGEST_SHARE_LEFT = 0.5
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
 
 
-def _lagged_parabola(
-    flight: PreparedFlight, time_s: Float[np.ndarray, " n"], nuisance_values: Values
-) -> Float[np.ndarray, "n 2"]:
-    """Mean state of the actuators about the mean command, and its square, at the stamps of telemetry."""
-    commands, step_s = flight.signals.family(flight.input.name), flight.signals.step_s
-    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-    state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
-    away = np.interp(time_s, flight.grid.time_s, state) - commands.mean()
-    return np.column_stack([away, away**2])
-
-
 def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagMeasurement | None:
-    """Lag of the actuators by the telemetry of flights that have it."""
-    logged = [[] if flight.input.measured else _telemetry(flight, families) for flight in flights]
-    columns = tuple(
-        _columns(number, flights[number], channels) for number, channels in enumerate(logged) if channels
-    )
+    """Lag of the actuators by the telemetry of flights that have it: the first family that the log has."""
+    columns: list[AxisColumns] = []
+    for number, flight in enumerate(flights):
+        channels = next(filter(None, map(flight.recording.family, families)), [])
+        quick = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
+        if channels and quick and not flight.input.measured:
+            columns.append(_columns(number, flight.shortened, channels))
     if not any(column.runs for column in columns):
         return None
-    problem = LaggedRuns(columns, (SLOPE, CURVATURE), lag_and_delay())
+    problem = LaggedRuns(tuple(columns), (SLOPE, CURVATURE), lag_and_delay())
     try:
         estimate = identify(problem, least_squares())
         lag_quantity = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
@@ -324,37 +292,38 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
-    slowest = min(channel.rate_hz for channels in logged for channel in channels)
-    own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
+    own_delay_s = hypot(OWN_DELAY_S, max(column.step_s for column in columns) / sqrt(12.0))
     return LagMeasurement(
         TELEMETRY, "telemetry of the actuators", lag_quantity, own_delay_s, "a delay of its own"
     )
 
 
-def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channel]:
-    """Channels of the first family that the log has, when they are fast enough."""
-    channels = next(filter(None, map(flight.recording.family, families)), [])
-    return channels if all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels) else []
-
-
 def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> AxisColumns:
     """Mean of the telemetry at the first channel's stamps, and the runs of the flight among these."""
-    known = [
-        (channel.time_s[good], channel.values[good])
-        for channel in channels
-        if (good := np.isfinite(channel.values)).any()
-    ]
+    finite = [(channel, np.isfinite(channel.values)) for channel in channels]
+    known = [(channel.time_s[good], channel.values[good]) for channel, good in finite if good.any()]
     time_s = known[0][0] if known else np.empty(0)
     mean = np.mean([np.interp(time_s, *item) for item in known], axis=0) if known else time_s
-    flight = flight.shortened
-    grid_s = flight.grid.time_s
+    commands, step_s, grid_s = (
+        flight.signals.family(flight.input.name),
+        flight.grid.step_s,
+        flight.grid.time_s,
+    )
+
+    def lagged_parabola(values: Values) -> Float[np.ndarray, "n 2"]:
+        """Mean state of the actuators about the mean command, and its square."""
+        lag_s, delay_s = values[ACTUATOR_LAG.name], values[DELAY.name]
+        state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
+        away = np.interp(time_s, grid_s, state) - commands.mean()
+        return np.column_stack([away, away**2])
+
     ends = [np.searchsorted(time_s, grid_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
     return AxisColumns(
         step_s=1.0 / channels[0].rate_hz,
         runs=tuple(slice(first, last) for first, last in ends if last - first > 2),
         responses=mean[:, None],
         fixed=np.empty((time_s.size, 0)),
-        moving=partial(_lagged_parabola, flight, time_s),
+        moving=lagged_parabola,
         instruments=np.empty((time_s.size, 0)),
         flight=number,
     )

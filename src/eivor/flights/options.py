@@ -105,9 +105,8 @@ class FlightOptions:
     def __post_init__(self) -> None:
         self._check_types()
         if not 0.0 < self.max_tilt_deg < 90.0:
-            raise UsageError(
-                "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
-            )
+            expected = "a largest tilt between 0 and 90 degrees"
+            raise UsageError(expected, f"{self.max_tilt_deg:g}", "The default is 25.8.")
         if not self.accelerometer_bias > 0.0:
             raise UsageError(
                 "a standard deviation of the accelerometer's bias above zero",
@@ -148,19 +147,16 @@ class FlightOptions:
             )
 
     def _check_types(self) -> None:
-        checks.number("max_tilt_deg", self.max_tilt_deg)
-        checks.number("accelerometer_bias", self.accelerometer_bias)
+        for name in ("max_tilt_deg", "accelerometer_bias", "rotor_radius", "controller_rate_hz"):
+            if getattr(self, name) is not None or name in ("max_tilt_deg", "accelerometer_bias"):
+                checks.number(name, getattr(self, name))
         for name in ("input", "input_map", "method", "pool_friction"):
             checks.text(name, getattr(self, name))
-        checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
-        checks.items("terms", self.terms, str, "names", 'Give ("quadratic-drag",), for example.')
-        for name in ("rotor_radius", "controller_rate_hz"):
-            if getattr(self, name) is not None:
-                checks.number(name, getattr(self, name))
-        checks.flag("compare", self.compare)
+        for name, example in (("instruments", "references"), ("terms", "quadratic-drag")):
+            checks.items(name, getattr(self, name), str, "names", f'Give ("{example}",), for example.')
+        for name in ("compare", "align", "pool_anyway"):
+            checks.flag(name, getattr(self, name))
         check_noise(self.noise)
-        checks.flag("align", self.align)
-        checks.flag("pool_anyway", self.pool_anyway)
         if self.lag is not None:
             remedy = "Give ev.Prior(0.070, 0.015) or ev.Bounds(0.050, 0.090), in seconds."
             checks.kind("lag", self.lag, (Prior, Bounds), "a Prior, or Bounds,", remedy)

@@ -86,15 +86,13 @@ def bootstrap_flights(
     Some seconds for a pool of ten flights of a minute; a replicate takes a few milliseconds, whatever the
     flights' length.
     """
-    checks.kind(
-        "fit", fit, FlightEstimate, "a pool's estimate", "Make one by ev.identify_flight(recordings)."
-    )
+    remedy = "Make one by ev.identify_flight(recordings)."
+    checks.kind("fit", fit, FlightEstimate, "a pool's estimate", remedy)
     check_draws(runs, seed)
     fitted = fit.fit
     if fitted is None:
-        raise UsageError(
-            "a pool with an estimate", "one without", "See its verdict for what the flights lack."
-        )
+        remedy = "See its verdict for what the flights lack."
+        raise UsageError("a pool with an estimate", "one without", remedy)
     pool = pool_flights(fitted.problem, fitted.estimate)
     quantities = _quantities_of_draws(fit.motion, fitted.problem, pool)
     whole, random, rows = quantities(pool.whole, np.ones(len(pool.flights))), np.random.default_rng(seed), []
@@ -224,17 +222,9 @@ def pooled_result(
     serving = {id(member.logged): member.flight for member in members}
     in_order = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
     omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]
-    findings = (
-        *flight_findings(in_order, motion.words),
-        *(
-            Finding(
-                "left_out_of_pool",
-                f"{name} is not in the pool: it gives no estimate by a reference like the others'.",
-            )
-            for name in omitted
-        ),
-        *result.findings,
-    )
+    why = "is not in the pool: it gives no estimate by a reference like the others'."
+    left_out = (Finding("left_out_of_pool", f"{name} {why}") for name in omitted)
+    findings = (*flight_findings(in_order, motion.words), *left_out, *result.findings)
     return replace(result, prepared=in_order, findings=findings)
 
 
@@ -245,12 +235,9 @@ def _members(
     requested_method, results = by_name(options.method), []
     for flight, item in zip(prepared, alone, strict=True):
         method = None if item.fit is None else by_name(item.fit.estimate.method)
-        if (
-            item.fit is not None
-            and isinstance(method, LinearMethod)
-            and isinstance(method.assembler, Instrumental)
-            and isinstance(method.row_weighting, SpectralWhitening)
-        ):
+        if item.fit is None or not isinstance(method, LinearMethod):
+            continue
+        if isinstance(method.assembler, Instrumental) and isinstance(method.row_weighting, SpectralWhitening):
             exogenous = instruments((flight,), options, requested_method).exogenous
             results.append(Member(flight, item.prepared[0], item.fit, exogenous))
     return tuple(result for result in results if result.exogenous) or tuple(results)
@@ -305,15 +292,12 @@ class _Pool:
             "pool_shared_p_value": pool.shared_p_value,
             "pool_inflation": pool.inflation,
         }
+        of_motion = own_findings(motion, flights, whole.quantities)
         return replace(
             whole,
             by_flight=tuple(self._by_flight(pool, fit, inputs)),
             diagnostics={**whole.diagnostics, **tests},
-            findings=(
-                *own_findings(motion, flights, whole.quantities),
-                *pool_findings(motion, pool, inputs),
-                *noticed,
-            ),
+            findings=(*of_motion, *pool_findings(motion, pool, inputs), *noticed),
         )
 
     def _pooled(self, whole: SeparableProblem) -> Pooled:
@@ -365,10 +349,7 @@ class _Pool:
                 profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
                 motion_checks=checks,
             )
-            name, result = (
-                member.flight.recording.name,
-                with_fit(motion, flight, self.options, flight_fit, here),
-            )
+            result, name = with_fit(motion, flight, self.options, flight_fit, here), flight[0].recording.name
             yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 

@@ -13,7 +13,6 @@ from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import (
-    Reference,
     jumps,
     named_reference,
     noise_findings,
@@ -66,7 +65,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         usable &= (channels[limit.channel] >= limit.low) & (channels[limit.channel] <= limit.high)
     runs = _runs(standing, usable, grid.step_s)
     used = mask_of(runs, grid.count) & usable
-    candidates = _references(log, motion, grid, used, options)
+    candidates = references(log, motion.channels.references, grid, used)
+    named = [name for name in options.instruments if name not in {"references", "lags"}]
+    if named:  # by a user, who may mean one that serves by itself
+        clean = {item.name: item for item in candidates if item.usable and item.exogenous}
+        candidates = tuple(clean.get(name) or named_reference(log, name, grid) for name in named)
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
     measured = (*selected.states.values(), *selected.logged_responses)
     driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
@@ -75,7 +78,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     listed = {name: level for name, level in levels.items() if level.source or name not in commands}
     noise = {name: WhiteNoise(level.std) for name, level in listed.items()}
     chosen = "" if options.input_map == FIT_MAP else options.input_map
+    band = selected.band_hz
     jump = any(jumps(log.channel(item.name), grid, used) for item in candidates if item.usable)
+    if jump and not selected.matched_interpolation_filter:
+        for clock in clocks.values():  # as far as the command is known
+            band = clock.band_hz(band)
     # once for commands that are logged alike
     thinned = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
     by_clock = [Finding("command_clock", sentence) for sentence in thinned]
@@ -90,15 +97,15 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.input,
         chosen or log.input_map or selected.input.input_map,
         tuple(runs),
-        _band(selected, clocks, jump=jump),
+        band,
         candidates,
         active,
         usable,
         selected.rates_hz,
         (*log.findings, *selected.findings, *by_clock, *reset, *noise_findings(listed)),
         grid,
-        selected.estimated,
-        selected.declared_measured,
+        selected.measured(estimated=True),
+        selected.measured(estimated=False),
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
         noise=listed,
@@ -125,17 +132,14 @@ def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step
             and usable[min(excursion.stop, usable.size - 1)]
         )
         bridged[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
+    # without the last few samples that would make spectra slow
+    quick = [slice(run.start, run.start + fast_length(run.stop - run.start)) for run in stretches(bridged)]
     runs = [
         run
-        for run in map(_quick, stretches(bridged))
+        for run in quick
         if usable[run].sum() * step_s >= SHORTEST_RUN_S and usable[run].mean() >= LEAST_COUNTED_SHARE
     ]
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
-
-
-def _quick(run: slice) -> slice:
-    """A run without the last few samples that would make its spectra slow."""
-    return slice(run.start, run.start + fast_length(run.stop - run.start))
 
 
 def refuse_empty(log: Recording, channel: Channel) -> None:
@@ -167,15 +171,6 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
     }
 
 
-def _band(selected: Selection, clocks: Mapping[str, CommandClock], *, jump: bool) -> tuple[float, float]:
-    """Band of the selection; where references jump, as far as the command is known."""
-    band = selected.band_hz
-    if jump and not selected.matched_interpolation_filter:
-        for clock in clocks.values():
-            band = clock.band_hz(band)
-    return band
-
-
 def _gridded(
     selected: Selection, grid: Grid, clocks: Mapping[str, CommandClock]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
@@ -196,18 +191,6 @@ def _gridded(
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
     return channels, good
-
-
-def _references(
-    log: Recording, motion: Motion[Any], grid: Grid, used: Bool[np.ndarray, " n"], options: FlightOptions
-) -> tuple[Reference, ...]:
-    """References that the log has; in place of them those that a user named."""
-    automatic = references(log, motion.channels.references, grid, used)
-    named = [name for name in options.instruments if name not in {"references", "lags"}]
-    if not named:
-        return automatic
-    clean = {reference.name: reference for reference in automatic if reference.usable and reference.exogenous}
-    return tuple(clean[name] if name in clean else named_reference(log, name, grid) for name in named)
 
 
 # -- Overview --
@@ -246,15 +229,13 @@ def without_duplicates(
     """Logs with their windows, each file's content with the same window once only."""
     kept: list[tuple[Recording, Window]] = []
     dropped: list[Finding] = []
-    first: dict[tuple[str, Window], str] = {}
     for log, window in zip(logs, windows, strict=True):
-        same = first.get((log.sha256, window)) if log.sha256 else None
-        if same is None:
-            first[log.sha256, window] = log.name
-            kept.append((log, window))
-        else:
-            sentence = f"{log.name} has the same content as {same}; it is used once only."
+        same = [a.name for a, other in kept if log.sha256 and (a.sha256, other) == (log.sha256, window)]
+        if same:
+            sentence = f"{log.name} has the same content as {same[0]}; it is used once only."
             dropped.append(Finding("duplicate_log", sentence))
+        else:
+            kept.append((log, window))
     return kept, dropped
 
 
@@ -262,28 +243,19 @@ def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any], *, 
     """Refuse flights with different inputs or maps; unless `anyway`, those of different vehicles."""
     first = flights[0]
     for other in flights[1:]:
-        what, remedy = _input_difference(first, other), ""
-        if not what and not anyway:
-            what, remedy = (
-                _vehicle_difference(first, other, motion),
-                " Or pool them all the same: --pool-anyway.",
-            )
+        what, remedy = "", "Identify them one by one."
+        if first.input_map != other.input_map:
+            what = f"input maps {first.input_map} and {other.input_map}"
+        elif (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
+            what = f"inputs {first.input.name} and {other.input.name}"
+        elif first.actuators != other.actuators:
+            what = f"{first.actuators} and {other.actuators} rotors"
+        elif not anyway:
+            what = _vehicle_difference(first, other, motion)
+            remedy = f"{remedy} Or pool them all the same: --pool-anyway."
         if what:
-            raise PoolingError(
-                f"flights of one vehicle: {first.recording.name} and {other.recording.name} alike",
-                what,
-                f"Identify them one by one.{remedy}",
-            )
-
-
-def _input_difference(first: PreparedFlight, other: PreparedFlight) -> str:
-    if first.input_map != other.input_map:
-        return f"input maps {first.input_map} and {other.input_map}"
-    if (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
-        return f"inputs {first.input.name} and {other.input.name}"
-    if first.actuators != other.actuators:
-        return f"{first.actuators} and {other.actuators} rotors"
-    return ""
+            pair = f"{first.recording.name} and {other.recording.name}"
+            raise PoolingError(f"flights of one vehicle: {pair} alike", what, remedy)
 
 
 def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
@@ -292,8 +264,8 @@ def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Mo
         # a log that lacks a parameter is of another firmware, not of another vehicle
         if None not in values and values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
-    levels = [flight.input_level if flight.runs else float("nan") for flight in (first, other)]
-    if all(np.isfinite(levels)) and max(levels) > LARGEST_INPUT_RATIO * min(levels):
+    levels = [flight.input_level for flight in (first, other) if flight.runs]
+    if len(levels) == 2 and max(levels) > LARGEST_INPUT_RATIO * min(levels):
         return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""
 

@@ -95,26 +95,24 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
     if problem is None:
         return None
     try:
-        together = estimated(problem, least)
-        result = SensorAgreement(together.differences, together.agreement)
-        if result.significant or together.none_p_value > BEYOND_DOUBT:
-            return result
-        return replace(result, either=_alone(problem, least))
+        together, none_p_value = estimated(problem, least)
+        if together.significant or none_p_value > BEYOND_DOUBT:
+            return together
+        # kinds that explain the difference by themselves: there beyond doubt, and nothing is left
+        either: dict[str, Difference] = {}
+        for index, parameter in enumerate(problem.parameters):
+            columns = tuple(replace(column, fixed=column.fixed[:, [index]]) for column in problem.columns)
+            alone, _ = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
+            difference = alone.differences[parameter.name]
+            if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+                either[parameter.name] = difference
+        return replace(together, either=either)
     except (EstimationError, InstrumentError, TooFewSamplesError):
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class Estimated:
-    """Coefficients of columns with their standard errors."""
-
-    differences: dict[str, Difference]
-    none_p_value: float
-    agreement: OverIdentification
-
-
-def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
-    """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
+def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAgreement, float]:
+    """Coefficients of a problem without nuisances as disagreements, and the p-value of all being zero."""
     estimate = identify(problem, reference_iv())
     J, p_value = estimate.over_identification
     parts = [
@@ -133,27 +131,9 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
     scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
     named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
-    return Estimated(
-        {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named},
-        chi_square_tail(wald, values.size),
-        OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value, None),
-    )
-
-
-def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Difference]:
-    """Kinds that explain the difference by themselves: there beyond doubt, and nothing is left."""
-    differences: dict[str, Difference] = {}
-    for index, parameter in enumerate(problem.parameters):
-        columns = tuple(replace(column, fixed=column.fixed[:, [index]]) for column in problem.columns)
-        alone = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
-        difference = alone.differences[parameter.name]
-        if (
-            difference.matters
-            and difference.p_value < BEYOND_DOUBT
-            and alone.agreement.p_value >= SIGNIFICANT
-        ):
-            differences[parameter.name] = difference
-    return differences
+    differences = {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named}
+    agreement = OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value, None)
+    return SensorAgreement(differences, agreement), chi_square_tail(wald, values.size)
 
 
 # -- Selection --
@@ -169,11 +149,6 @@ class InputFamily:
     input_map: str = "linear"  # Name of the map from its values to what enters the equation
     numbered: bool = False  # One channel for each actuator, recognised by numbers from 1 on
     least_rate_hz: float = 0.0  # Slower channels are passed over where there is another family [Hz]
-
-    def holds(self, channel: str) -> bool:
-        """Return whether a channel is this one, or one of this family."""
-        stem, _, number = channel.rpartition("_")
-        return channel == self.name or (stem == self.name and number.isdecimal())
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,28 +202,17 @@ class Selection:
         """Every channel that is put on the grid."""
         return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
 
-    @property
-    def estimated(self) -> tuple[str, ...]:
-        """Roles of what was measured whose channel comes from an estimator."""
-        measured = {**self.states, **self.responses}
-        return tuple(role for role, channel in measured.items() if channel is not None and channel.estimated)
-
-    @property
-    def declared_measured(self) -> tuple[str, ...]:
-        """Roles whose channel is declared to come from a sensor, not from an estimator."""
+    def measured(self, *, estimated: bool) -> tuple[str, ...]:
+        """Roles whose channel comes from an estimator, or is declared to come from a sensor."""
         roles = {**self.states, **self.responses}
-        return tuple(
-            role for role, channel in roles.items() if channel is not None and channel.estimated is False
-        )
+        return tuple(role for role, item in roles.items() if item is not None and item.estimated is estimated)
 
     @property
     def rates_hz(self) -> dict[str, float]:
         """Mean logging rate of the slowest command, and by role of what was measured; 0 when absent [Hz]."""
-        measured = {**self.states, **self.responses}
         slowest = min(channel.rate_hz for channel in self.commands)
-        return {"command": slowest} | {
-            role: 0.0 if channel is None else channel.rate_hz for role, channel in measured.items()
-        }
+        roles = {**self.states, **self.responses}
+        return {"command": slowest} | {name: item.rate_hz if item else 0.0 for name, item in roles.items()}
 
 
 def chosen_input(
@@ -264,7 +228,9 @@ def chosen_input(
                 f"'{wanted}'",
                 f"Name a channel, or a family such as {families[0].name}.",
             )
-        known_family = next((family for family in families if family.holds(name)), InputFamily(name))
+        stem, _, number = name.rpartition("_")
+        members = {name, stem} if number.isdecimal() else {name}
+        known_family = next((family for family in families if family.name in members), InputFamily(name))
         return replace(known_family, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
@@ -273,16 +239,12 @@ def chosen_input(
     if logged:
         return logged[0]
     looked = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
+    names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
     raise MissingChannelError(
-        f"an input in {log.name}: {_in_words(families)}",
+        f"an input in {log.name}: {', or '.join([', '.join(names[:-1]), names[-1]] if names[1:] else names)}",
         f"a log without one (looked for: {', '.join(looked) or 'those names'})",
         f"{remedy}, or name a channel with --input.",
     )
-
-
-def _in_words(families: tuple[InputFamily, ...]) -> str:
-    names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, or {names[-1]}"
 
 
 # -- Matched interpolation filter --
@@ -393,10 +355,10 @@ class PreparedFlight:
 
     def reference_on_grid(self, name: str) -> Float[np.ndarray, " n"] | None:
         """Logged values of a reference on the grid; None for one that is not logged."""
-        known = {reference.name: reference for reference in self.references}
-        if name not in known:
+        known = next((item for item in self.references if item.name == name), None)
+        if known is None:
             return None
-        return known[name].values if known[name].logged is None else known[name].logged
+        return known.values if known.logged is None else known.logged
 
     @property
     def used(self) -> Bool[np.ndarray, " n"]:
@@ -445,7 +407,7 @@ class PreparedFlight:
     @property
     def actuators(self) -> int:
         """Number of channels that drive the vehicle."""
-        return int(self.signals.family(self.input.name).shape[1])
+        return len(self.driving)
 
     @property
     def constant_input(self) -> bool:

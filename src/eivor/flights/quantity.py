@@ -45,14 +45,10 @@ Interval = tuple[float, float]
 class Counts(Enum):
     """How a systematic part counts."""
 
-    ADDED = "added"
-    """It comes on top of what scatters: the interval is longer by it at both ends."""
-    AT_LEAST = "at least"
-    """The interval reaches at least so far to both sides: no model of the vehicle is truer than that."""
-    INDEPENDENT = "independent"
-    """It is an error of its own, of which this is the half of a 95 % interval: squares of halves add up."""
-    FACTOR = "factor"
-    """The interval is so many times as long, to either side, before anything else is added."""
+    ADDED = "added"  # On top of what scatters: the interval is longer by it at both ends
+    AT_LEAST = "at least"  # The interval reaches so far to both sides: no model is truer than that
+    INDEPENDENT = "independent"  # An error of its own, half of a 95 % interval: squares of halves add up
+    FACTOR = "factor"  # The interval is so many times as long, before anything else is added
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +68,17 @@ def widened(
     low, high = interval
     if not math.isfinite(value):
         return interval
-    by_kind: dict[Counts, list[SystematicUncertainty]] = {kind: [] for kind in Counts}
-    for item in systematic_uncertainties:
-        by_kind[item.counts].append(item)
-    independent = by_kind[Counts.INDEPENDENT]
-    for item in by_kind[Counts.FACTOR]:
+    parts = list(systematic_uncertainties)
+    independent = [item for item in parts if item.counts is Counts.INDEPENDENT]
+    for item in (item for item in parts if item.counts is Counts.FACTOR):
         low = value + (low - value) * (item.below if low < value else 1.0)
         high = value + (high - value) * (item.above if high > value else 1.0)
     if independent and low <= value <= high:
         low = value - math.hypot(value - low, *(item.below for item in independent))
         high = value + math.hypot(high - value, *(item.above for item in independent))
-    for item in by_kind[Counts.ADDED]:
+    for item in (item for item in parts if item.counts is Counts.ADDED):
         low, high = low - item.below, high + item.above
-    for item in by_kind[Counts.AT_LEAST]:
+    for item in (item for item in parts if item.counts is Counts.AT_LEAST):
         low, high = min(low, value - item.below), max(high, value + item.above)
     return low, high
 
@@ -147,10 +141,8 @@ class Implications:
 class Horizon(Enum):
     """How far ahead a prediction looks."""
 
-    ONE_STEP = "one_step"
-    """What is measured at a sample, of everything else that is measured there."""
-    OPEN_LOOP = "open_loop"
-    """The state over a whole run, of its input alone."""
+    ONE_STEP = "one_step"  # What is measured at a sample, of everything else that is measured there
+    OPEN_LOOP = "open_loop"  # The state over a whole run, of its input alone
 
     @property
     def words(self) -> str:
@@ -353,26 +345,15 @@ class QuantityEstimate:
 
     def times(self, factor: float) -> QuantityEstimate:
         """Return a multiple of the number, by a factor above zero that is known."""
-        low, high = self.interval
-        return replace(
-            self,
-            value=factor * self.value,
-            std_error=factor * self.std_error,
-            interval=(factor * low, factor * high),
-        )
+        value, error, (low, high) = self.value, self.std_error, self.interval
+        interval = (factor * low, factor * high)
+        return replace(self, value=factor * value, std_error=factor * error, interval=interval)
 
     def judged(self, found: Verdict, wording: QuantitySpec) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
-        return Quantity(
-            self.value,
-            self.unit,
-            self.std_error,
-            replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval),
-            found.status,
-            self.by_run,
-            found.reasons,
-            self.systematic_uncertainties,
-        )
+        interval = replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval)
+        of_verdict = (found.status, self.by_run, found.reasons, self.systematic_uncertainties)
+        return Quantity(self.value, self.unit, self.std_error, interval, *of_verdict)
 
 
 @dataclass(frozen=True, slots=True)

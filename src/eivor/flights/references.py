@@ -66,7 +66,9 @@ def noise_levels(
         if isinstance(logged, DataSheet):
             source, logged = f"{source}, by a data sheet", logged.std(channel.rate_hz)
         if logged is None and noise == ESTIMATE and not channel.held:
-            source, logged = "estimated from its fastest part", _read_off(channel, grid, used)
+            start, end = (grid.time_s[used][[0, -1]]) if used.any() else (math.inf, -math.inf)
+            inside = (channel.time_s >= start) & (channel.time_s <= end) & np.isfinite(channel.values)
+            source, logged = "estimated from its fastest part", white_noise_std(channel.values[inside])
         if logged is None:
             level = white_noise_std(values[name][used])
             levels[name] = NoiseLevel(level, level, unit_of(name))
@@ -94,15 +96,6 @@ def _by_channel(
             )
         declareds.update(dict.fromkeys(members, declared))
     return declareds
-
-
-def _read_off(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
-    """Noise of a sample as logged, during the time that is used."""
-    time = grid.time_s[used]
-    if not time.size:
-        return 0.0
-    inside = (channel.time_s >= time[0]) & (channel.time_s <= time[-1]) & np.isfinite(channel.values)
-    return white_noise_std(channel.values[inside])
 
 
 def share_left(
@@ -242,10 +235,11 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
     pairs = zip(result, sources, strict=True)
     alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
     clean = [reference.name for reference in result if reference.exogenous]
-    serving, why = alone, f"{alone[0]}, which follows it openly, serves" if alone else ""
-    if not alone and any(reference.usable and reference.name in clean for reference in result):
+    if alone:
+        serving, why = alone, f"{alone[0]}, which follows it openly, serves"
+    elif any(reference.usable and reference.name in clean for reference in result):
         serving, why = clean, "contains feedback; others serve"
-    if not serving:
+    else:
         return result
     return [
         reference if reference.name in serving else replace(reference, usable=False, remark=why)
@@ -335,31 +329,27 @@ def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
     """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`."""
     if channel.values.size < FEWEST_VALUES:
         return False
-    times = grid.time_s
-    nearest = np.minimum(np.searchsorted(times, channel.time_s), times.size - 1)
-    within = used[nearest] & (np.abs(times[nearest] - channel.time_s) <= 2.0 * grid.step_s)
+    on = grid.time_s
+    nearest = np.minimum(np.searchsorted(on, channel.time_s), on.size - 1)
+    within = used[nearest] & (np.abs(on[nearest] - channel.time_s) <= 2.0 * grid.step_s)
     values = np.where(within, channel.values, np.nan)
-    numbers = np.arange(values.size, dtype=np.float64)
-    return all(_jumps(item, values) for item in (channel.time_s, numbers))
-
-
-def _jumps(nuisances: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool:
-    over_one, over_two = (_bends(nuisances, values, samples) for samples in (1, 2))
-    if not over_two.size:
-        return False
-    largest = over_one.max()
-    smooth = over_two.max() >= SMOOTH_GROWTH * largest
-    return bool(not smooth and largest > RARE * np.quantile(over_one, RARE_SHARE))
+    for times in (channel.time_s, np.arange(values.size, dtype=np.float64)):
+        over_one, over_two = (_bends(times, values, samples) for samples in (1, 2))
+        if not over_two.size or over_two.max() >= SMOOTH_GROWTH * over_one.max():
+            return False
+        if not over_one.max() > RARE * np.quantile(over_one, RARE_SHARE):
+            return False
+    return True
 
 
 def _bends(
-    nuisances: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
+    times: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
 ) -> Float[np.ndarray, " m"]:
     """Distances of values from the line between those so many samples before and after them, where known."""
-    before, middle, after = nuisances[: -2 * samples], nuisances[samples:-samples], nuisances[2 * samples :]
+    before, middle, after = times[: -2 * samples], times[samples:-samples], times[2 * samples :]
     share = (middle - before) / (after - before)
     line = (1.0 - share) * values[: -2 * samples] + share * values[2 * samples :]
-    even = samples * float(np.median(np.diff(nuisances)))
+    even = samples * float(np.median(np.diff(times)))
     bends = np.abs(values[samples:-samples] - line) * even**2 / ((middle - before) * (after - middle))
     return bends[np.isfinite(bends)]
 

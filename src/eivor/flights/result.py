@@ -142,25 +142,23 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
     )
 
 
-def fit_numbers(
-    diagnostics: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]
-) -> dict[str, float]:
+def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]) -> dict[str, float]:
     """The same as numbers by name; `headline` names the parameters that are looked at more closely."""
     index = {name: estimate.names.index(name) for name in headline if name in estimate.names}
-    agreement, memory, against = diagnostics.agreement, diagnostics.memory, diagnostics.endogeneity
-    constant, swinging, leverage = diagnostics.constancy, diagnostics.periodicity, diagnostics.leverage
-    swings = dict(zip(estimate.names, swinging.parameters, strict=False)) if swinging is not None else {}
+    agreement, memory, against = checks.agreement, checks.memory, checks.endogeneity
+    constant, swinging, leverage = checks.constancy, checks.periodicity, checks.leverage
+    swings = {} if swinging is None else dict(zip(estimate.names, swinging.parameters, strict=False))
     left_over = () if swinging is None else swinging.left_over
     last = min(left_over, key=lambda item: item.p_value, default=None)
     numbers = {
-        **{f"first_stage_F_{name}": F for name, F in diagnostics.first_stage.items()},
+        **{f"first_stage_F_{name}": F for name, F in checks.first_stage.items()},
         "over_identification_J": 0.0 if agreement is None else agreement.J,
         "over_identification_p_value": 1.0 if agreement is None else agreement.p_value,
-        "instrument_rank": float(diagnostics.rank),
-        "residual_variance": diagnostics.residual_variance,
-        "condition": diagnostics.condition,
-        "durbin_watson": diagnostics.durbin_watson,
-        "r_squared": diagnostics.r_squared,
+        "instrument_rank": float(checks.rank),
+        **{
+            name: getattr(checks, name)
+            for name in ("residual_variance", "condition", "durbin_watson", "r_squared")
+        },
         "residual_memory": NAN if memory is None else memory.memory,
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
     }
@@ -174,9 +172,9 @@ def fit_numbers(
         numbers[f"constancy_change_{name}"] = NAN if constant is None else float(constant.change[position])
     numbers["periodicity_p_value"] = NAN if swinging is None else swinging.p_value
     for name, swing in (*((name, swings.get(name)) for name in estimate.names), ("residual", last)):
-        numbers[f"periodicity_{name}_p_value"] = NAN if swing is None else swing.p_value
-        numbers[f"periodicity_{name}_period_s"] = NAN if swing is None else swing.period
-        numbers[f"periodicity_{name}_amplitude"] = NAN if swing is None else swing.amplitude
+        for part in ("p_value", "period", "amplitude"):
+            unit = "_s" if part == "period" else ""
+            numbers[f"periodicity_{name}_{part}{unit}"] = NAN if swing is None else getattr(swing, part)
     for name, position in index.items():
         numbers[f"leverage_{name}"] = NAN if leverage is None else float(leverage.largest[position])
     first = next(iter(index.values()), 0)
@@ -194,31 +192,24 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
     # A log without velocity, for one, determines some axes only: those have traces.
     for axis, trace in zip(sorted({run.axis for run in layout.runs}), traces, strict=True):
         runs = [run for run in layout.runs if run.axis == axis]
-        positions = [
-            run.start + (np.arange(run.length) if run.counted is None else np.flatnonzero(run.counted))
-            for run in runs
-        ]
-        residual, times = trace.measured - trace.predicted, runs[0].step_s * np.concatenate(positions)
-        blocks = blocks_of(residual, times, runs[0].step_s, SWING_BLOCKS)
+        every = [np.ones(run.length) if run.counted is None else run.counted for run in runs]
+        samples = [run.start + np.flatnonzero(counted) for run, counted in zip(runs, every, strict=True)]
+        residual, step_s = trace.measured - trace.predicted, runs[0].step_s
+        blocks = blocks_of(residual, step_s * np.concatenate(samples), step_s, SWING_BLOCKS)
         swings += strongest_swings(blocks, ((trace.axis, trace.unit),), 1.0 / residual.size)
     return tuple(swings)
 
 
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     """Leverage of every run of a record with three or more; else of its tenths."""
-    solved = record.estimate
-    layout = solved.rows.layout
+    solved, equation, layout = record.estimate, record.estimate.equation, record.estimate.rows.layout
     if not isinstance(layout, BinRows) or len(layout.runs) < FEWEST_RUNS:
         return record.leverage
-    equation = record.estimate.equation
     ends = tuple(pairwise(np.cumsum([0, *(2 * run.count for run in layout.runs)]).tolist()))
     tests = [(slice(*end), equation.test_functions[slice(*end)].T) for end in ends]
-    return segment_leverage(
-        np.stack([functions @ equation.residual[run] for run, functions in tests]),
-        np.stack([functions @ solved.jacobian[run] for run, functions in tests]),
-        record.subject.std_errors,
-        ends,
-    )
+    scores = np.stack([functions @ equation.residual[run] for run, functions in tests])
+    slopes = np.stack([functions @ solved.jacobian[run] for run, functions in tests])
+    return segment_leverage(scores, slopes, record.subject.std_errors, ends)
 
 
 def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Iterator[Finding]:
@@ -239,14 +230,6 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Itera
         if samples and saturated >= SATURATED_SHARE * samples:
             limit = f"{prefix}The input stood at its limit for {saturated / samples:.1%} of its samples."
             yield Finding("saturation", limit)
-
-
-def fitted_noise_findings(estimate: Estimate) -> tuple[Finding, ...]:
-    """Noises that were fitted together with the parameters, if the method fits any."""
-    if not estimate.noises:
-        return ()
-    text = "; ".join(noise.sentence for noise in estimate.noises)
-    return (Finding("fitted_noise", f"Noises that fit what the estimate leaves: {text}."),)
 
 
 # -- Result --
@@ -297,9 +280,10 @@ class Fit:
 
     def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
         """Measured and predicted, each flight of a pool by its own parameters."""
-        if self.pooled is None:
+        pool = self.pooled
+        if pool is None:
             return motion.traces(self.problem, self.estimate)
-        return pooled_traces(motion, self.pooled)
+        return pooled_traces(motion, pool)
 
     @property
     def robust_sets(self) -> dict[str, ConfidenceSet]:
@@ -473,8 +457,10 @@ class FlightEstimate:
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""
-        lines = [f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}"]
-        lines.append(f"{'quantity':<18}{'value':>12}{'95 % interval':>26}  {'unit':<8}verdict")
+        lines = [
+            f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}",
+            f"{'quantity':<18}{'value':>12}{'95 % interval':>26}  {'unit':<8}verdict",
+        ]
         for name, quantity in self.quantities.items():
             lines.append(
                 f"{name:<18}{quantity.value:>12.4g}{_bounds(quantity):>26}  "
@@ -515,18 +501,14 @@ class FlightEstimate:
         """
         import polars as pl
 
-        quantities = self.quantities.values()
-        numbers = {
-            "value": [quantity.value for quantity in quantities],
-            "unit": [quantity.unit for quantity in quantities],
-            "std_error": [quantity.std_error for quantity in quantities],
-            "low": [quantity.interval[0] for quantity in quantities],
-            "high": [quantity.interval[1] for quantity in quantities],
-        }
-        verdicts = [quantity.verdict.value for quantity in quantities]
-        frame = pl.DataFrame({"quantity": list(self.quantities), **numbers, "verdict": verdicts})
-        floats = [name for name in numbers if name != "unit"]
-        return frame.with_columns(pl.when(pl.col(name).is_finite()).then(pl.col(name)) for name in floats)
+        names = ("quantity", "value", "unit", "std_error", "low", "high", "verdict")
+        rows = [
+            (name, item.value, item.unit, item.std_error, *item.interval, item.verdict.value)
+            for name, item in self.quantities.items()
+        ]
+        frame = pl.DataFrame(rows, names, orient="row")
+        floats = pl.col("value", "std_error", "low", "high")
+        return frame.with_columns(pl.when(floats.is_finite()).then(floats).name.keep())
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""

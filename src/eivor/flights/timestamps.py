@@ -33,7 +33,11 @@ def period_from_aliasing(time_s: Float[np.ndarray, " n"], shortest_s: float) -> 
     """Time between two commands h_c [s] that jittering stamps beat with; None where they do not."""
     if time_s.size < FEWEST_STAMPS:
         return None
-    number = _even_instants(time_s[:MOST_BEATING_STAMPS])
+    # the number of each stamp's even instant
+    distances = np.diff(time_s[:MOST_BEATING_STAMPS])
+    pause = distances > BEATING_PAUSE * np.median(distances)
+    whole = np.cumsum(np.where(pause, np.rint(distances / distances[~pause].mean()), 1.0))
+    number = np.concatenate([[0], whole]).astype(np.int64)
     number = number[number <= MOST_INSTANTS]
     if number.size < FEWEST_STAMPS:
         return None
@@ -47,15 +51,6 @@ def period_from_aliasing(time_s: Float[np.ndarray, " n"], shortest_s: float) -> 
     results = [(step, *_saw(number, away, logged / step)) for step in steps if shortest_s <= step < logged]
     fitting = [(power, step) for step, size, power in results if abs(size / step - 1.0) <= SIZE]
     return max(fitting)[1] if fitting else None
-
-
-def _even_instants(time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Number of each stamp's even instant."""
-    steps = np.diff(time_s)
-    pause = steps > BEATING_PAUSE * np.median(steps)
-    usual = float(steps[~pause].mean())
-    whole = np.cumsum(np.where(pause, np.rint(steps / usual), 1.0))
-    return np.asarray(np.concatenate([[0], whole]).astype(np.int64))
 
 
 def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float | None:
@@ -112,11 +107,6 @@ def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
     return truth_of(map(jitter_estimate, channels))
 
 
-def jitter_estimate(channel: Channel) -> tuple[float, float]:
-    """What a channel gives: the coefficient, and its variance; no numbers where its stamps are even."""
-    return _coefficient(channel) if has_jitter(channel) else (np.nan, np.nan)
-
-
 def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
     """Whether stamps are true, by the coefficients and variances that channels determine."""
     selected = [(value, variance) for value, variance in result if np.isfinite(value) and variance > 0.0]
@@ -128,11 +118,11 @@ def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
     return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > TOLD else None
 
 
-def _coefficient(channel: Channel) -> tuple[float, float]:
-    """Coefficient of a channel's regression, and its variance; no numbers where it does not move."""
+def jitter_estimate(channel: Channel) -> tuple[float, float]:
+    """Coefficient of a channel's regression, and its variance; NaN where its stamps are even or it rests."""
     known = np.isfinite(channel.values)
     time, values = channel.time_s[known], channel.values[known]
-    if time.size < FEWEST_SAMPLES:
+    if time.size < FEWEST_SAMPLES or not has_jitter(channel):
         return np.nan, np.nan
     number = np.arange(1, time.size - 1)
     low, high = np.maximum(number - SLOPE_REACH, 0), np.minimum(number + SLOPE_REACH, time.size - 1)
@@ -246,8 +236,8 @@ def command_clock(
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
     often = logged <= RARELY_LOGGED_S
-    finer = finer_step(command.time_s) if often else None
-    if finer is None and often and has_jitter(command):
+    finer, jitter = finer_step(command.time_s) if often else None, has_jitter(command)
+    if finer is None and often and jitter:
         finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
@@ -258,27 +248,21 @@ def command_clock(
         sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
         if time_s.size > 1:
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
-    as_logged, unknown = (
-        CommandClock(logged, logged),
-        CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False),
-    )
-    looked_at = truth_of(jitters)
-    if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
+    as_logged = CommandClock(logged, logged)
+    unknown = CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
+    looked_at, turns = truth_of(jitters), steps / logged
+    # distances are multiples of the usual one, but for a logger's slips
+    even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
+    if looked_at and logged <= QUICK_STEP_S and even:
         return as_logged
-    if looked_at and has_jitter(command):
+    if looked_at and jitter:
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
         if not sampled_with_it:
             return unknown
-    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged and has_jitter(command):
+    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged and jitter:
         return as_logged
     return unknown
-
-
-def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:
-    """Whether distances are multiples of the usual one, but for a logger's slips."""
-    turns = steps / usual
-    return float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
 
 
 def _repeats(command: Channel) -> bool:
@@ -315,16 +299,13 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
                 fits[usual / parts] = fit
     best = max(fits.values(), default=0.0)
     step = next((step for step, fit in fits.items() if fit >= best - AS_WELL), None)
-    return None if step is None or _rounded(time_s, step) else step
-
-
-def _rounded(time_s: Float[np.ndarray, " n"], step: float) -> bool:
-    """Whether stamps are multiples of a step for being rounded to it: to a power of ten, and from zero on."""
+    if step is None:
+        return None
+    # stamps that are rounded are multiples of a power of ten from zero on, whatever was rounded
     tenth = 10.0 ** round(float(np.log10(step)))
-    if tenth > ROUNDED_S or abs(step / tenth - 1.0) > 1e-3:
-        return False
     away = time_s / tenth
-    return bool(np.abs(away - np.rint(away)).max() <= 1e-3)
+    of_tenth = tenth <= ROUNDED_S and abs(step / tenth - 1.0) <= 1e-3
+    return None if of_tenth and np.abs(away - np.rint(away)).max() <= 1e-3 else step
 
 
 def as_issued(command: Channel, clock: CommandClock) -> Channel:
@@ -363,23 +344,19 @@ def with_corrected_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...
     doubtful = {name: channel for name, channel in log.channels.items() if has_jitter(channel)}
     if stamps_are_true([item for item in doubtful.values() if not item.held]) is not False:
         return log, ()
-    evened: dict[bytes, Float[np.ndarray, " n"] | None] = {}
     channels, largest_s = dict(log.channels), 0.0
     for name, entry in doubtful.items():
-        clock = entry.time_s.tobytes()
-        if clock not in evened:
-            evened[clock] = corrected_stamps(entry.time_s)
-        stamps = evened[clock]
+        stamps = corrected_stamps(entry.time_s)
         if stamps is not None:
             channels[name] = replace(entry, time_s=stamps)
             largest_s = max(largest_s, float(np.std(entry.time_s - stamps)))
     if not largest_s:
         return log, ()
-    texts = (
+    text = (
         f"Samples were taken evenly, and their stamps err, by up to {1e3 * largest_s:.2g} ms (standard "
         "deviation): each is put on the line through those around it."
     )
-    return replace(log, channels=channels), (Finding("erring_stamps", texts),)
+    return replace(log, channels=channels), (Finding("erring_stamps", text),)
 
 
 def corrected_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"] | None:

@@ -103,7 +103,7 @@ def omitted_variable_tests(
         others = (Parameter(f"of the model {index}", "") for index in range(1, with_term[0].fixed.shape[1]))
         try:
             runs = LaggedRuns(with_term, (Parameter(name, ""), *others), ())
-            difference = estimated(runs, {}).differences[name]
+            difference = estimated(runs, {})[0].differences[name]
         except (EstimationError, InstrumentError, TooFewSamplesError):
             continue
         size = gain if name in SHARES else 1.0
