@@ -229,8 +229,8 @@ def chosen_input(
                 f"Name a channel, or a family such as {families[0].name}.",
             )
         stem, _, number = name.rpartition("_")
-        members = {name, stem} if number.isdecimal() else {name}
-        known_family = next((family for family in families if family.name in members), InputFamily(name))
+        called = {name, stem} if number.isdecimal() else {name}
+        known_family = next((family for family in families if family.name in called), InputFamily(name))
         return replace(known_family, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
