@@ -55,22 +55,6 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.thorough
-def test_help_loads_little_more_than_what_draws_it(shell: Caller) -> None:
-    """Half a second on a slow machine, of which most is Python, typer and rich."""
-
-    def spent(run: Callable[[], Any]) -> float:
-        # time of the processor, not of the clock: other work on the machine must not fail this test
-        before = os.times()
-        assert run() == 0
-        after = os.times()
-        return after.children_user + after.children_system - before.children_user - before.children_system
-
-    drawing = [sys.executable, "-c", "import typer.rich_utils, typer.main, importlib.metadata"]
-    bare = min(spent(lambda: subprocess.run(drawing, check=False).returncode) for _ in range(2))
-    assert min(spent(lambda: shell("--help").code) for _ in range(2)) < 2.0 * bare
-
-
-@pytest.mark.thorough
 def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) -> None:
     for words, expected in (
         ("eivor ide", "identify"),

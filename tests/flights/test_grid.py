@@ -23,7 +23,6 @@ from eivor.flights.grid import (
     RECOVERY_S,
     Grid,
     airborne,
-    around,
     command_on_grid,
     common_grid,
     on_grid,
@@ -212,30 +211,6 @@ def test_more_than_six_hours_of_samples_are_refused():
     time = np.arange(0.0, 7 * 3600.0, 1.0)
     with pytest.raises(InputError, match=r"7\.0 hours"):
         gridded(channel(time, np.zeros(time.size)))
-
-
-@pytest.mark.thorough
-@given(seed=st.integers(0, 999), runs=st.integers(0, 4))
-def test_around_what_is_used_stays_what_it_needs(seed, runs):
-    rng = np.random.default_rng(seed)
-    grid = Grid(0.0, 0.1, (range(100), range(250, 400), range(900, 950)))
-    used = np.zeros(grid.count, dtype=bool)
-    for first in rng.integers(0, grid.count, runs):
-        used[first : first + rng.integers(1, 20)] = True
-    kept = around(used, grid, memory_s=2.0)
-    t = grid.time_s
-    wanted = [
-        used.any()
-        and bool(
-            ((t[used] - item >= -1e-9) & (t[used] - item <= 2.0 + 1e-9)).any()
-            or ((item - t[used] >= -1e-9) & (item - t[used] <= MARGIN_S + 1e-9)).any()
-        )
-        for item in t
-    ]
-    np.testing.assert_array_equal(kept, wanted)
-    cut = grid.kept(kept)
-    np.testing.assert_array_equal(cut.time_s, t[kept])
-    assert len(cut.pieces) <= runs + 2  # those of the grid that a run lies across
 
 
 # -- Where a vehicle flies: the land detector, or the rule on input and height --
@@ -510,21 +485,3 @@ def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
     quantity = identify_flight(tilting(log, *excursions)).quantities["input_gain"]
     assert abs(quantity.value - GAIN) < 3.0 * quantity.std_error
     assert quantity.half_width < 0.1 * GAIN
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-def test_pictures_and_predictions_leave_them_out(log):
-    from eivor.report.flight_figures import flight_runs
-
-    result = identify_flight(tilting(log, (4.0, 4.6), (9.0, 9.8)))
-    assert result.fit is not None
-    trace = result.motion.traces(result.fit.problem, result.fit.estimate)[0]
-    (run,) = flight_runs(result)
-    assert run.time_s.size == trace.measured.size == 2000 - 140
-    passed = run.spectral.band_passed(trace.measured[:, None])
-    assert passed.shape == (2000 - 140, 1)
-    predicted = result.motion.abilities.prediction.another_flight(
-        result.fit.problem, dict(result.fit.estimate.nuisances) | result.parameters
-    )
-    assert {item.measured.size for item in predicted} == {2000 - 140}

@@ -16,26 +16,12 @@ from eivor.flights.lag_prior import LagMeasurement, LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.verdict import Status
-from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.models.separable import LaggedReferences
 from eivor.motions.rates.motion import Rates
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.flight import checks
-from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
-from eivor.simulation.controller import FlightController, Sensor
-from eivor.simulation.excitation import DrydenGust, RandomSteps
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import (
-    AxisExcitations,
-    Logged,
-    RigidBodyFlightSpec,
-    Sensors,
-    TorqueDisturbance,
-    Wind,
-)
 from motions.turning_logs import STEP_S, Vehicle, turned
-from simulation.rigid_body.test_rigid_flight import VEHICLE
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
@@ -130,19 +116,6 @@ def test_bounds_are_a_uniform_prior(log):
 
 
 @pytest.mark.thorough
-def test_bounds_are_held_against_what_the_flight_says():
-    good = flown(seconds=15.0)[0]
-    around, beyond = (ev.identify_flight(good, lag=ev.Bounds(*ends)) for ends in ((0.02, 0.2), (0.12, 0.15)))
-    message = dict(checks(around))["lag"]
-    assert message.startswith("given 20 to 200 ms; the flight alone says ")
-    assert "they agree" in message
-    assert around.fit.lag_prior.p_value == 1.0
-    assert beyond.fit.lag_prior.contradicted
-    assert beyond.quantities["viscous_friction"].verdict is Status.WEAK
-    assert any("given 120 to 150 ms" in sentence for sentence in beyond.verdict.sentences)
-
-
-@pytest.mark.thorough
 def test_neither_lag_nor_delay_is_searched():
     good = flown(seconds=15.0)[0]
     none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
@@ -150,13 +123,6 @@ def test_neither_lag_nor_delay_is_searched():
     assert none.quantities["effective_lag"].interval == (0.0, 0.0)
     assert "given neither lag nor delay" in dict(checks(none))["lag"]
     assert none.fit.lag_prior.contradicted
-
-
-@pytest.mark.thorough
-def test_the_instruments_agree_or_not_whatever_was_given():
-    good = flown(seconds=15.0)[0]
-    alone, wrong = (ev.identify_flight(good, lag=lag) for lag in (None, ev.Prior(0.15, 0.01)))
-    assert wrong.fit.checks.agreement == alone.fit.checks.agreement
 
 
 def test_a_delay_that_the_references_do_not_move_leaves_its_degree_to_them():
@@ -167,26 +133,6 @@ def test_a_delay_that_the_references_do_not_move_leaves_its_degree_to_them():
     for estimate, ends in zip(estimates, at_end, strict=True):
         left = estimate.degrees - (estimate.rank - estimate.unknowns)
         assert left == 1.0 if ends else 0.0 <= left < 1.0
-
-
-@pytest.mark.thorough
-def test_what_is_known_the_instruments_need_not_tell(log):
-    alone, known, sure = (
-        ev.identify_flight(log, lag=prior) for prior in (None, ev.Prior(LAG_S, 0.002), ev.Prior(LAG_S, 1e-6))
-    )
-    strengths = [result.fit.checks.first_stage for result in (alone, known, sure)]
-    assert strengths[0]["actuator_lag"] < strengths[1]["actuator_lag"] < strengths[2]["actuator_lag"]
-    # with a lag that is known exactly, and a delay, the others are as strong as without one to find
-    problem, best = alone.fit.problem, sure.estimate.nuisances
-    delay = problem.delay.known_at(best["delay"])
-    given, found = (
-        ev.identify(problem.with_nuisances((lag, delay)), ev.methods.reference_iv())
-        for lag in (
-            replace(problem.lag, prior=ev.Prior(best["actuator_lag"], 1e-6)),
-            problem.lag.known_at(best["actuator_lag"]),
-        )
-    )
-    assert given.first_stage[:2] == pytest.approx(found.first_stage, rel=0.01)
 
 
 @pytest.mark.thorough
@@ -386,34 +332,3 @@ def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
     logs = [flown(seconds=10.0, seed=seed)[0] for seed in (1, 2)]
     assert ev.identify_flight(logs[0]).fit.lag_prior.by.source == "other"
     assert ev.identify_flight(logs).fit.lag_prior is None
-
-
-@pytest.mark.thorough
-@pytest.mark.long
-def test_a_whole_vehicle_that_turns_and_climbs_tells_more_of_its_climbs():
-    """Attitude steps of .2 rad, height excited, gusts of .5 m/s, setpoints at 50 Hz of a 400 Hz loop."""
-    gust, turning = DrydenGust(0.5, 3.0, 2.0), OrnsteinUhlenbeck(0.04, 0.3)
-    spec = RigidBodyFlightSpec(
-        VEHICLE,
-        rate_hz=400.0,
-        duration=30.0,
-        attitude=AxisExcitations(RandomSteps(0.2, 0.7), RandomSteps(0.2, 0.9)),
-        controller=FlightController(rate_hz=400.0, attitude_hz=200.0, derivative_share=0.3, hold=0.3),
-        wind=Wind(x=gust, y=gust, z=gust),
-        torque_disturbance=TorqueDisturbance(turning, turning),
-        sensors=Sensors(angular_rate=Sensor(WhiteNoise(0.02), rate_hz=200.0, cutoff_hz=80.0)),
-        logged=Logged(rotor_command_hz=50.0, setpoint_hz=50.0, reference_hz=50.0),
-        seed=1,
-    )
-    (flight,) = simulate_rigid_body_flights([spec])
-    alone, known = estimate(flight.recording), ev.identify_flight(flight.recording)
-    low, high = known.fit.lag_prior.by.measured.interval
-    # the log holds the angular rate behind its filter, a low-pass of the second order at 80 Hz
-    late = np.sqrt(2.0) / (2.0 * np.pi * spec.sensors.angular_rate.cutoff_hz)
-    assert low < flight.truth.parameters.lag_up + flight.truth.parameters.delay + late < high
-    assert known.quantities["effective_lag"].half_width < alone.quantities["effective_lag"].half_width
-    # weak instruments: the friction's robust set counts the lag as an equation more, and need not be narrower
-    for name in ("viscous_friction", "effective_lag"):
-        assert known.quantities[name].std_error < alone.quantities[name].std_error
-        ends = [np.ravel(item.fit.sets[name].profile.intervals) for item in (known, alone)]
-        assert np.ptp(ends[0]) < np.ptp(ends[1])

@@ -19,16 +19,14 @@ from eivor.flights.quantity import QuantityTable
 from eivor.flights.result import FitDiagnostics, FlightEstimate
 from eivor.inference.bootstrap import Bootstrap, IntervalKind
 from eivor.inference.diagnostics.instruments import OverIdentification
-from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status, Verdict
-from eivor.models.lagged_runs import LAG_GRID_S, lag_and_delay
+from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
 from eivor.report.flight import summary
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from simulation.rotor_states import actual_state_recording
 
 K = "viscous_friction"
 
@@ -119,21 +117,6 @@ def test_a_motion_says_what_belongs_to_the_flight(alike):
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.long
-def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
-    low, high = one_sine.quantities["effective_lag"].interval
-    assert low < LAG_S < high
-    assert high - low < min(row.quantities["effective_lag"].half_width for row in one_sine.flights)
-    results = {finding.name: finding.message for finding in one_sine.findings}
-    assert "the lag rests on the differences of the viscous friction" in results["lag_by_differences"]
-    assert "The flights differ in viscous friction" in results["flights_differ"]
-    for row, more in zip(one_sine.by_flight, MORE, strict=True):
-        low, high = row.quantities[K].interval
-        assert low < FRICTION + more < high
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
     document = json.loads(one_sine.to_json())
     assert [row["log"] for row in document["by_flight"]] == [row.label for row in one_sine.by_flight]
@@ -148,29 +131,6 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
     assert read.interval("actuator_lag") == one_sine.interval("actuator_lag")
     with pytest.raises(ev.errors.UsageError, match="a set for weak instruments or a pool"):
         read.interval("actuator_lag", 0.8)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
-    pool = one_sine.fit.pooled
-    low, high = one_sine.quantities["effective_lag"].interval
-    assert one_sine.by_flight[0].quantities["effective_lag"].interval == (low, high)
-
-    def excess(whole_s: float) -> float:
-        lags = [(item, whole_s - item.nodes.fixed["delay"]) for item in pool.criterion.slices]
-        J = [item.least([np.log([lag])])[0] for item, lag in lags if lag >= LAG_GRID_S[0]]
-        return float(min(J)) - pool.criterion.minimum[1]
-
-    uncertainty = pool.inflation * t_quantile(0.95, 8) ** 2
-    assert excess(high) == pytest.approx(uncertainty, rel=0.01)
-    assert excess(0.5 * (low + high)) < uncertainty < excess(1.05 * high)
-    shorter = one_sine.interval("actuator_lag", 0.8)
-    longer = one_sine.interval("actuator_lag")
-    assert longer[0] <= shorter[0] < shorter[1] < longer[1]
-    for row, sets in zip(one_sine.by_flight, pool.member_sets(K), strict=True):
-        assert row.quantities[K].interval == row.quantities[K].widened(sets.profile.hull)
-        assert row.quantities[K].interval[0] == pytest.approx(sets.profile.hull[0] - 0.03)
 
 
 @pytest.mark.thorough
@@ -200,8 +160,6 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
 
 
 # -- Bootstrap of flights: against the recipe itself, and against the intervals of pools --
-
-QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 
 
 def logs(pool: int, count: int, gusts: float = 0.3) -> list[Recording]:
@@ -257,16 +215,6 @@ def found(pool: FlightEstimate) -> Bootstrap:
 
 
 @pytest.mark.thorough
-@pytest.mark.long
-def test_all_flights_once_give_the_pool_again(pool: FlightEstimate, found: Bootstrap) -> None:
-    for name, value in zip(found.names, found.values, strict=True):
-        assert abs(value - pool.quantities[name].value) < 0.05 * pool.quantities[name].std_error
-    assert found.names[:3] == ("viscous_friction", "input_gain", "hover_input")
-    assert (found.pieces, found.failed) == (10, 0)
-    assert np.isnan(found.block_length)
-
-
-@pytest.mark.thorough
 def test_the_seed_decides(pool: FlightEstimate, found: Bootstrap) -> None:
     np.testing.assert_array_equal(bootstrap_flights(pool, runs=5, seed=4).replicates, found.replicates[:5])
     assert not np.array_equal(bootstrap_flights(pool, runs=5, seed=5).replicates, found.replicates[:5])
@@ -290,40 +238,11 @@ def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightE
 
 
 @pytest.mark.thorough
-@pytest.mark.long
-def test_intervals_agree_with_those_of_pools_of_ten(pool: FlightEstimate) -> None:
-    """Within 20 % of their width, in the median over pools and quantities; single pools vary by more."""
-    pools = [(pool, bootstrap_flights(pool, runs=200, seed=4))]
-    for number, gusts in ((2, 1.0), (3, 0.3)):
-        other = pooled(pool, logs(number, 10, gusts))
-        pools.append((other, bootstrap_flights(other, runs=200)))
-    ratios = np.array([[_ratio(item, replicates, name) for name in QUANTITIES] for item, replicates in pools])
-    assert 0.8 < float(np.median(ratios)) < 1.2
-    assert (np.abs(np.median(ratios, axis=0) - 1.0) < 0.3).all()
-
-
-def _ratio(result: FlightEstimate, replicates: Bootstrap, name: str) -> float:
-    low, high = replicates.interval(name)
-    return 0.5 * (high - low) / result.quantities[name].half_width
-
-
-@pytest.mark.thorough
 def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(found: Bootstrap) -> None:
     narrow = found.interval("viscous_friction", kind=IntervalKind.PERCENTILE)
     wide = found.interval("viscous_friction")
     wanted = np.sqrt(10 / 9) * 2.26216 / 1.95996
     assert (wide[1] - wide[0]) / (narrow[1] - narrow[0]) == pytest.approx(wanted, rel=1e-4)
-
-
-@pytest.mark.thorough
-def test_measured_states_have_a_delay_and_no_lag() -> None:
-    specs = [VerticalFlightSpec(seed=seed) for seed in (1, 2, 3)]
-    states = [actual_state_recording(flight) for flight in simulate_vertical_flights(specs)]
-    fit = identify_flight([replace(log, sha256=str(n)) for n, log in enumerate(states)])
-    replicates = bootstrap_flights(fit, runs=40)
-    assert replicates.names == ("viscous_friction", "input_gain", "hover_input", "effective_lag")
-    low, high = replicates.interval("input_gain")
-    assert low < fit.quantities["input_gain"].value < high
 
 
 @pytest.mark.thorough

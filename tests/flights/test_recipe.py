@@ -345,39 +345,6 @@ def half(result, name: str) -> float:
     )
 
 
-@pytest.mark.long
-def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
-    pool = identify_flight(fleet[:4])
-    assert [row.label for row in pool.flights] == [flight.name for flight in fleet[:4]]
-    for name in ("viscous_friction", "input_gain", "actuator_lag"):
-        together = (sum(half(result, name) ** -2 for result in alone)) ** -0.5
-        assert half(pool, name) == pytest.approx(together, rel=0.2)
-    for row, result in zip(pool.flights, alone, strict=True):
-        assert row.quantities["viscous_friction"] == result.quantities["viscous_friction"]
-    assert len(pool.quantities["intercept"].by_run) == 4
-    assert pool.window_s is None
-    assert pool.diagnostics["flights"] == 4.0
-
-
-@pytest.mark.long
-def test_clusters_come_in_from_ten_flights_on(fleet):
-    """Where all parameters are common: with a friction for each flight its part is by flight anyway."""
-    common = FlightOptions(pool_friction="common")
-    parts = identify_flight(fleet[:3], common).estimate.joint_covariance.parts
-    assert [part.name for part in parts] == ["equal_weighted_cosines", "classical"]
-    pool = identify_flight(fleet, common)
-    assert pool.estimate.joint_covariance.part("clustered").degrees == 9
-    low, high = pool.interval("viscous_friction")
-    assert low < FRICTION < high
-
-
-@pytest.mark.long
-def test_order_of_the_flights_does_not_matter(fleet, three):
-    item, other = three, identify_flight(fleet[2::-1])
-    for name, quantity in item.quantities.items():
-        assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
-
-
 @pytest.mark.thorough
 def test_a_log_given_twice_is_used_once(fleet):
     first = replace(fleet[0], sha256="a")

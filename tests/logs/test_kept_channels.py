@@ -21,16 +21,12 @@ from eivor.errors import (
 )
 from eivor.flights import prepare
 from eivor.flights.grid import upward
-from eivor.flights.options import FlightOptions
 from eivor.logs import common, read_log
 from eivor.logs.common import KeptChannels
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash import messages as places_of_messages
 from eivor.logs.table import columnar
 from eivor.motions.identify import identify_flight
-from eivor.motions.table import motion_by_name
-from eivor.report import inspection as inspected
-from eivor.report.inspection import inspection_document, inspection_json
 from eivor.signals.recording import Channel, Frame, Recording
 
 
@@ -140,31 +136,6 @@ def test_a_window_of_a_long_log_is_identified_alike(tmp_path, monkeypatch):
             assert item.interval[0] < quantity.value < item.interval[1]
     with pytest.raises(UsageError, match=r"spans 0\.00 to 29\.99 s"):
         identify_flight(made, window=(40.0, 50.0))
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-def test_a_long_log_is_inspected_in_its_middle(tmp_path, monkeypatch):
-    monkeypatch.setattr(inspected, "TRIED_WHOLE_S", 20.0)
-    monkeypatch.setattr(inspected, "TRIED_S", 10.0)
-    whole, made = long_log(tmp_path, monkeypatch)
-    motion = motion_by_name("vertical")
-    of_whole, result = (inspected.inspection(log, FlightOptions(), motion) for log in (whole, made))
-    assert of_whole.tried is None
-    assert result.channels == of_whole.channels
-    assert result.tried == pytest.approx((10.0, 20.0), abs=1.0)
-    assert result.airborne.active == pytest.approx(np.array(of_whole.airborne.active), abs=0.2)
-    assert result.airborne.used_s == pytest.approx(10.0, abs=0.2)
-    (verdict,) = (
-        section for section in inspection_document(result).sections if "identify says" in section.heading
-    )
-    start, end = result.tried
-    assert verdict.heading == f"What identify says of {start:.1f} to {end:.1f} s (found by running it)"
-    assert "--window START:END" in str(verdict.parts[-1])
-    assert inspection_json(result)["tried"] == list(result.tried)
-    assert inspection_json(of_whole)["tried"] is None
-    monkeypatch.setattr(inspected, "TRIED_WHOLE_S", 600.0)
-    assert inspected.inspection(made, FlightOptions(), motion).tried is None
 
 
 def limited(begin, limit):

@@ -255,26 +255,6 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     assert list(document["derived"]) == ["breakaway_command", "time_constant", "effective_lag"]
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_pool_of_drives_is_drawn_again(simulate):
-    """The motion says nothing of replicates: they are of its parameters, and of what was searched for."""
-    rover = motion_by_name("rover")
-    drives = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in (1, 2)]
-    pool = ev.identify_flight(drives, model=rover)
-    bootstrap_flights = ev.bootstrap_flights(pool, runs=39)
-    assert bootstrap_flights.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
-    assert bootstrap_flights.units == ("1/s", "m/s^2", "m/s^2", "s", "s")
-    assert (bootstrap_flights.pieces, bootstrap_flights.failed) == (2, 0)
-    for name, value in zip(bootstrap_flights.names, bootstrap_flights.values, strict=True):
-        assert value == pytest.approx(pool.quantities[name].value, rel=1e-4)
-        if name != "delay":
-            # draws of two drives are three, one of them the pool: their range holds it and no more is claimed
-            low, high = bootstrap_flights.interval(name)
-            assert low <= value <= high
-            assert high - low > 0.1 * pool.quantities[name].half_width
-
-
 @pytest.mark.usefixtures("simulate")
 @pytest.mark.parametrize(
     ("of", "received"),

@@ -19,7 +19,7 @@ from eivor.logs import read_log
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.vehicle import FORCE_Z_EQUATION, BodyDrag, KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.vehicle import FORCE_Z_EQUATION, KnownNumber, KnownVehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document
@@ -224,42 +224,6 @@ def test_pictures_have_a_trace_for_each_axis(fit):
     assert axes[3:] == [f"specific force along {axis}" for axis in "xyz"]
     for trace in fit.fit.traces(fit.motion)[:3]:
         assert np.std(trace.measured - trace.predicted) < 0.3 * np.std(trace.measured)
-
-
-@pytest.mark.thorough
-def test_what_the_body_drags_stands_beside_what_its_rotors_do():
-    body = BodyDrag(quadratic=(0.001, 0.001, 0.002))
-    flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, drag=body), sensors=EXACT, duration=8.0))
-    motion, truth = RigidBody(known(SPEC)), flight.truth.parameters
-    prepared = prepare(flight.recording, motion, FlightOptions())
-    problem = motion.problem((prepared,), NoInstruments())
-    rows = problem.rows({"actuator_lag": truth.lag_up, "delay": truth.delay})
-    size = np.linalg.norm(rows.regressors, axis=0)
-    theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
-    selected = {
-        parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)
-    }
-    # not along z, where the rotors' state before the first command is not known
-    for axis, item in zip("xy", truth.quadratic_drag[:2], strict=True):
-        assert selected[f"quadratic_drag_{axis}"] == pytest.approx(item, rel=1e-8)
-    assert "quadratic_drag_z" in selected
-
-
-@pytest.mark.thorough
-def test_quick_rotors_leave_no_error_of_a_derivative():
-    rotors = replace(SPEC.vehicle.rotors, lag_up=0.005, lag_down=0.005)
-    vehicle = replace(SPEC.vehicle, rotors=rotors)
-    flight = flown(replace(SPEC, vehicle=vehicle, sensors=EXACT, duration=6.0))
-    motion, truth = RigidBody(known(SPEC)), flight.truth.parameters
-    prepared = prepare(flight.recording, motion, FlightOptions())
-    rows = motion.problem((prepared,), NoInstruments()).rows({"actuator_lag": truth.lag_up, "delay": 0.0})
-    size = np.linalg.norm(rows.regressors, axis=0)
-    theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
-    selected = {
-        parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)
-    }
-    for axis, gain in zip(("roll", "pitch", "yaw"), truth.torque_gains, strict=True):
-        assert selected[f"{axis}_gain"] == pytest.approx(gain, rel=2e-4)
 
 
 # -- The rigid body of a real Crazyflie: logs of its SD card, without setpoints --

@@ -19,7 +19,7 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import NODES_HZ, controller_gains, residual_densities
 from eivor.planning import plan as planning
-from eivor.planning.plan import FlightPlan, csv_text, fly, levels, qgc_text, ranked_std_errors, rotorpy_text
+from eivor.planning.plan import FlightPlan, csv_text, levels, qgc_text, ranked_std_errors, rotorpy_text
 from eivor.planning.vehicle import (
     ROOM,
     STEP_S,
@@ -76,23 +76,6 @@ def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
         spec.noise.acceleration**2 / 50.0, rel=0.15
     )
     assert densities["velocity"][0] == pytest.approx(spec.noise.velocity**2 / 50.0, rel=0.15)
-
-
-@pytest.mark.thorough
-def test_simulated_flights_have_the_densities_that_were_asked_for(flown_first):
-    """What was read off a flight comes back from a simulated one."""
-    vehicle = VehicleGuess(gust_rms=0.5)
-    shape = next(candidates(FlightLimits(duration_s=40.0), ("multisine",), 0))
-    (flight,) = fly([shape], vehicle, [1])
-    prepared = prepare_vertical(flight.recording, FlightOptions())
-    problem = Vertical().problem((prepared,), NoInstruments())
-    numbers = vertical_numbers(vehicle.viscous_friction, vehicle.input_gain, vehicle.lag_s)
-    densities = residual_densities(problem, numbers)
-    slow = slice(2, 6)
-    expected = vehicle.left.density_at("force", NODES_HZ)[slow].mean()
-    assert np.mean(densities["force"][slow]) == pytest.approx(expected, rel=0.5)
-    assert densities["velocity"][0] == pytest.approx(vehicle.velocity_noise**2 / 50.0, rel=0.15)
-    assert np.abs(flight.height - shape.offset).max() < 0.5
 
 
 @pytest.mark.parametrize("kind", ["multisine", "steps"])

@@ -94,23 +94,6 @@ def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Es
     assert inside(figure)
 
 
-@pytest.mark.thorough
-def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
-    e = lfilter([1.0], [1.0, -0.6], np.random.default_rng(2).normal(size=1000))
-    figure = residual_figure(e, rate_hz=5.0, unit="m/s^2", start_s=10.0, lags=20, title="$a_b")
-    time, lags, spectrum = figure.axes
-    assert (time.get_xlabel(), time.get_ylabel()) == ("time t [s]", "residual [m/s²]")
-    assert time.lines[0].get_xdata()[0] == 10.0
-    assert lags.get_xlabel() == "lag [samples of 0.2 s]"
-    drawn = lags.lines[-2].get_ydata()
-    centred = e - e.mean()
-    assert drawn[0] == pytest.approx(float(centred[1:] @ centred[:-1] / (centred @ centred)))
-    assert drawn[0] > 1.96 / np.sqrt(1000)
-    assert spectrum.get_ylabel() == "amplitude density [m/s² per √Hz]"
-    assert any("fractional noise, order" in word for word in words(figure))
-    assert inside(figure)
-
-
 def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
     rows = [
         CoverageRow(label, group, hits, 1000)

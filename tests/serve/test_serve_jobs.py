@@ -16,7 +16,7 @@ import pytest
 from eivor.process_pool import TRIES, Limits
 from eivor.serve import jobs
 from eivor.serve.app import KEPT_S, ServeOptions, Server
-from serve.conftest import Asking, Clock, closed
+from serve.conftest import Asking, Clock
 
 
 def until(events, stage):
@@ -54,10 +54,7 @@ def test_a_job_tells_its_stages_and_has_a_result(page):
     assert headers["Content-Disposition"] == (
         "attachment; filename=\"my_flight-px4.txt\"; filename*=UTF-8''my%20%C3%BC%20flight-px4.txt"
     )
-    assert page.refused("GET", f"/jobs/{job}/plan/csv") == (
-        409,
-        "Expected csv; received csv. csv",
-    )
+    assert page.refused("GET", f"/jobs/{job}/plan/csv") == (409, "Expected csv; received csv. csv")
     assert page.refused("GET", f"/jobs/{job}/exports?" + "&".join(f"x{n}=1" for n in range(21)))[0] == 400
     page.json("DELETE", f"/jobs/{job}")
     assert page.refused("GET", f"/jobs/{job}/result.json")[0] == 404
@@ -214,18 +211,6 @@ def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
     assert len(set(page.server.workers.pids()) - before) == 1
 
 
-@pytest.mark.thorough
-def test_drops_in_a_row_leave_nothing_behind(page):
-    before = set(page.server.folder.glob("jobs/*"))
-    for _ in range(20):
-        job = page.job(b"well")
-        assert "done" in page.last(job)
-        assert page("GET", f"/jobs/{job}/report.html")[0] == 200
-        page.json("DELETE", f"/jobs/{job}")
-    closed(page.server)
-    assert set(page.server.folder.glob("jobs/*")) == before
-
-
 # -- Real drops, many of them: every one is answered, and memory, files and processes are as be --
 
 #: What memory may have grown by [bytes].
@@ -287,9 +272,3 @@ def check(monkeypatch: pytest.MonkeyPatch, seconds: float, *rounds: tuple[int, i
 @pytest.mark.thorough
 def test_twenty_drops(monkeypatch):
     check(monkeypatch, 2.0, (20, 4))
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-@pytest.mark.long
-def test_two_hundred_drops(monkeypatch):
-    check(monkeypatch, 20.0, (200, 1), (20, 20))

@@ -16,11 +16,9 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.lab.disturbances import Arma
 from eivor.lab.scenario_files import shipped_rigid_body_flight
-from eivor.models.separable import LaggedReferences
 from eivor.motions.identify import identify_flight
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.regression import predicted_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
@@ -64,25 +62,6 @@ def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
 
 
 @pytest.mark.thorough
-def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
-    shoved = spec(1, duration=11.0)
-    flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
-    disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
-    names = [name for name in disturbed.usable_references if name.startswith("injected")]
-    assert len(names) == 3  # what is injected serves
-    result = predicted_flight(disturbed, motion().layout, LaggedReferences(disturbed.usable_references))
-    assert set(result.signals.channels) == set(disturbed.signals.channels)
-    used = disturbed.used
-    for name in ("angular_rate_x", "angular_rate_y"):
-        truth = calm.signals.channel(name)[used]
-        predicted = result.signals.channel(name)[used]
-        assert np.std(predicted - truth) < 0.7 * np.std(truth)
-        shoved_by = disturbed.signals.channel(name)[used] - truth
-        assert abs(np.corrcoef(predicted - truth, shoved_by)[0, 1]) < 0.3
-    assert np.ptp(result.signals.channel("attitude_w")) == 0.0
-
-
-@pytest.mark.thorough
 def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_misses():
     (flight,) = flown(spec(2))
     truth = flight.truth.parameters.torque_gains
@@ -93,24 +72,6 @@ def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_miss
         assert reported.quantities[name].value == pytest.approx(gain, rel=0.05)
         assert missed.quantities[name].value != pytest.approx(gain, rel=0.1)
     assert reported.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
-
-
-@pytest.mark.long
-def test_gains_of_swept_flights_under_shoves_have_no_bias_and_intervals_that_hold():
-    flights = flown(*(spec(seed) for seed in range(12)))
-    known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)
-    held = []
-    errors = {name: [] for name in ("roll_gain", "pitch_gain", "yaw_gain")}
-    for flight in flights:
-        result = identify_flight(flight.recording, model=known)
-        for (name, error), truth in zip(errors.items(), flight.truth.parameters.torque_gains, strict=True):
-            quantity = result.quantities[name]
-            error.append(quantity.value / truth - 1.0)
-            held.append(quantity.interval[0] <= truth <= quantity.interval[1])
-    for name, error in errors.items():
-        assert abs(np.mean(error)) < 0.01, name
-        assert np.sqrt(np.mean(np.square(error))) < 0.025, name
-    assert np.mean(held) >= 0.85
 
 
 # -- Position, velocity, attitude and rates some tenths of a second ahead, of the rotors alone --
@@ -324,16 +285,3 @@ def test_a_vehicle_comes_back_from_a_result():
     ):
         with pytest.raises(InputError, match="says what flies"):
             vehicle_from_record(wrong)
-
-
-@pytest.mark.thorough
-def test_a_result_predicts_its_own_flight_and_another(flown_ahead):
-    noisy = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0)
-    first, second = simulate_rigid_body_flights([replace(noisy, seed=1), replace(noisy, seed=2)])
-    fit = ev.identify_flight(first.recording, model=MOTION, method="whitened_least_squares")
-    assert fit.multi_step_prediction is not None
-    assert all(ratio < 0.3 for ratio in fit.multi_step_prediction.ratios.values())
-    assert all(
-        ratio < 0.3 for ratio in ev.validate(fit, second.recording).multi_step_prediction.ratios.values()
-    )
-    assert json.loads(fit.to_json())["ahead"]["errors"]

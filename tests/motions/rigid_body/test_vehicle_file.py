@@ -13,7 +13,6 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.inference.verdict import Status
-from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.dynamics import side_by_side
@@ -29,9 +28,8 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
 )
 from eivor.motions.rigid_body.verdict import Order, observed_order
-from eivor.simulation.excitation import RandomSteps
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 
 X = 'layout = "quad-x"\nnumbering = "px4"\n'
 EACH = "positions = [[0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [-0.1, -0.1]]\n"
@@ -348,21 +346,3 @@ def test_a_result_refuses_and_says_which(flight):
     assert result.verdict.status is Status.REFUSED
     assert any(reason.sentence.startswith("Rotors 2 and 3 look") for reason in result.verdict.reasons)
     assert result.diagnostics["rotor_2_acts_as"] == 3.0
-
-
-@pytest.mark.long
-def test_no_clean_flight_is_accused():
-    rough = TorqueDisturbance(*[OrnsteinUhlenbeck(4.0, 0.3)] * 3)
-    kinds = (
-        {"attitude": AxisExcitations()},
-        {"attitude": AxisExcitations(), "torque_disturbance": rough},
-        {"attitude": AxisExcitations(*[RandomSteps(0.08)] * 3), "torque_disturbance": rough},
-        {"attitude": AxisExcitations(yaw=RandomSteps(0.7))},
-    )
-    specs = [replace(SPEC, duration=15.0, seed=seed, **kind) for seed in range(5) for kind in kinds]
-    accused = wrong = 0
-    for flight in flown(specs):
-        accused += shown(flight, TRUE) is not None
-        result = shown(flight, ordered(1, 3, 2, 4))
-        wrong += result is not None and result.acts_as != (1, 3, 2, 4)
-    assert (accused, wrong) == (0, 0)
