@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,19 +21,6 @@ from eivor.estimation.methods import least_squares
 from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
-from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.figures import (
-    CoverageRow,
-    coverage_figure,
-    histogram_figure,
-    nrmse_figure,
-    signal_figure,
-    study_coverage_figure,
-    study_figure,
-)
-from eivor.lab.paper import EXAMPLES, named_readings, run_example
-from eivor.lab.records import Scenario
-from eivor.lab.study import MethodChoice, Study, StudyResult
 from eivor.models.regression import regression
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.regression import VerticalFlights
@@ -127,7 +113,6 @@ FLIGHT = (
 )
 
 
-TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
 
 
 NOISE = np.random.default_rng(0).normal(size=400)
@@ -143,22 +128,6 @@ def drawn(axes: Axes) -> bool:
     return bool(axes.lines or axes.patches or axes.collections or axes.texts)
 
 
-def study(folder: Path) -> StudyResult:
-    """A finished study of three trials."""
-    choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
-    columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
-    for label in ("least_squares", "generalized_iv"):
-        columns[f"{label}.status"] = ["identified", "identified", "weak"]
-        for name, truth in TRUTH.items():
-            columns[f"{label}.{name}"] = [truth, 1.1 * truth, 0.9 * truth]
-            columns[f"{label}.{name}.low"] = [truth - 0.1, truth, truth + 0.1]
-            columns[f"{label}.{name}.high"] = [truth + 0.1, truth + 0.2, truth + 0.2]
-    experiment = VerticalExperiment(Scenario(0.3, 0.8))
-    return StudyResult(
-        Study("a study", experiment, choices, runs=3, intervals=True), folder, pl.DataFrame(columns)
-    )
-
-
 @cache
 def replicates() -> Bootstrap:
     """A bootstrap of two parameters."""
@@ -169,10 +138,6 @@ def replicates() -> Bootstrap:
 
 
 ONE_PANEL: dict[str, Callable[[Any, FlightEstimate, Path], Figure]] = {
-    "coverage": lambda ax, _fit, _folder: coverage_figure(
-        [CoverageRow("one", "a", 90, 100)], title="noise", ax=ax
-    ),
-    "study coverage": lambda ax, _fit, folder: study_coverage_figure([study(folder)], title="noise", ax=ax),
     "pair": lambda ax, fit, _folder: pair_figure(
         estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
     ),
@@ -219,30 +184,6 @@ SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], 
     "estimates": (
         ("a", "b"),
         lambda axes, _fit, _folder: estimates_figure({"by bootstrap": replicates()}, axes=axes),
-    ),
-    "nrmse": (
-        ("one: together", "two: together"),
-        lambda axes, _fit, _folder: nrmse_figure(
-            {name: {"together": np.abs(NOISE)} for name in ("one", "two")}, axes=axes
-        ),
-    ),
-    "study": (
-        tuple(
-            f"{label}: {name}"
-            for label in ("least_squares", "generalized_iv")
-            for name in (*TRUTH, "together")
-        ),
-        lambda axes, _fit, folder: study_figure(study(folder), axes=axes),
-    ),
-    "paper's signals": (
-        ("input", "position_z"),
-        lambda axes, _fit, _folder: signal_figure(named_readings(("height-central",))[0], axes=axes),
-    ),
-    "paper's histograms": (
-        ("extended IV: viscous_friction", "extended IV: input_gain", "extended IV: together"),
-        lambda axes, _fit, _folder: histogram_figure(
-            run_example(named_readings(("height-central",))[0], EXAMPLES[0], 4), "IV", axes=axes
-        ),
     ),
 }
 

@@ -28,8 +28,8 @@ from eivor.lab.paper import (
     nearness,
     nrmse,
     record,
-    run_example,
     run_paper,
+    run_together,
     trial_generator,
 )
 from eivor.lab.records import Intersample
@@ -55,7 +55,8 @@ def reading(name: str, **changes: object) -> PaperReading:
 @pytest.fixture(scope="module")
 def results() -> dict[tuple[str, int], PaperResult]:
     return {
-        (name, number): run_example(reading(name), EXAMPLES[number - 1], RUNS) for name, number in PROTOTYPE
+        (name, number): run_together(((reading(name),), EXAMPLES[number - 1]), RUNS)[0]
+        for name, number in PROTOTYPE
     }
 
 
@@ -81,7 +82,7 @@ def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
 
 @pytest.mark.thorough
 def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
-    result = run_example(reading("white-input"), EXAMPLES[0], 20)
+    result = run_together(((reading("white-input"),), EXAMPLES[0]), 20)[0]
     assert result.spreads("extended_iv")[1].mean > 10.0 * result.spreads("generalized_iv")[1].mean
     assert [result.weak_runs(method) for method in METHODS] == [0, 0, 20, 20, 0, 0]
 
@@ -151,10 +152,8 @@ def test_height_is_the_integral_of_velocity(intersample):
     ("motion", "velocity", "acceleration"),
     [
         (MotionSource.VELOCITY_CENTRAL, 0.0, 0.0),
-        (MotionSource.VELOCITY_BACKWARD, 0.0, -0.1),
         (MotionSource.VELOCITY_FORWARD, 0.0, 0.1),
         (MotionSource.HEIGHT_CENTRAL, 0.0, 0.0),
-        (MotionSource.HEIGHT_TWICE_CENTRAL, 0.0, 0.0),
         (MotionSource.HEIGHT_BACKWARD, -0.1, -0.2),
     ],
 )
@@ -195,11 +194,11 @@ def test_names_and_runs_are_checked():
     with pytest.raises(UsageError, match="readings out of ratios-of-std"):
         named_readings(("nothing",))
     with pytest.raises(UsageError, match="two runs or more"):
-        run_paper(READINGS, runs=1)
+        next(run_paper(READINGS, runs=1))
 
 
 def test_too_few_instruments_for_total_least_squares_are_no_estimate():
-    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
+    result = run_together(((reading("two-lags"),), EXAMPLES[0]), 2)[0]
     assert result.failed("extended_iv_tls") == 2
     assert result.failed("extended_iv") == 0
     assert np.isnan(result.spreads("extended_iv_tls")[0].mean)

@@ -38,14 +38,10 @@ from eivor.report.figure_panels import (
     DARK,
     GREY,
     RED,
-    GivenAxes,
     drawable,
-    figure_of,
-    given_axes,
     labelled,
     legend,
     page,
-    panel,
 )
 from eivor.report.figures import save_figure, signals_figure
 from eivor.report.json_document import Json, number
@@ -81,7 +77,6 @@ def coverage_figure(
     nominal: float = 0.95,
     band: tuple[float, float] | None = None,
     title: str = "",
-    ax: Axes | None = None,
 ) -> Figure:
     """Shares of intervals that held the truth, as dots with 95 % Wilson intervals."""
     drawn = [row for row in rows if row.count]
@@ -90,7 +85,8 @@ def coverage_figure(
     groups = list(dict.fromkeys(row.group for row in drawn))
     labels = list(dict.fromkeys(row.label for row in drawn))
     line = max(ROW_HEIGHT * len(labels), LEAST_ROW)
-    axes = panel(ax, WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
+    figure = page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
+    axes = figure.add_subplot()
     if band is not None:
         axes.axvspan(100 * band[0], 100 * band[1], color=BLUE, alpha=0.10, lw=0, label="asked for")
     axes.axvline(100 * nominal, color=DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
@@ -101,49 +97,28 @@ def coverage_figure(
     for edge in range(1, len(groups)):
         axes.axhline(edge - 0.5, color=GREY, lw=0.4, alpha=0.5)
     axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
-    for text in axes.get_yticklabels():
-        text.set_parse_math(False)
     axes.set_ylim(len(groups) - 0.5, -0.5)
     lowest = 100.0 * min(Share(row.hits, row.count).interval[0] for row in drawn)
     axes.set_xlim(min(lowest, 100 * nominal - 2.0) - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")
     axes.grid(axis="x", alpha=0.25)
-    figure = figure_of(axes)
-    if ax is None:
-        drawn_legend = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-        for text in drawn_legend.get_texts():
-            text.set_parse_math(False)
-    else:
-        legend(axes)
+    drawn_legend = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    for text in (*axes.get_yticklabels(), *drawn_legend.get_texts()):
+        text.set_parse_math(False)
     return figure
 
 
-def study_coverage_figure(
-    results: Sequence[StudyResult],
-    *,
-    band: tuple[float, float] | None = None,
-    title: str = "",
-    ax: Axes | None = None,
-) -> Figure:
-    """Coverage of every parameter in one or several studies, methods side by side."""
-    levels = {result.study.level for result in results if result.study.intervals}
-    if len(levels) != 1:
-        expected = "studies with intervals of one level"
-        received = f"levels {sorted(levels)}" if levels else "none with intervals"
-        raise UsageError(expected, received, "Set intervals = true in the study's file; draw levels apart.")
+def study_coverage_figure(result: StudyResult, title: str = "") -> Figure:
+    """Coverage of every parameter of a study, methods side by side."""
+    if not result.study.intervals:
+        raise UsageError("a study with intervals", "one without", "Set intervals = true in the study's file.")
     rows = [
-        CoverageRow(
-            item.label,
-            _words(score.name) if len(results) == 1 else f"{result.study.name}: {_words(score.name)}",
-            hit.hits,
-            hit.count,
-        )
-        for result in results
+        CoverageRow(item.label, _words(score.name), score.coverage.hits, score.coverage.count)
         for item in scores(result)
         for score in item.parameters
-        if (hit := score.coverage) is not None
+        if score.coverage is not None
     ]
-    return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
+    return coverage_figure(rows, nominal=result.study.level, title=title)
 
 
 def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
@@ -178,47 +153,35 @@ def nrmse_figure(
     *,
     printed: Mapping[str, Mapping[str, Spread]] | None = None,
     title: str = "",
-    axes: GivenAxes | None = None,
 ) -> Figure:
     """Histograms of NRMSE, a row of panels for each method and a column for each score."""
     columns = max((len(scores) for scores in rows.values()), default=0)
     drawable(range(columns), "scores", "Run the study first.")
-    cells = {f"{method}: {name}": (method, name) for method, scores in rows.items() for name in scores}
-    panels = _table(rows, columns, title) if axes is None else given_axes(axes, tuple(cells), title)
-    for called, drawn_panel in panels.items():
-        method, name = cells[called]
-        _draw(drawn_panel, rows[method][name], ((printed or {}).get(method) or {}).get(name))
-        first = axes is not None or name == next(iter(rows[method]))
-        text = f"{printable(method)}\ntrials [count]" if first else ""
-        labelled(drawn_panel, x=f"NRMSE of {_words(name)} [%]", y=text, size=9.0)
-    return figure_of(*panels.values())
-
-
-def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -> dict[str, Axes]:
     figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
-    return {
-        f"{method}: {name}": figure.add_subplot(len(rows), columns, row * columns + column + 1)
-        for row, (method, scores) in enumerate(rows.items())
-        for column, name in enumerate(scores)
-    }
+    for row, (method, by_score) in enumerate(rows.items()):
+        for column, (name, values) in enumerate(by_score.items()):
+            axes = figure.add_subplot(len(rows), columns, row * columns + column + 1)
+            _draw(axes, values, ((printed or {}).get(method) or {}).get(name))
+            text = f"{printable(method)}\ntrials [count]" if column == 0 else ""
+            labelled(axes, x=f"NRMSE of {_words(name)} [%]", y=text, size=9.0)
+    return figure
 
 
-def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figure:
+def study_figure(result: StudyResult) -> Figure:
     """Histograms of NRMSE of every method of a study."""
     names = (*result.study.parameters, TOGETHER)
     rows = {
         choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
         for choice in result.study.methods
     }
-    title = f"{printable(result.study.name)}: {result.trials.height} trials" if axes is None else ""
-    return nrmse_figure(rows, title=title, axes=axes)
+    return nrmse_figure(rows, title=f"{printable(result.study.name)}: {result.trials.height} trials")
 
 
 def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
     """Histograms of NRMSE and, where intervals were recorded, their coverage."""
     yield "nrmse", study_figure(result)
     if result.study.intervals:
-        yield "coverage", study_coverage_figure([result], title=f"Coverage: {result.study.name}")
+        yield "coverage", study_coverage_figure(result, f"Coverage: {result.study.name}")
 
 
 def _words(name: str) -> str:
@@ -305,20 +268,17 @@ def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]
             number += 1
 
 
-def signal_figure(
-    reading: PaperReading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
-) -> Figure:
+def signal_figure(reading: PaperReading, example: Example = EXAMPLES[0]) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
     truth = record(exact, example, trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
     height = integrated_height(velocity, drive, intersample=reading.intersample)
     signals = Signals(truth.rate_hz, {"input": drive, "position_z": height})
-    title = f"Reading {reading.name}: input and height of the first run"
-    return signals_figure(signals, title="" if axes is not None else title, axes=axes)
+    return signals_figure(signals, title=f"Reading {reading.name}: input and height of the first run")
 
 
-def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
+def histogram_figure(result: PaperResult, column: str) -> Figure:
     """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8."""
     method = PRINTED_METHODS[column]
     scores = result.nrmse(method)
@@ -329,7 +289,7 @@ def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None
         f"({len(result.estimates)} runs; red: printed mean ± SD)"
     )
     rows = {words: {name: scores[:, index] for index, name in enumerate(SCORES)}}
-    return nrmse_figure(rows, printed={words: printed}, title=title if axes is None else "", axes=axes)
+    return nrmse_figure(rows, printed={words: printed}, title=title)
 
 
 # -- Paper table --

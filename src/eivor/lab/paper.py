@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache, partial
-from typing import Any
+from importlib.resources import files
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -112,10 +113,8 @@ class MotionSource(Enum):
 
     SOLUTION = "the solution of the equation of motion"
     VELOCITY_CENTRAL = "z'' by central differences of z'"
-    VELOCITY_BACKWARD = "z'' by backward differences of z'"
     VELOCITY_FORWARD = "z'' by forward differences of z'"
     HEIGHT_CENTRAL = "z' by central, z'' by central second differences of z"
-    HEIGHT_TWICE_CENTRAL = "z' by central differences of z, z'' by central differences of that"
     HEIGHT_BACKWARD = "z' by backward differences of z, z'' by backward differences of that"
     NOISY_VELOCITY = "z'' by central differences of z' as measured, with its noise"
     EULER_STEPS = "Euler's steps, each z'' beside the z' that it leads to"
@@ -159,171 +158,39 @@ class PaperReading:
     compensation: Compensation = Compensation.SHARED  # Of generalized IV
     as_many: bool = False  # Generalized IV has the lags 0 to n - 1, as many instruments as extended IV
 
-    def but(self, name: str, sentence: str, **changes: Any) -> PaperReading:
-        """The same reading apart from some choices."""
-        return replace(self, name=name, sentence=sentence, **changes)
-
     @property
     def records(self) -> PaperReading:
         """What shapes the records alone: readings that share it have the same ones."""
         same = PaperReading("", "")
-        estimation = {name: getattr(same, name) for name in ("allowed", "lags", "compensation", "as_many")}
-        return self.but("", "", **estimation)
+        others = ("name", "sentence", "allowed", "lags", "compensation", "as_many")
+        return replace(self, **{name: getattr(same, name) for name in others})
 
 
-_STD = PaperReading(
-    "ratios-of-std",
-    "Ratios of standard deviations, 1e-2 on z', 0.02 the standard deviation of the input's noise, exact "
-    "motion, ten lags.",
-    input_variance=0.02**2,
-)
-_VARIANCE = _STD.but(
-    "ratios-of-variances", "As ratios-of-std, with the ratios those of variances.", ratio=Ratio.VARIANCE
-)
-_CENTRAL = PaperReading(
-    "central-10-lags",
-    "Ratios of standard deviations, 0.02 a variance, z'' by central differences of z' at T = 0.2 s, ten "
-    "lags.",
-    motion=MotionSource.VELOCITY_CENTRAL,
-)
+#: Choices that are words, and what they are members of.
+_CHOICES: Mapping[str, type[Enum]] = {
+    "input": Input,
+    "ratio": Ratio,
+    "ratio_of": RatioOf,
+    "weights": Weights,
+    "motion": MotionSource,
+    "intersample": Intersample,
+    "route": DisturbanceRoute,
+    "compensation": Compensation,
+}
+
+
+def _readings() -> tuple[PaperReading, ...]:
+    text = (files("eivor.lab") / "paper_readings.toml").read_text(encoding="utf-8")
+    known: dict[str, PaperReading] = {}
+    for name, row in tomllib.loads(text).items():
+        same = known.get(row.pop("as", ""), PaperReading("", ""))
+        words = {key: _CHOICES[key][row[key].upper()] for key in _CHOICES.keys() & row.keys()}
+        known[name] = replace(same, name=name, **row | words)
+    return tuple(known.values())
+
+
 #: Every named reading.
-READINGS: tuple[PaperReading, ...] = (
-    _STD,
-    _VARIANCE,
-    _STD.but(
-        "input-variance-std",
-        "As ratios-of-std, with 0.02 the variance of the input's noise.",
-        input_variance=0.02,
-    ),
-    _VARIANCE.but(
-        "input-variance",
-        "As ratios-of-variances, with 0.02 the variance of the input's noise.",
-        input_variance=0.02,
-    ),
-    _VARIANCE.but(
-        "larger-on-acceleration", "As ratios-of-variances, with 1e-2 on z''.", larger_on="acceleration_z"
-    ),
-    _VARIANCE.but("larger-on-input", "As ratios-of-variances, with 1e-2 on u.", larger_on="input"),
-    _VARIANCE.but(
-        "larger-on-disturbance",
-        "As ratios-of-variances, with 1e-2 on the disturbance.",
-        larger_on="disturbance",
-    ),
-    _VARIANCE.but(
-        "ratio-after-delta",
-        "As ratios-of-variances, the ratios of the noises after Delta^alpha.",
-        ratio_of=RatioOf.FRACTIONAL,
-    ),
-    _VARIANCE.but(
-        "weights-as-printed",
-        "As ratios-of-variances, with binom(alpha, j) as weights: signs alternate.",
-        weights=Weights.PRINTED,
-    ),
-    _VARIANCE.but(
-        "disturbance-in-dynamics",
-        "As ratios-of-variances, with the disturbance moving the vehicle.",
-        route=DisturbanceRoute.DYNAMICS,
-    ),
-    _VARIANCE.but(
-        "disturbance-unscaled",
-        "As ratios-of-variances, with e ~ N(0, 1) and sinusoids of amplitude 1 m/s^2 as printed.",
-        disturbance_scaled=False,
-    ),
-    _VARIANCE.but(
-        "two-lags",
-        "As ratios-of-variances, with n = 2 in (21) and (28): as many delayed inputs as parameters.",
-        lags=2,
-    ),
-    _VARIANCE.but(
-        "row-of-h-as-printed",
-        "As larger-on-input, with the 1 of H in row 2 as printed.",
-        larger_on="input",
-        compensation=Compensation.PRINTED_ROW,
-    ),
-    _VARIANCE.but(
-        "count-left-out",
-        "As larger-on-input, with sigma_u^2 not multiplied by N, as (29) is printed.",
-        larger_on="input",
-        compensation=Compensation.WITHOUT_COUNT,
-    ),
-    _VARIANCE.but(
-        "time-in-samples", "As ratios-of-variances, with t in (35) counted in samples.", input=Input.SAMPLES
-    ),
-    _CENTRAL,
-    _CENTRAL.but("central-5-lags", "As central-10-lags, with five lags.", lags=5),
-    _CENTRAL.but("central-2-lags", "As central-10-lags, with n = 2 as in (21).", lags=2),
-    _CENTRAL.but(
-        "central-linear-input",
-        "As central-5-lags, with an input that is linear between samples.",
-        intersample=Intersample.LINEAR,
-        lags=5,
-    ),
-    _CENTRAL.but(
-        "height-central",
-        "As central-5-lags, with z' by central and z'' by central second differences of z.",
-        motion=MotionSource.HEIGHT_CENTRAL,
-        lags=5,
-    ),
-    _CENTRAL.but(
-        "height-backward",
-        "As central-5-lags, with z' and z'' by backward differences of z, one after the other.",
-        motion=MotionSource.HEIGHT_BACKWARD,
-        lags=5,
-    ),
-    _CENTRAL.but(
-        "height-backward-2-lags",
-        "As height-backward, with n = 2 as in (21).",
-        motion=MotionSource.HEIGHT_BACKWARD,
-        lags=2,
-    ),
-    _CENTRAL.but(
-        "noise-before-differences",
-        "As central-5-lags, with z'' by central differences of the noisy z'.",
-        motion=MotionSource.NOISY_VELOCITY,
-        lags=5,
-    ),
-    _CENTRAL.but(
-        "euler-steps",
-        "As central-10-lags, with the motion by Euler's steps: z'' of the z' before, and in the equation "
-        "beside the z' that it leads to.",
-        motion=MotionSource.EULER_STEPS,
-    ),
-    _VARIANCE.but(
-        "forward-printed-weights",
-        "As larger-on-input, with z'' by forward differences of z', binom(alpha, j) as weights, n = 2, and "
-        "as many instruments in generalized as in extended IV.",
-        larger_on="input",
-        weights=Weights.PRINTED,
-        motion=MotionSource.VELOCITY_FORWARD,
-        lags=2,
-        as_many=True,
-    ),
-    _VARIANCE.but(
-        "forward-linear-2-lags",
-        "As ratios-of-variances, with 0.02 a variance, an input that is linear between samples, z'' by "
-        "forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
-        input_variance=0.02,
-        motion=MotionSource.VELOCITY_FORWARD,
-        intersample=Intersample.LINEAR,
-        lags=2,
-        as_many=True,
-    ),
-    _VARIANCE.but(
-        "white-input",
-        "Not the paper's: as ratios-of-variances, with a white input of the variance of (35).",
-        allowed=False,
-        input_variance=0.02,
-        input=Input.WHITE,
-    ),
-    _VARIANCE.but(
-        "white-input-2-lags",
-        "Not the paper's: as white-input, with n = 2.",
-        allowed=False,
-        input_variance=0.02,
-        input=Input.WHITE,
-        lags=2,
-    ),
-)
+READINGS = _readings()
 
 
 def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
@@ -492,10 +359,8 @@ def _forward(values: Series) -> Series:
 _DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Series]]] = {
     MotionSource.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
     MotionSource.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
-    MotionSource.VELOCITY_BACKWARD: lambda v, _: (v, _backward(v)),
     MotionSource.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
     MotionSource.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
-    MotionSource.HEIGHT_TWICE_CENTRAL: lambda _, z: (_central(z), _central(_central(z))),
     MotionSource.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
 }
 
@@ -624,11 +489,6 @@ class Nearness:
     printed: int
 
 
-def run_example(reading: PaperReading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
-    """Result of some runs of an example under a reading, on one thread."""
-    return run_together(((reading,), example), runs, seed)[0]
-
-
 def run_together(
     task: tuple[Sequence[PaperReading], Example], runs: int, seed: int = SEED
 ) -> list[PaperResult]:
@@ -658,12 +518,6 @@ def run_paper(
     """Results of every reading in their order, example 1 before example 2, as they are done."""
     if runs < 2:
         raise UsageError("two runs or more", f"{runs}", "The paper has 100.")
-    return _results(readings, runs, seed, workers)
-
-
-def _results(
-    readings: Sequence[PaperReading], runs: int, seed: int, workers: int | None
-) -> Iterator[PaperResult]:
     groups: dict[PaperReading, list[PaperReading]] = {}
     for reading in readings:
         groups.setdefault(reading.records, []).append(reading)
@@ -690,12 +544,12 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
     ]
     means = _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs])
     stds = _factor([(spread.std, printed.std) for spread, printed, _ in pairs])
-    return Nearness(means, stds, sum(_agrees(*pair) for pair in pairs), len(pairs))
-
-
-def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:
-    error = np.sqrt(measured.std**2 / max(runs, 1) + printed.std**2 / PRINTED_RUNS)
-    return bool(abs(measured.mean - printed.mean) <= AGREEMENT * error)
+    agreeing = sum(
+        abs(spread.mean - printed.mean)
+        <= AGREEMENT * np.sqrt(spread.std**2 / max(runs, 1) + printed.std**2 / PRINTED_RUNS)
+        for spread, printed, runs in pairs
+    )
+    return Nearness(means, stds, int(agreeing), len(pairs))
 
 
 def _factor(pairs: list[tuple[float, float]]) -> float:
