@@ -71,19 +71,6 @@ def test_what_a_mask_hides_is_no_value_of_signals():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_what_a_mask_hides_is_no_value_of_a_recording():
-    recording = ev.recording_from_columns({"time": np.arange(60), "velocity_z": hidden(Y, (7,))})
-    channel = recording.channels["velocity_z"]
-    assert np.isnan(channel.values[7])
-    assert channel.quality.missing_values == 1
-    whole = hidden(np.arange(60), (3,))
-    recording = ev.recording_from_columns({"time": np.arange(60), "velocity_z": whole})
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(recording.channels["velocity_z"].values)), [3])
-    memory = ev.estimate_long_memory(np.ma.masked_array(Y))
-    assert memory.order == ev.estimate_long_memory(Y).order
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [

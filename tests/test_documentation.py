@@ -17,7 +17,6 @@ import pytest
 
 import eivor
 import eivor as ev
-from benchmarks import check
 from eivor.motions.vertical.regression import VerticalFlights
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -389,17 +388,3 @@ def test_a_wrong_map_shows_in_the_intercept(example):
     )[0]
     assert wrong.parameters["intercept"] == pytest.approx(float(stated), abs=0.06)
     assert abs(example.parameters["intercept"]) < 0.1
-
-
-def test_the_check_of_benchmarks_reads_every_row_and_sees_what_is_slower(capsys):
-    written = check.written_ratios(ROOT.joinpath("benchmarks", "README.md").read_text(encoding="utf-8"))
-    for script, rows in check.RATIOS.items():
-        assert ROOT.joinpath("benchmarks", f"{script}.py").exists()
-        for begins in rows:
-            assert any(of == script and row.startswith(begins) for of, row in written), begins
-    rows = ["| `python benchmarks/report.py` | the page of a report | 1 s | | 0.1-0.2 | | |"]
-    rows += ["| | with every method | 1 s | | 1/4 | | |"]
-    written_ratios = check.written_ratios("\n".join(rows))
-    assert written_ratios == {("report", "the page of a report"): 0.2, ("report", "with every method"): 0.25}
-    printed = "one method: page; ratio 0.29; x\nevery method: page; ratio 0.38; x\n"
-    assert check.exceeded("report", printed, written_ratios) == ["report, with every method"]

@@ -20,7 +20,7 @@ import pytest
 
 import eivor as ev
 from eivor.lab.records import simulate
-from eivor.lab.scenario_files import read_scenario, shipped_rigid_body_flight, shipped_scenario
+from eivor.lab.scenario_files import shipped_rigid_body_flight, shipped_scenario
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.signals.thrust_map import input_map
 from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
@@ -108,28 +108,6 @@ def test_a_whole_vehicle_flies(eivor, tmp_path):
     assert eivor("simulate", "all.toml", "-o", "all.csv", "--hover").code == 2
 
 
-def test_flight_under_altitude_control_logs_altitude_and_reference(eivor, tmp_path):
-    control = 'kind = "altitude"\naltitude_gain = 0.5\nvelocity_gain = 0.15'
-    text = FLIGHT.replace('kind = "velocity"\nvelocity_gain = 0.15', control)
-    text += '[noise.position_z]\nkind = "white"\nstd = 0.03\n'
-    (tmp_path / "flight.toml").write_text(text, encoding="utf-8")
-    run = eivor("simulate", "flight.toml", "-o", "flight.csv", "--truth", "truth.json", "--seed", 3)
-    assert (run.code, run.err) == (0, "")
-    table = pl.read_csv(tmp_path / "flight.csv")
-    measured = ["acceleration_z", "input", "position_z", "velocity_z"]
-    assert set(table.columns) == {"time", *measured, "reference_position_z"}
-    record = simulate(read_scenario(tmp_path / "flight.toml"), np.random.default_rng(3))
-    log = ev.read_log(tmp_path / "flight.csv")
-    for name in ("position_z", "reference_position_z"):
-        np.testing.assert_array_equal(log.channel(name).values, record.signals.channel(name))
-    assert log.channel("reference_position_z").held
-    error = record.signals.channel("position_z") - record.truth.channel("position_z")
-    assert np.std(error) == pytest.approx(0.03, rel=0.05)
-    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
-    assert truth["noise"]["position_z"] == {"std": 0.03, "order": 0.0}
-    assert truth["noise"]["reference_position_z"]["std"] == 0.0
-
-
 def test_a_slow_log_with_its_weight_is_told(eivor, tmp_path):
     """At 5 Hz the verdict would be weak, with intervals that miss: it is said when the log is made."""
     run = eivor("simulate", "closed-loop", "-o", "slow.csv", "--hover")
@@ -202,29 +180,6 @@ def test_flights_that_are_none(eivor, tmp_path, text, said):
     assert (run.code, run.out) == (1, "")
     assert said in run.err
     assert not (tmp_path / "a.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (FLIGHT.replace("samples", "sampels"), "unknown key 'sampels'. Did you mean 'samples'?"),
-        (FLIGHT.replace("std = 0.02", "std = -0.02"), "received std=-0.02"),
-        (FLIGHT.replace("order = -0.3", "order = -1.9"), "received order=-1.9"),
-        (FLIGHT.replace("9000", '"many"'), "a whole number at samples of flight.toml; received 'many'"),
-        (FLIGHT.replace("high_hz = 0.5", "high_hz = 80.0"), "ends below half the rate"),
-        ("not = toml = at all", "which is not"),
-    ],
-)
-def test_scenarios_that_are_none(eivor, tmp_path, text, said):
-    (tmp_path / "flight.toml").write_text(text, encoding="utf-8")
-    run = eivor("simulate", "flight.toml", "-o", "flight.parquet")
-    assert run.code == 1
-    assert run.err.startswith("eivor: Expected ")
-    assert said in run.err
-    assert "flight.toml" in run.err
-    assert run.err.count("\n") == 1
-    assert run.out == ""
-    assert not (tmp_path / "flight.parquet").exists()
 
 
 @pytest.mark.parametrize(

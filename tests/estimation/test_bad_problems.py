@@ -112,16 +112,6 @@ def test_as_many_rows_as_unknowns(method):
         ev.bootstrap(problem, method, runs=2)
 
 
-def test_as_many_instruments_as_parameters_are_enough():
-    """The equations are met exactly, the rows are not."""
-    problem = ev.regression(response=Y[:3], regressors=PHI[:3], instruments=PHI[:3])
-    fit = ev.identify(problem, ev.methods.extended_iv())
-    peer = ev.identify(problem, ev.methods.least_squares())
-    assert fit.parameters == pytest.approx(peer.parameters)
-    assert fit.std_error("theta_1") == pytest.approx(peer.std_error("theta_1"))
-    assert fit.std_error("theta_1") > 1e-3
-
-
 def test_fewer_instruments_than_parameters():
     with pytest.raises(InstrumentError, match="at least 2 instruments for 2 parameters; received 1"):
         ev.identify(

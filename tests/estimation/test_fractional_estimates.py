@@ -87,24 +87,6 @@ def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
     assert parameter == pytest.approx(least.x, abs=1e-6)
 
 
-def test_dividing_both_sides_leaves_the_equation_and_whitens_its_noise():
-    problem = MODEL.problem(record(noise_ratio=0.0), LAGS, divided_by_output_at=TRUTH | {"order": 0.6})
-    assert ev.identify(problem, methods.generalized_iv()).parameters == pytest.approx(TRUTH, rel=1e-8)
-    signals = record(noise_ratio=0.1)
-    plain = MODEL.problem(signals).regression({"order": 0.7})
-    divided = MODEL.problem(signals, divided_by_output_at=TRUTH).regression({"order": 0.7})
-    direction = np.array([8.0, 1.0, -1.0])
-
-    def share(regression):
-        """Noise of the residual over that of y itself."""
-        return (
-            direction @ regression.regressor_noise_covariance() @ direction / signals.noise["output"].variance
-        )
-
-    assert share(divided) < 1.6
-    assert share(plain) > 40.0
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", [ev.WhiteNoise(1.0), ev.FractionalNoise(1.0, 0.3)])
 def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,7 +18,6 @@ from nuisance_runs import (
     PARAMETERS,
     SHARE,
     TRUTH,
-    columns,
     lag,
     problem,
     residual,
@@ -288,22 +286,6 @@ def test_nuisances_that_cannot_be_searched_are_refused(make, said):
 # -- flights and axes -------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_one_axis_told_twice_is_no_more_than_once(method):
-    """Scores of one time are one score: two axes that err together do not halve the variance."""
-    item = columns(3, noise=0.3)
-    nuisances = lag(), KNOWN_SHARE
-    once = ev.identify(LaggedRuns((item,), PARAMETERS, nuisances), method)
-    twice = ev.identify(LaggedRuns((item, replace(item, axis=1)), PARAMETERS, nuisances), method)
-    np.testing.assert_allclose(twice.values, once.values, rtol=1e-4)
-    result, wanted = (fit.joint_covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
-    np.testing.assert_allclose(np.sqrt(np.diag(result)), np.sqrt(np.diag(wanted)), rtol=1e-3)
-    other = columns(4, noise=0.3, axis=1)
-    separated = ev.identify(LaggedRuns((item, other), PARAMETERS, nuisances), method)
-    assert separated.equation.sample_count == once.equation.sample_count
-
-
 # -- methods as an interface ------------------------------------------------------------------------------
 
 
@@ -346,17 +328,6 @@ def test_what_is_no_method_is_refused(given, said):
 def test_what_is_no_problem_is_refused():
     with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
         ev.identify(np.zeros((10, 2)), least_squares())
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_an_estimate_survives_pickling(method):
-    fit = ev.identify(problem(lag(), KNOWN_SHARE), method)
-    interval, criterion = fit.interval("actuator_lag"), fit.criterion
-    again = pickle.loads(pickle.dumps(fit))  # noqa: S301 - made here
-    assert again.interval("actuator_lag") == interval
-    assert again.criterion == criterion
-    assert DELAY.name not in again.nuisances
 
 
 # -- Search in boxes: valleys, ends of grids, and functions without a least value --

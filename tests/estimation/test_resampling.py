@@ -14,11 +14,10 @@ import eivor
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation import methods
-from eivor.estimation.bootstrap import Replicate, bootstrap, left_over, pool_flights
+from eivor.estimation.bootstrap import Replicate, bootstrap, pool_flights
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.models.lagged_runs import LaggedRuns
@@ -231,35 +230,6 @@ def errors(estimate: Estimate) -> np.ndarray:
 
 
 # -- between the nodes ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_cubic_between_nodes_is_itself():
-    nodes = nodes_of((lag(), share()))
-    index = [np.log([0.0123, 0.2]), np.array([0.01, 0.5, 0.99])]
-
-    def cubic(lag_s, bend):
-        return np.log(lag_s) ** 3 * bend - bend**3 + 2.0
-
-    values = np.array([[cubic(*point.values()), 1.0] for point in nodes.points])
-    expected = [[cubic(np.exp(item), bend), 1.0] for item in index[0] for bend in index[1]]
-    np.testing.assert_allclose(nodes.over(values, index), expected, rtol=1e-9)
-    position = np.array([index[0][1], index[1][0]])
-    np.testing.assert_allclose(nodes.weights(position) @ values, expected[3], rtol=1e-9)
-    assert nodes.values_at(position) == pytest.approx({"actuator_lag": 0.2, "curve_share": 0.01})
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_least_squares_leaves():
-    systems = np.random.default_rng(3).standard_normal((6, 7, 4))
-    systems[2, :, 1] = 0.0
-    expected = [np.linalg.lstsq(system[:, :-1], system[:, -1], rcond=None)[0] for system in systems]
-    residuals = [
-        system[:, -1] - system[:, :-1] @ theta for system, theta in zip(systems, expected, strict=True)
-    ]
-    np.testing.assert_allclose(
-        left_over(systems), [residual @ residual for residual in residuals], rtol=1e-12
-    )
 
 
 # -- replicates ----------------------------------------------------------------------------------------------

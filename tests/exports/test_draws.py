@@ -121,22 +121,6 @@ def spread(column: Any) -> float:
     return float(np.std(column) / np.mean(column))
 
 
-def test_vehicles_of_rotorpy_hover_alike_though_masses_differ(tmp_path: Path) -> None:
-    vehicles = python_file("rotorpy", tmp_path)["vehicles"]
-    assert len(vehicles) == COUNT
-    mass, thrust = (np.array([vehicle[name] for vehicle in vehicles]) for name in ("mass", "k_eta"))
-    hover = np.sqrt(mass * 9.81 / (4 * thrust))
-    assert np.median(hover) == pytest.approx(HOVER, rel=1e-4)
-    assert spread(hover) == pytest.approx(GAIN_SPREAD / 2.0, rel=0.1)
-    assert spread(mass) == pytest.approx(MASS_SPREAD, rel=0.1)
-    boxes = np.sqrt(np.random.default_rng(1).permutation(mass) / thrust)
-    assert spread(boxes) > 4.0 * spread(hover)
-    assert all(vehicle["Izz"] <= vehicle["Ixx"] + vehicle["Iyy"] for vehicle in vehicles)
-    arms = [np.hypot(*vehicle["rotor_pos"]["r1"][:2]) for vehicle in vehicles]
-    assert spread(arms) == pytest.approx(0.0004 / 0.043, rel=0.1)
-    assert min(vehicle["tau_m"] for vehicle in vehicles) > 0.05
-
-
 @pytest.mark.thorough  # of the extra `simulators`
 def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")

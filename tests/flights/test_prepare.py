@@ -90,18 +90,6 @@ def test_a_gap_of_the_command_breaks_the_run_and_is_waited_for(log):
     assert second[0] == pytest.approx(9.3, abs=0.021)
 
 
-def test_the_actuator_runs_over_the_whole_log_before_runs_are_cut(log):
-    """A step just before the window: the run begins in the middle of the actuator's answer to it."""
-    level = np.full(2000, 0.4)
-    level[1000:] = 0.6
-    prepared = prepare_vertical(changed(log, rotor_command_1=level), FlightOptions(window=(10.05, 18.0)))
-    flight = vertical_flight(prepared)
-    assert flight.runs[0].start == 1005
-    (state,) = flight.cut(flight.mapped_input(VerticalMotion(Power(1.0)), 0.1, 0.0)[:, None])
-    age = STEP_S * np.arange(5, 5 + len(state))
-    np.testing.assert_allclose(state[:, 0], 0.6 - 0.2 * np.exp(-age / 0.1), atol=1e-12)
-
-
 def test_acceleration_may_be_logged_without_gravity(log):
     force = log.channels["specific_force_z"].values
     coordinate = changed(log, "specific_force_z", acceleration_z=force - GRAVITY)
@@ -361,20 +349,6 @@ def test_amplitudes_shrink_as_those_of_a_line_between_stamps(frequency_hz):
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
 AT = np.arange(1.0, 19.0, 0.01)
-
-
-@pytest.mark.parametrize(("frequency_hz", "curve", "line"), [(0.5, 5e-4, 1e-2), (1.0, 5e-3, 4e-2)])
-def test_amplitudes_are_kept(frequency_hz, curve, line):
-    truth = np.sin(2.0 * np.pi * frequency_hz * AT)
-    gains = [
-        float(item @ truth / (truth @ truth))
-        for item in (
-            between(STAMPS, np.sin(2.0 * np.pi * frequency_hz * STAMPS), AT)
-            for between in (curve_between, line_between)
-        )
-    ]
-    assert abs(gains[0] - 1.0) < curve
-    assert 0.5 * line < 1.0 - gains[1] < line
 
 
 def test_noise_of_close_stamps_tilts_nothing():

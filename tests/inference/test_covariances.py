@@ -45,7 +45,6 @@ from eivor.inference.kernel import (
 )
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.models.regression import Parameter, Regression, SampleRows
 from reference import constants as truth
 
 
@@ -241,18 +240,6 @@ def test_linearmodels_kernel_covariances(housing, kernel, name, bandwidth):
     np.testing.assert_allclose(fit.with_covariance(estimator).covariance, in_our_order(wanted), rtol=1e-8)
 
 
-def test_critical_values_follow_the_covariance(housing):
-    fit, _ = housing
-    widths = {}
-    for fixed_b in (False, True):
-        chosen = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(9.0), fixed_b=fixed_b)
-        low, high = fit.with_covariance(chosen).interval("pcturban")
-        widths[fixed_b] = 0.5 * (high - low) / fit.with_covariance(chosen).std_error("pcturban")
-    assert widths[False] == pytest.approx(1.959964, rel=1e-6)
-    # The record has 50 rows: b = 0.2.
-    assert widths[True] == pytest.approx(2.6, rel=1e-3)
-
-
 # -- signals, chunks -----------------------------------------------------------------------------------------
 
 
@@ -362,31 +349,6 @@ def test_fractional_bandwidths_count_every_lag_within_their_span():
     for lags in np.linspace(0.0, 6.0, 25):
         chosen = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(float(lags)), fixed_b=False)
         assert fit.with_covariance(chosen).covariance[0, 0] > 0.0
-
-
-def test_clusters_of_compensated_equations_have_their_constant():
-    """Flights of unequal length: what noise adds on average must not pass for a difference between them."""
-    rng = np.random.default_rng(1)
-    lengths = rng.integers(20, 400, 40)
-    flights = np.repeat(np.arange(40), lengths)
-    x, noise = rng.standard_normal((2, flights.size))
-    noisy = x + 0.8 * noise
-    response = 0.7 * x + 0.3 * rng.standard_normal(flights.size)
-    problem = Regression(
-        response,
-        noisy[:, None],
-        noisy[:, None],
-        (Parameter("a"),),
-        SampleRows(flights),
-        instrument_noise=np.array([[0.64, 0.0]]),
-    )
-    fit = ev.identify(problem, ev.methods.generalized_iv())
-    robust, clustered = (
-        fit.with_covariance(item).std_error("a")
-        for item in (cov.HeteroskedasticityRobust(), cov.ClusteredByFlight())
-    )
-    # Forty clusters tell a standard error to 11 %.
-    assert clustered == pytest.approx(robust, rel=0.45)
 
 
 def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):

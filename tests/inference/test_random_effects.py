@@ -12,7 +12,6 @@ from statsmodels.stats.outliers_influence import OLSInfluence
 from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, shared_slopes, steps
 from eivor.inference.random_effects import (
     Groups,
-    between_distribution,
     moment_between,
     one_group,
     paule_mandel,
@@ -69,23 +68,6 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     assert moments[0] == pytest.approx(0.00144084, abs=1e-8)
     means = random_effects_means(one_group(9), y, v, moments)
     assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
-
-
-def test_groups_at_once_are_as_one_by_one():
-    groups, y, v = drawn(5, [3, 1, 7], 0.03)
-    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    next_half_widths = between_distribution(groups, y, v).next_half_widths(means.value)
-    for number, (start, size) in enumerate(zip(groups.starts, groups.sizes, strict=True)):
-        group, rows = one_group(int(size)), slice(start, start + size)
-        alone = random_effects_means(group, y[rows], v[rows], paule_mandel(group, y[rows], v[rows]))
-        assert alone.value[0] == pytest.approx(means.value[number], rel=1e-12)
-        assert alone.half_widths()[0] == pytest.approx(means.half_widths()[number], rel=1e-9)
-        assert between_distribution(group, y[rows], v[rows]).next_half_widths(alone.value)[
-            0
-        ] == pytest.approx(next_half_widths[number], rel=1e-6)
-    assert means.half_widths()[1] == np.inf
-    assert next_half_widths[1] == np.inf
-    assert [end[1] for end in q_profile(groups, y, v)] == [0.0, np.inf]
 
 
 # -- Drifts, steps, slopes on covariates, deviations: against least squares of others, by hand, --

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
 
 import numpy as np
 import polars as pl
 import pytest
 from dataflash_writer import simulated
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError, EivorError, MissingReaderError, UsageError
 from eivor.logs import read_log
@@ -302,33 +299,6 @@ def test_numbers_are_floats_whether_they_meet_a_column_or_not(tmp_path, monkeypa
         )
         r = read_log(table, channel_map=tmp_path / "m.toml")
         np.testing.assert_allclose(r.channels["input"].values, value, rtol=1e-14)
-
-
-_LEAVES = st.one_of(
-    st.sampled_from(["a", "b"]), st.integers(1, 10**9).map(str), st.floats(1e-9, 1e9).map(repr)
-)
-_ARITHMETIC = st.recursive(
-    _LEAVES,
-    lambda inner: st.one_of(
-        st.tuples(inner, st.sampled_from("+-*/"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})"),
-        inner.map(lambda t: f"(-{t})"),
-    ),
-    max_leaves=12,
-)
-
-
-@pytest.mark.thorough
-@settings(max_examples=200, deadline=None, derandomize=True)
-@given(_ARITHMETIC)
-def test_arithmetic_is_that_of_floats(text):
-    """Against Python's own arithmetic, with every number written as a float."""
-    floats = re.sub(r"(?<![\w.])\d[\w.]*(?:(?<=e)[+-]\d+)?", lambda match: f"float({match.group()!r})", text)
-    try:
-        expected = eval(floats, {"a": 3.0, "b": -7.0, "float": float})  # noqa: S307 - made above
-    except ZeroDivisionError:
-        return
-    values = parse_expression(f"{text} + 0*a", "here").evaluate({"a": np.full(2, 3.0), "b": np.full(2, -7.0)})
-    np.testing.assert_array_equal(values, np.full(2, expected + 0.0))
 
 
 def test_a_missing_value_stays_missing():

@@ -157,26 +157,6 @@ def test_a_velocity_setpoint_that_the_position_loop_wrote_is_feedback(tmp_path):
     assert set(r.channels) == {"reference_position_z", "reference_velocity_z"}
 
 
-def test_a_variable_of_two_types_is_taken_from_the_one_with_more_records(tmp_path):
-    log = UsdLog()
-    log.add_type(0, "rare", "acc.z(f)")
-    log.add_type(1, "often", "acc.z(f)")
-    for row in range(30):
-        log.add_record(1, 1000 * row, 2.0)
-        if row % 10 == 0:
-            log.add_record(0, 1000 * row + 500, 1.0)
-    assert read(tmp_path, log).channels["specific_force_body_z"].values.size == 30
-    (tmp_path / "m.toml").write_text(
-        'name = "m"\n[time]\ncolumn = "timestamp"\nunit = "us"\n'
-        '[channels.specific_force_body_z]\ncolumn = "rare:acc.z"\n'
-        'unit = "g"\n[channels.acceleration_z]\nexpression = \'"often:acc.z" - 1\'\nunit = "g"\n'
-    )
-    c = read(tmp_path, log, channel_map=tmp_path / "m.toml").channels
-    np.testing.assert_allclose(c["specific_force_body_z"].values, [G] * 3)
-    np.testing.assert_allclose(c["specific_force_body_z"].time_s, [0.0005, 0.0105, 0.0205])
-    np.testing.assert_allclose(c["acceleration_z"].values, [G] * 30)
-
-
 @pytest.mark.parametrize(
     ("rule", "words"),
     [
@@ -324,16 +304,6 @@ def test_a_log_that_announces_no_types_of_events(tmp_path):
     path.write_bytes(flight(2).head()[:3] + b"\0\0" + flight(2).bytes()[5:])
     with pytest.raises(EmptyLogError):
         read_log(path)
-
-
-def test_many_small_damages_are_given_up_too(tmp_path, monkeypatch):
-    requested = []
-    plain = reader._candidates
-    monkeypatch.setattr(reader, "MAX_SEARCH_BYTES", 1 << 14)
-    monkeypatch.setattr(reader, "_candidates", lambda *a: requested.append(1) or plain(*a))
-    content = flight().head() + (bytes(14) + b"\x37") * 1000
-    assert read(tmp_path, content).channels
-    assert len(requested) <= reader.MAX_SEARCH_BYTES / reader.SEARCH_BLOCK
 
 
 def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):

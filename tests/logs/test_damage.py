@@ -486,23 +486,6 @@ def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, k
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_messages_of_other_lengths_stand_beside_each_other():
-    """Texts of several lengths, one message that is none: the others keep their order."""
-    types = parsed_definition("string words\nfloat64 x", "a/B")
-
-    def message(words, value):
-        head = b"\0\1\0\0" + struct.pack("<I", len(words) + 1) + words + b"\0"
-        return head + bytes(-(len(head) - 4) % 8) + struct.pack("<d", value)
-
-    made = [message(b"abc" * (row % 3), float(row)) for row in range(20)]
-    made.insert(7, b"\0\1\0\0junk")
-    result = decoded(made, lambda item: message_layout(item, "a/B", types, ros1=False))
-    assert result.fields["x"].tolist() == [float(row) for row in range(20)]
-    assert result.indices.tolist() == [*range(7), *range(8, 21)]
-    assert "goes on after" in result.reason
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_stamps_that_cannot_be(tmp_path, store):
     messages = list(inertial(store["ros2"]))
     messages[10][3].header.stamp.sec = 0
@@ -551,22 +534,6 @@ def read_dataflash(tmp_path):
         return read_log(path)
 
     return read_dataflash
-
-
-@pytest.mark.parametrize("block", [64, 1000, messages.BLOCK_BYTES])
-@pytest.mark.parametrize("extra", [b"\0" * 7, b"\xa3\x95", b"\xa3\x95\xfe" * 30, bytes(range(256)) * 4])
-def test_bytes_between_messages(read_dataflash, sound_dataflash, monkeypatch, block, extra):
-    monkeypatch.setattr(messages, "BLOCK_BYTES", block)
-    middle = writer()
-    middle.messages.insert(200, (middle.messages[200][0], extra))
-    pairs = middle.messages
-    content = middle.head + b"".join(item for _, item in pairs)
-    r = read_dataflash(content)
-    whole = read_dataflash(middle.head + b"".join(item for _, item in pairs if item is not extra))
-    assert "bytes that belong to no message" in told_dataflash(r, "corrupt_parts")
-    lost = [whole.channels[name].values.size - r.channels[name].values.size for name in whole.channels]
-    assert set(lost) <= {0, 1}
-    assert "corrupt_parts" not in [finding.name for finding in whole.findings]
 
 
 def test_layouts_that_cannot_be(read_dataflash, sound_dataflash):

@@ -289,20 +289,6 @@ def test_files_of_nothing_that_is_read(whole, tmp_path):
         read_log(tmp_path / "a.mat")
 
 
-def test_what_lies_elsewhere_is_left_alone(whole, tmp_path):
-    """Links, views and storage outside the file: another file's content is never read."""
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["secret"] = np.arange(50.0)
-    layout = h5py.VirtualLayout(shape=(50,), dtype="f8")
-    layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(50,))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["time"] = file["velocity_z"] = np.arange(50.0)
-        file.create_virtual_dataset("position_z", layout)
-        file["input"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "secret")
-        file.create_dataset("cos_tilt", (50,), "f8", external=[(str(tmp_path / "raw"), 0, 400)])
-    assert set(read_log(tmp_path / "a.h5").channels) == {"velocity_z"}
-
-
 def test_variables_without_a_space_are_left_out(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["time"] = file["velocity_z"] = np.arange(50.0)

@@ -177,22 +177,6 @@ def test_every_parameter_has_a_column():
         problem.rows(AT)
 
 
-def test_an_axis_says_which_of_the_moving_parameters_its_equation_has():
-    velocity, acceleration, throttle = drive(np.random.default_rng(3))
-    problem = rover(velocity, acceleration, throttle)
-    (alone,) = problem.columns
-    nothing = np.zeros((velocity.size, 1))
-    names = (*problem.parameters[:2], Parameter("absent", ""), problem.parameters[2])
-    among = replace(alone, moved=(1,))
-    padded = replace(alone, moving=lambda item: np.column_stack([nothing, alone.moving(item)]))
-    sentence, zeros = (LaggedRuns((item,), names, (LAG,)) for item in (among, padded))
-    np.testing.assert_array_equal(sentence.rows(AT).regressors, zeros.rows(AT).regressors)
-    np.testing.assert_allclose(sentence.bins(AT).regressors, zeros.bins(AT).regressors, atol=1e-13)
-    assert not sentence.bins(AT).regressors[:, 2].any()
-    with pytest.raises(ShapeError, match="moving column for each"):
-        LaggedRuns((replace(alone, moved=(0, 1)),), names, (LAG,)).rows(AT)
-
-
 def test_a_lag_shorter_than_the_step_has_the_slope_of_longer_ones():
     """Samples do not move with it, so that a derivative there would make intervals many times too wide."""
     step_s = 0.01

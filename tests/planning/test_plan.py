@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import NODES_HZ, controller_gains, residual_densities
 from eivor.planning import plan as planning
-from eivor.planning.plan import FlightPlan, csv_text, levels, qgc_text, ranked_std_errors, rotorpy_text
+from eivor.planning.plan import FlightPlan, csv_text, levels, qgc_text, ranked_std_errors
 from eivor.planning.vehicle import (
     ROOM,
     STEP_S,
@@ -35,7 +34,6 @@ from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from flights.flight_logs import prepare_vertical
-from planning.conftest import written_module
 
 LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
 
@@ -301,13 +299,3 @@ def test_the_table_is_the_plan(multisine: FlightPlan) -> None:
     read = np.array([[float(cell) for cell in row.split(",")] for row in rows])
     np.testing.assert_allclose(read[:, 1], multisine.height[::2], atol=1e-3)
     np.testing.assert_allclose(read[:, 2], multisine.velocity[::2], atol=1e-3)
-
-
-def test_the_trajectory_gives_flat_outputs(multisine: FlightPlan, tmp_path: Path) -> None:
-    flight = written_module(rotorpy_text(multisine), tmp_path).PlannedFlight(place=(1.0, 2.0))
-    update = flight.update(10.0)
-    np.testing.assert_allclose(update["x"], [1.0, 2.0, multisine.height[1000]], atol=1e-3)
-    np.testing.assert_allclose(update["x_dot"], [0.0, 0.0, multisine.velocity[1000]], atol=1e-3)
-    np.testing.assert_allclose(update["x_ddot"], [0.0, 0.0, multisine.acceleration[1000]], atol=1e-3)
-    assert {"x_dddot", "x_ddddot", "yaw", "yaw_dot", "yaw_ddot"} <= set(update)
-    np.testing.assert_allclose(flight.update(1e3)["x"][2], multisine.height[-2:], atol=1e-3)

@@ -113,8 +113,6 @@ FLIGHT = (
 )
 
 
-
-
 NOISE = np.random.default_rng(0).normal(size=400)
 
 

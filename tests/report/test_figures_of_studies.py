@@ -166,17 +166,6 @@ def test_what_is_not_valid_is_a_gap():
     assert not np.isnan(np.delete(drawn, 4)).any()
 
 
-def test_bars_hold_every_trial():
-    values = np.random.default_rng(0).exponential(size=200)
-    figure = nrmse_figure({"a": {"viscous_friction": values, "together": values[:50]}})
-    for axes, count in zip(figure.axes, (200, 50), strict=True):
-        assert sum(patch.get_height() for patch in axes.patches) == count
-    assert figure.axes[0].get_xlabel() == "NRMSE of K [%]"
-    assert figure.axes[1].get_xlabel() == "NRMSE of all parameters [%]"
-    assert figure.axes[0].get_ylabel() == "a\ntrials [count]"
-    assert inside(figure)
-
-
 def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
     values = np.linspace(1.0, 2.0, 20)
     for mean, drawn in ((2.5, True), (187.2, False)):

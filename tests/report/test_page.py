@@ -20,10 +20,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
-from eivor.report.document import Cell, Section, TableColumn, TableOf
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
-from eivor.report.html import element, own, section_html
+from eivor.report.html import element, own
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 
@@ -320,19 +319,6 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
     assert [line.get_marker() for line in points] == ["o", "o", "x", "D"]
     arrows = [line.get_marker() for line in made[0].lines if line.get_marker() in {"<", ">"}]
     assert arrows == ["<", ">", "<", ">"]
-
-
-def test_numbers_with_powers_stay_in_one_line_each():
-    text = "from -2.98e-6 to <b>3.1e-05</b>, or e-6"
-    table = TableOf((TableColumn("K_u"),), ((Cell(text, below="[2.9e-6, 3.0e-6]"),),))
-    cell = parsed(section_html(Section("", (table,)), "one", {})).all("th")[1]
-    assert cell.text == f"{text}[2.9e-6, 3.0e-6]"
-    assert [item.text for item in cell.all("span", class_="one")] == [
-        "-2.98e-6",
-        "3.1e-05",
-        "[2.9e-6,",
-        "3.0e-6]",
-    ]
 
 
 @pytest.mark.parametrize("values", [np.full(5, np.nan), np.full(5, 1800.0), np.array([3.0])])

@@ -9,7 +9,6 @@ import pytest
 from cost import in_transforms
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import gamma
 
 import eivor as ev
 from eivor.errors import NonFiniteError, ParameterError, TooFewSamplesError, UsageError
@@ -86,19 +85,6 @@ def test_published_weights_and_differences():
         [1.0, 1.5, 2.875, 4.6875, -4.1640625],
         rtol=1e-13,
     )
-
-
-@pytest.mark.parametrize("memory", [0.2, 0.3])
-def test_old_noise_has_the_moments_of_the_stationary_process(memory):
-    """ARFIMA(0, d, 0): variance Gamma(1 - 2d) / Gamma(1 - d)^2, lag-one autocorrelation d / (1 - d)."""
-    noise = FractionalNoise(1.0, -memory)
-    age = 2_000_000
-    variance = gamma(1.0 - 2.0 * memory) / gamma(1.0 - memory) ** 2
-    # The sum of a_q^2 ~ q^(2d - 2) / Gamma(d)^2 beyond the record's age is what is still missing.
-    missing = age ** (2.0 * memory - 1.0) / ((1.0 - 2.0 * memory) * gamma(memory) ** 2)
-    assert noise.autocovariance(0, age, 1)[0] == pytest.approx(variance - missing, rel=1e-6)
-    lagged = noise.autocovariance(1, age, 1)[0]
-    assert lagged == pytest.approx(variance * memory / (1.0 - memory) - missing, rel=1e-6)
 
 
 def test_half_derivative_of_a_ramp():

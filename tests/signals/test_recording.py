@@ -174,20 +174,6 @@ def test_signals_refuse_values_that_are_not_finite_where_they_count():
         Signals(1.0, {"input": np.zeros(2)}).channel("speed")
 
 
-@given(mask=st.lists(st.booleans(), min_size=1, max_size=40), least=st.floats(0.0, 6.0))
-def test_runs_are_the_maximal_stretches_of_valid_samples(mask, least):
-    signals = Signals(2.0, {"input": np.zeros(len(mask))}, valid=np.array(mask))
-    naive, start = [], None
-    for k, good in enumerate([*mask, False]):
-        if good and start is None:
-            start = k
-        elif not good and start is not None:
-            if (k - start) / 2.0 >= least:
-                naive.append(slice(start, k))
-            start = None
-    assert signals.runs(least) == naive
-
-
 def test_a_record_without_a_mask_is_one_run_unless_it_is_too_short():
     signals = Signals(2.0, {"input": np.zeros(5)})
     assert signals.runs() == [slice(0, 5)]

@@ -361,11 +361,12 @@ def test_flight_does_not_depend_on_its_batch():
         ({"delay": 0.005}, "a multiple of 0.002"),
         ({"quickness": 2.0}, "quickness between"),
         ({"duration": 1.0}, "duration between"),
+        ({"noise": {"velocity": -0.1}}, "finite noise levels"),
     ],
 )
 def test_specification_is_checked(wrong, message):
     with pytest.raises(UsageError, match=message):
-        VerticalFlightSpec(**wrong)
+        SensorNoise(**wrong["noise"]) if "noise" in wrong else VerticalFlightSpec(**wrong)
 
 
 def test_durations_must_agree():

@@ -223,21 +223,6 @@ def test_ratios_are_of_what_the_reading_says():
     assert mean_variance == pytest.approx(noise["ratios-of-variances"] ** 2)
 
 
-def test_nearness_of_the_printed_tables_to_themselves():
-    """Runs with exactly the printed means and SDs: two of them, one SD over the square root of two away."""
-    for example in EXAMPLES:
-        theta = np.full((2, len(METHODS), 2), np.nan)
-        for method, (friction, gain, _) in example.printed.items():
-            away = np.array([-1.0, 1.0]) / np.sqrt(2.0)
-            columns = [friction.mean + friction.std * away, gain.mean + gain.std * away]
-            theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
-                1.0 + np.column_stack(columns) / 100.0
-            )
-        result = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
-        assert result.agreeing == result.printed == 6
-        assert (result.means, result.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
-
-
 @pytest.mark.parametrize("name", [item.name for item in READINGS])
 def test_every_reading_makes_records_of_the_papers_length(name):
     made = record(reading(name), EXAMPLES[1], trial_generator(0))

@@ -29,7 +29,7 @@ from eivor.lab.study import (
 from eivor.lab.study import METHODS as METHOD_NAMES
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
-from eivor.simulation.excitation import WhiteDisturbance, autoregression, constant
+from eivor.simulation.excitation import WhiteDisturbance
 from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
 
@@ -44,11 +44,14 @@ def test_a_trial_depends_on_study_and_index_only():
     assert trial(study, 6) | {"trial": 5} != first
 
 
-def test_a_trial_is_what_identify_says():
-    study = small_study(intervals=True)
+@pytest.mark.parametrize("covariance", ["default", "classical"])
+def test_a_trial_is_what_identify_says(covariance):
+    study = small_study(intervals=True, methods=(*METHODS[:2], replace(METHODS[2], covariance=covariance)))
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
     signals = EQUATION.record(rng)
     fit = eivor.identify(EQUATION.problem(signals, eivor.lags("input", 0, 5)), eivor.methods.generalized_iv())
+    if covariance == "classical":
+        fit = fit.with_covariance(ev.covariances.Classical())
     row, label = trial(study, 3), study.methods[2].label
     assert row[f"{label}.status"] == fit.status.value
     for name in fit.names:
@@ -206,16 +209,6 @@ def test_what_does_not_fit_is_refused(make, said):
         make()
 
 
-def test_recursion_is_that_of_the_equation():
-    rng = np.random.default_rng(1)
-    a, driven = (1.2, -0.6, 0.1), rng.standard_normal(50)
-    y = np.zeros(53)
-    for k in range(50):
-        y[k + 3] = a[0] * y[k + 2] + a[1] * y[k + 1] + a[2] * y[k] + driven[k]
-    np.testing.assert_allclose(autoregression(driven, constant(a, driven.size)), y[3:], rtol=1e-12)
-    np.testing.assert_array_equal(autoregression(driven, constant((), driven.size)), driven)
-
-
 def test_a_disturbance_moves_the_machine():
     """Its effect on the output is the recursion of the disturbance itself."""
     parts = ((0.8,), (1.0,), Coin())
@@ -257,6 +250,7 @@ def test_interval_is_that_of_scipy(hits, count, level):
     """Another implementation of Wilson's interval."""
     theirs = binomtest(hits, count).proportion_ci(level, method="wilson")
     np.testing.assert_allclose(Share(hits, count, level).interval, (theirs.low, theirs.high), atol=1e-12)
+    assert Share(0, 0, level).interval == (0.0, 1.0)
 
 
 def test_a_trial_is_that_of_the_method():

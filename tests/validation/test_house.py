@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
 from validation import house
@@ -90,38 +87,3 @@ def test_counts_of_a_package(small):
         "members of the protocol of motions": 3,
     }
     assert "| files / lines |" in house.table(small, [{}, {}, {}])
-
-
-def test_a_walk_counts_functions_files_depth_and_types():
-    """The functions of this file stand for those of the package."""
-
-    def outer():
-        return inner()
-
-    def inner():
-        return [len(name) for name in ("a", "b")]
-
-    taken = house.Walk(str(Path(__file__)), set(), set())
-    sys.setprofile(taken.profile)
-    try:
-        outer()
-    finally:
-        sys.setprofile(None)
-    assert {name for _, name, _ in taken.functions} == {"outer", "inner"}
-    assert taken.deepest == 2
-
-
-def test_tests_studies_and_pages_are_counted(tmp_path):
-    texts = {
-        "tests/test_a.py": "import eivor\nfrom eivor import methods\nfrom eivor.errors import EivorError\n",
-        "tests/room/test_b.py": "from eivor import estimation\n",
-        "tests/room/test_c.py": "def f():\n    import eivor.logs.read\n",
-        "validation/study.py": "x = 1\ny = 2\n",
-        "docs/cli.md": "Generated.\n",
-        "docs/page.md": "Three words here\n\n| a | table |\n",
-    }
-    for name, text in texts.items():
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    assert list(house.project(tmp_path).values()) == [3, 6, 2, 2, 1, 3]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.mutation.check import TABLE, Mutant, check_lines, main, read_mutants, sample
+from validation.mutation.check import TABLE, check_lines, main, read_mutants
 
 SOURCE = """def twice(x):
     doubled = 2 * x
@@ -97,15 +97,6 @@ def test_what_is_noticed_is_told_and_shown(project, capsys):
 
 def test_every_line_of_the_table_is_in_the_project_once():
     assert not check_lines(read_mutants(TABLE), Path(__file__).parents[2])
-
-
-def test_the_sample_has_the_first_of_each_area():
-    mutants = [
-        Mutant(name, area, "", "", "a", "b", ("t",))
-        for name, area in (("a1", "a"), ("a2", "a"), ("b1", "b"), ("a3", "a"), ("c1", "c"), ("b2", "b"))
-    ]
-    assert [mutant.name for mutant in sample(mutants, 4)] == ["a1", "b1", "c1", "a2"]
-    assert [mutant.name for mutant in sample(mutants, 9)] == ["a1", "b1", "c1", "a2", "b2", "a3"]
 
 
 def test_the_page_shows_the_table_as_it_is():

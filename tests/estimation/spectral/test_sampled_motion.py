@@ -12,10 +12,9 @@ import pytest
 import eivor as ev
 from eivor.errors import EstimationError
 from eivor.estimation import spectral_iv
-from eivor.estimation.pair_whitening import CombinedProblem, PairedBins, PairWhitening, _weighted, responses
+from eivor.estimation.pair_whitening import PairedBins, PairWhitening, responses
 from eivor.estimation.sampled_motion import (
     NoiseModel,
-    PairSpectrum,
     SampledMotion,
     SampledRecord,
     _Fit,
@@ -64,21 +63,6 @@ def test_without_noise_only_the_transient_is_left() -> None:
     assert abs(t) > 1e-6
     left = motion.whole(np.array([t]), motion.nuisance_shapes(ramps=False))
     assert np.abs(left[1]).max() < 1e-10 * np.abs(second).max()
-
-
-@pytest.mark.parametrize("place", [0, 1, 2])
-def test_directions_are_derivatives_over_the_input(place: int) -> None:
-    motion = replace(motion_of(Intersample.HOLD, 0.0), blend=0.2)
-    names, step = ("friction", "gain", "blend"), 1e-5
-    name = names[place]
-    prediction, behind = (
-        replace(motion, **{name: getattr(motion, name) + sign * step}).residuals() for sign in (1, -1)
-    )
-    slope = (prediction - behind) / (2.0 * step)
-    direction = motion.directions[place] * motion.record.input
-    if name == "friction":  # of what is measured V is, of the true motion g U
-        slope[0] += motion.response * motion.record.input - motion.record.velocity
-    np.testing.assert_allclose(slope, direction, rtol=1e-6, atol=1e-9 * np.abs(direction).max())
 
 
 def test_the_noise_fit_knows_its_gradient() -> None:
@@ -242,26 +226,6 @@ def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_sample
     at_a_line = np.abs(columns[:, 2]) > 0.5 * np.abs(columns[:, 2]).max()
     assert np.abs(left[at_a_line]).max() < 8e-3 * np.abs(b * columns[at_a_line, 2]).max()
     assert np.abs(plain[at_a_line]).max() > 0.1 * np.abs(b * columns[at_a_line, 2]).max()
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_two_equations_are_combined_with_the_least_power() -> None:
-    problem = problem_of_flight()
-    bins = problem.bins(problem.first_values)
-    entries = np.ones(bins.responses.shape[0])
-    C = PairSpectrum(1.0 * entries, 4.0 * entries, (0.5 + 0.8j) * entries)
-    rows = _weighted(problem, bins, corrected=False, C=C, factor=entries, renewals=0)
-    assert isinstance(rows.problem, CombinedProblem)
-    weights = rows.problem.weights[0]
-    assert weights.sum() == pytest.approx(1.0)
-    matrix = np.array([[1.0, 0.5 + 0.8j], [0.5 - 0.8j, 4.0]])
-
-    def power(of_first: complex) -> float:
-        w = np.array([of_first, 1.0 - of_first])
-        return float((w @ matrix @ w.conj()).real)
-
-    assert rows.power[0] == pytest.approx(power(weights[0]))
-    assert all(power(weights[0] + step) > rows.power[0] for step in (0.01, -0.01, 0.01j, -0.01j))
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

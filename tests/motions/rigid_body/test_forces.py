@@ -107,21 +107,6 @@ def known(vehicle: Vehicle) -> KnownVehicle:
     )
 
 
-def test_turning_has_columns_for_it_where_velocity_is_logged():
-    (flight,) = simulate_rigid_body_flights([replace(BESIDE_SPEC, duration=4.0, seed=5)])
-    motion = RigidBody(known(BESIDE_SPEC.vehicle))
-    without = {
-        name: channel
-        for name, channel in flight.recording.channels.items()
-        if not name.startswith("velocity")
-    }
-    for log, there in ((flight.recording, True), (replace(flight.recording, channels=without), False)):
-        problem = motion.problem((prepare(log, motion, FlightOptions()),), NoInstruments())
-        names = {parameter.name for parameter in problem.parameters}
-        assert {item.name for item in GYROSCOPIC_MOMENT} <= names
-        assert all((item.name in names) == there for pair in DRAG_MOMENT for item in pair)
-
-
 def test_the_equations_hold_for_rotors_that_spin_above_and_beside_the_centre_of_mass():
     """At the true lag, by least squares in time; without these columns the residual is many times larger."""
     rotors = replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
@@ -240,16 +225,6 @@ def test_a_tilt_is_no_fall(logged):
     assert np.std(inner(result - moved)) < 0.03
 
 
-def test_runs_are_integrated_by_themselves():
-    moved = velocity(0.5)
-    runs = [slice(100, 1500), slice(2000, 3900)]
-    result = inferred_velocity(signals(np.gradient(moved, STEP_S) + GRAVITY, 0.0 * moved), runs)
-    assert result is not None
-    assert not result[:100].any()
-    assert not result[1500:2000].any()
-    assert np.std(result[2300:3600] - moved[2300:3600]) < 0.05
-
-
 def test_without_a_force_there_is_none():
     blind = Signals(rate_hz=100.0, channels={"angular_rate_x": np.zeros(100)})
     assert inferred_velocity(blind, [slice(0, 100)]) is None
@@ -340,25 +315,6 @@ def test_couplings_that_are_not_told_leave_three_columns(problem):
 def uncoupled(first):
     """Columns of a flight whose products of rates are hardly there."""
     return replace(first, fixed=first.fixed * np.where(np.arange(first.fixed.shape[1]) < 3, 1e-9, 1.0))
-
-
-def test_columns_that_say_something_else_than_one_inertia_stay_three(problem):
-    """A reaction of yaw by far larger than that of any inertia, as of a motor that is slow to turn."""
-    free = identify(problem, METHOD)
-    slow = replace(problem, columns=tuple(reacting(column, problem) for column in problem.columns))
-    other = identify(slow, METHOD)
-    assert other.parameters[REACTION.name] > 10.0 * free.parameters[REACTION.name]
-    assert identified_ratios(other) is None
-
-
-def reacting(first, problem):
-    """The axis of yaw with a response that has more of a reaction in it."""
-    if first.axis != YAW_EQUATION:
-        return first
-    names = [parameter.name for parameter in problem.parameters[first.fixed.shape[1] :]]
-    index = first.moved.index(names.index(REACTION.name))
-    more = 20.0 * ONE_INERTIA_OF_A_ROTOR / THIRD * first.moving(AT)[:, index]
-    return replace(first, responses=first.responses + more[:, None])
 
 
 def test_predictions_know_what_all_axes_have():

@@ -155,21 +155,6 @@ def test_what_is_left_is_right():
     assert log_only["drag_x"].instead.value == pytest.approx(combinations_of(QUADROTOR)["drag_x"])
 
 
-def test_izz_needs_more_than_yaw_torque():
-    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
-    parameters = physical_parameters(errors, known_of(QUADROTOR))
-    izz = parameters["inertia_zz"]
-    assert izz.estimate is None
-    assert "hardly turns about two axes at once" in izz.sentence
-    assert izz.sentence.endswith("Supply the torque ratio or a ratio of Izz to the mean of Ixx and Iyy.")
-    assert izz.instead.value == pytest.approx(QUADROTOR.inertia[2] / QUADROTOR.mass / RATIO)
-    assert parameters["torque_ratio"].estimate is None
-    assert parameters["torque_ratio"].sentence.endswith("Supply a ratio of Izz to the mean of Ixx and Iyy.")
-    for name in ("yaw_drag", "rotor_inertia"):
-        assert parameters[name].estimate is None
-        assert parameters[name].sentence.startswith("Izz is not identified.")
-
-
 def test_izz_by_the_torque_ratio():
     errors = with_errors(combinations_of(QUADROTOR), **SHORT)
     known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.1 * RATIO))

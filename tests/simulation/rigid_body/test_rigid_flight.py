@@ -13,7 +13,6 @@ from eivor.errors import ParameterError
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.rigid_body.dynamics import coefficients_of, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
-from eivor.signals.filters import actuator_state
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import Cascade, FlightController, Sensor, gains_of, mixer_of, torque_limits
 from eivor.simulation.environment import TrajectoryKind
@@ -105,18 +104,6 @@ def test_log_of_exact_sensors_is_the_truth():
         for name in flight.recording.channels
         if name.startswith(("rotor_command", "reference", "feedback", "torque")) or name == "input"
     }
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_rotors_follow_their_delayed_commands():
-    spec = replace(LOUD, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006)))
-    truth = fly(spec).truth
-    hover = np.full((1, 4), spec.vehicle.hover_speed)
-    command = np.vstack([np.repeat(hover, 9, axis=0), truth.rotor_command])
-    state = actuator_state(command, step_s=0.002, lag_s=0.04, delay_s=0.006)[9:]
-    np.testing.assert_allclose(truth.rotor_speed, state, rtol=1e-9)
-    # the rate loop has half the rate of the simulation
-    np.testing.assert_array_equal(truth.rotor_command[::2], truth.rotor_command[1::2])
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
