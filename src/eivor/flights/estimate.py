@@ -164,7 +164,6 @@ class FlightState:
     method: Method | Any = None
     problem: SeparableProblem | Any = None
     sensors: SensorAgreement | None = None
-    aligned: bool = False
     estimate: Estimate | Any = None
     lag_prior: LagPrior | None = None
     without_prior: tuple[SeparableProblem, Estimate] | None = None
@@ -192,7 +191,7 @@ def choose_instruments(state: FlightState) -> FlightState:
 
 
 def pose_problem(state: FlightState) -> FlightState:
-    """The problem of the flights; with sensors aligned where that is requested and they disagree."""
+    """The problem of the flights, with sensors corrected where they disagree."""
     motion, flying, rule = state.motion, state.flying, state.instruments.rule
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
     own = state.method.takes_out_own_noise
@@ -206,10 +205,11 @@ def pose_problem(state: FlightState) -> FlightState:
     comparison = motion.abilities.sensors
     if comparison is None:
         return state
-    state = replace(state, sensors=comparison.agreement(state.problem, flying))
-    if not (state.options.align and state.sensors is not None and state.sensors.significant):
-        return state
-    state = replace(state, prepared=comparison.aligned(state.prepared, state.sensors), aligned=True)
+    sensors = comparison.agreement(state.problem, flying)
+    if sensors is None or not sensors.significant:
+        return replace(state, sensors=sensors)
+    corrected = comparison.corrected(state.prepared, sensors, state.options)
+    state = replace(state, prepared=corrected, sensors=sensors)
     return replace(state, problem=motion.problem(state.flying, rule))
 
 
@@ -286,7 +286,7 @@ def judge(state: FlightState) -> FlightState:
         motion_checks=motion.checks(state.problem, state.estimate, flying),
         profiles=state.profiles,
     )
-    inputs = verdict_inputs(motion, flying, state.instruments, fit, aligned=state.aligned)
+    inputs = verdict_inputs(motion, flying, state.instruments, fit)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
@@ -363,8 +363,6 @@ def verdict_inputs(
     flying: tuple[PreparedFlight, ...],
     chosen: Instruments,
     fit: Fit,
-    *,
-    aligned: bool,
 ) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
@@ -385,7 +383,6 @@ def verdict_inputs(
         periodicity=fit.checks.periodicity,
         lag_prior=fit.lag_prior,
         sensors=fit.sensors,
-        aligned=aligned,
         used_s=sum(flight.used_s for flight in flying),
         past_inputs=chosen.past_inputs,
         prior_share=dict(zip(fit.estimate.names, map(float, shares), strict=False)),

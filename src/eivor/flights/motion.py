@@ -255,7 +255,8 @@ class SensorComparison(Generic[P]):
 
     agreement: Callable[[P, Flights], SensorAgreement | None]  # None where flights have but one
     sentence: Callable[[SensorAgreement], str]
-    aligned: Callable[[Flights, SensorAgreement], Flights]  # Flights without those differences
+    #: Flights without differences of which it is known which measurement is wrong; to align, without others
+    corrected: Callable[[Flights, SensorAgreement, FlightOptions], Flights]
 
 
 @dataclass(frozen=True)

@@ -260,8 +260,7 @@ class _Pool:
         problem = motion.problem(logged, self.chosen.rule)
         comparison = motion.abilities.sensors
         sensors = None if comparison is None else comparison.agreement(problem, logged)
-        aligned = any(member.flight is not member.logged for member in self.members)
-        if aligned:
+        if any(flight.corrected for flight in flights):
             problem = motion.problem(shortened, self.chosen.rule)
         pool, without_prior = self._pooled(problem), None
         estimate = pool.whole()
@@ -285,7 +284,7 @@ class _Pool:
             {**{name: item.profile for name, item in sets.items()}, **_of_lags(pool)},
             motion.checks(problem, estimate, shortened),
         )
-        inputs = verdict_inputs(motion, flights, self.chosen, fit, aligned=aligned)
+        inputs = verdict_inputs(motion, flights, self.chosen, fit)
         whole = with_fit(motion, flights, self.options, fit, inputs)
         tests = {
             "pool_own_p_value": pool.agreement_p_value,

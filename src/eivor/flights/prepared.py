@@ -322,6 +322,7 @@ class PreparedFlight:
     states: tuple[str, ...] = ()  # Channels of the selection's states, which are regressors
     #: Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ
     curve_side: CurveSide = CurveSide.UNKNOWN
+    corrected: tuple[str, ...] = ()  # Differences between measurements that were taken out
 
     @cached_property
     def shortened(self) -> PreparedFlight:

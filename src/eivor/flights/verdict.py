@@ -92,13 +92,16 @@ class VerdictInputs:
     lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
     periodicity: Periodicity | None = None
     sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
-    aligned: bool = False  # The differences between them that can be taken out are
     used_s: float = math.inf  # Time used of all flights [s]
     past_inputs: bool = False  # The instruments are past inputs, which a controller computes
     #: Share of the variance of each joint parameter that what is known beforehand makes
     prior_share: Mapping[str, float] = field(default_factory=dict)
     strength: InstrumentStrength = field(default_factory=lambda: InstrumentStrength({}))
     quantities: Mapping[str, QuantityEstimate] = field(default_factory=dict)
+
+    def corrected(self, name: str) -> bool:
+        """Whether a difference between the sensors was taken out."""
+        return any(name in flight.corrected for flight in self.flights)
 
     @property
     def swing(self) -> Swing | None:

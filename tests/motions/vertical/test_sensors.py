@@ -120,6 +120,43 @@ def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     assert ", tilt " in sensor_agreement_sentence(level)
 
 
+def pitched(log, *, attitude: float = 0.0, accelerometer: float = 0.0):
+    """A flight that pitches to move along x, with an attitude or an accelerometer that is turned about y."""
+    rng, like, force = np.random.default_rng(0), log.channels["velocity_z"], log.channels["specific_force_z"]
+    v = np.sin(0.9 * like.time_s) + 0.75 * np.sin(2.3 * like.time_s + 1.0)
+    pitch = np.arctan(np.gradient(v, STEP_S) / GRAVITY)
+    thrust, turned = force.values / np.cos(pitch), 0.5 * (pitch + attitude)
+    values = {
+        "velocity_x": v + 0.03 * rng.standard_normal(v.size),
+        "velocity_y": 0.03 * rng.standard_normal(v.size),
+        "attitude_w": np.cos(turned),
+        "attitude_y": np.sin(turned),
+        "specific_force_body_x": -accelerometer * thrust,
+        "specific_force_body_z": thrust,
+    }
+    values |= dict.fromkeys(("attitude_x", "attitude_z", "specific_force_body_y"), np.zeros(v.size))
+    flown_so = commanded(log, lambda U: U / np.cos(pitch))
+    logged = ("specific_force_z", "cos_tilt")
+    channels = {name: item for name, item in flown_so.channels.items() if name not in logged}
+    return changed(
+        replace(flown_so, channels=channels), *(replace(like, name=n, values=v) for n, v in values.items())
+    )
+
+
+def test_a_tilt_is_taken_out_of_an_attitude_unless_the_accelerometer_leans(log):
+    two, right = np.deg2rad(2.0), prepare(pitched(log), VERTICAL, FlightOptions())
+    result = identify_flight(pitched(log, attitude=-two))
+    (finding,) = [item for item in result.findings if item.name == "attitude_corrected"]
+    assert "degrees forward: the attitude is corrected by it." in finding.message
+    for name in ("specific_force_z", "cos_tilt"):
+        corrected = result.prepared[0].signals.channel(name)
+        np.testing.assert_allclose(corrected, right.signals.channel(name), rtol=0.002)
+    leaning = identify_flight(pitched(log, accelerometer=two))
+    assert all(item.name != "attitude_corrected" for item in leaning.findings)
+    parts = leaning.quantities["viscous_friction"].systematic_uncertainties
+    assert any("Which is right is not known" in part.sentence for part in parts)
+
+
 def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_alone(log):
     """Sideways as up and down: what leans looks like a scale."""
     like, rng = log.channels["velocity_z"], np.random.default_rng(1)
@@ -185,7 +222,7 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     sensors = SensorAgreement(
         {"scale": Difference(0.06 if channel == "velocity_z" else -0.06 / 1.06, 1e-3)}, AGREE
     )
-    (aligned,) = VERTICAL.abilities.sensors.aligned((flight,), sensors)
+    (aligned,) = VERTICAL.abilities.sensors.corrected((flight,), sensors, FlightOptions(align=True))
     for name in ("velocity_z", "specific_force_z"):
         np.testing.assert_allclose(aligned.signals.channel(name), right.signals.channel(name), rtol=1e-9)
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1

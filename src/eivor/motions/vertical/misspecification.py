@@ -13,6 +13,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
@@ -28,7 +29,9 @@ from eivor.motions.vertical.regression import (
     voltage,
     voltage_change,
 )
+from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
+from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float
 
 # -- Omitted-variable tests --
@@ -343,6 +346,9 @@ LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
 OTHER_UNIT_TIMES = 3.0
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
+#: Body axes whose tilt is taken out of an attitude; and the largest share of it by which the mean thrust may
+#: stand off the accelerometer's axis: all of it where the accelerometer leans, none where the attitude does.
+BODY_AXES, LEANING_SHARE = ("forward", "left"), 0.5
 #: The vehicle moved sideways when its horizontal speed varied by so much [m/s].
 SIDEWAYS_SPEED = 0.3
 #: Lags of the horizontal velocities that serve as instruments, one behind the other [s].
@@ -495,12 +501,46 @@ def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
     )
 
 
-def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> tuple[PreparedFlight, ...]:
-    """Flights with offset and scale taken out of the sensor that is wrong."""
+def corrected(
+    flights: tuple[PreparedFlight, ...], agreement: SensorAgreement, options: FlightOptions
+) -> tuple[PreparedFlight, ...]:
+    """Flights with tilts taken out of the attitude, and to align, offset and scale out of a sensor."""
     known = agreement.significant
-    offset_s = known[OFFSET.name].value if OFFSET.name in known else 0.0
-    scale = known[SCALE.name].value if SCALE.name in known else 0.0
-    return tuple(_aligned(flight, offset_s, scale) for flight in flights)
+    tilts = {name: known[tilt.name] for name, tilt in TILTS.items() if tilt.name in known}
+    moved = tuple(_levelled(flight, tilts) for flight in flights)
+    offset_s, scale = (known[name].value if name in known else 0.0 for name in (OFFSET.name, SCALE.name))
+    if not (options.align and (offset_s or scale)):
+        return moved
+    return tuple(_aligned(flight, offset_s, scale) for flight in moved)
+
+
+def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> PreparedFlight:
+    """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
+    channels, known = dict(flight.signals.channels), flight.recording.channels
+    body = [known.get(f"specific_force_body_{axis}") for axis in "xyz"]
+    felt = [on_grid(channel, flight.grid)[0][flight.used].mean() for channel in body if channel is not None]
+    if not (flight.runs and tilts and tilts.keys() <= set(BODY_AXES) and len(felt) == 3):
+        return flight
+    forward, left = (tilts[name].value if name in tilts else 0.0 for name in BODY_AXES)
+    leaning = -(felt[0] * forward + felt[1] * left) / felt[2] / (forward**2 + left**2)
+    if math.hypot(forward, left) > np.deg2rad(LARGEST_TILT_DEG) or not leaning < LEANING_SHARE:
+        return flight
+    time_s, row = vertical_row([known[f"attitude_{axis}"] for axis in "wxyz"])
+    turned = np.cross([left, -forward, 0.0], row)
+    changes = rotated(body, (time_s, turned)), Channel("cos_tilt", time_s, turned[:, 2], "")
+    for change in changes:
+        if change is not None:
+            channels[change.name] = channels[change.name] + on_grid(change, flight.grid)[0]
+    sentences = (sentence(TILTS[name].name, tilt).rstrip(".") for name, tilt in tilts.items())
+    noticed = (
+        Finding("attitude_corrected", f"{text}: the attitude is corrected by it.") for text in sentences
+    )
+    return replace(
+        flight,
+        signals=replace(flight.signals, channels=channels),
+        corrected=(*flight.corrected, *(TILTS[name].name for name in tilts)),
+        findings=(*flight.findings, *noticed),
+    )
 
 
 def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedFlight:
@@ -516,4 +556,5 @@ def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedF
             channels["specific_force_z"] = (1.0 + scale) * force
         else:
             channels["velocity_z"] = velocity / (1.0 + scale)
-    return replace(flight, signals=replace(flight.signals, channels=channels))
+    taken_out = (*flight.corrected, OFFSET.name, SCALE.name)
+    return replace(flight, signals=replace(flight.signals, channels=channels), corrected=taken_out)

@@ -53,7 +53,7 @@ from eivor.motions.vertical.misspecification import (
     CURVATURE,
     LEAST_SENSOR_DIFFERENCE,
     OmittedTerms,
-    aligned,
+    corrected,
     difference_problem,
     omitted_terms,
     sensitivities,
@@ -445,7 +445,7 @@ ABILITIES = Abilities(
             difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
         ),
         sensor_agreement_sentence,
-        aligned,
+        corrected,
     ),
     resampling=Resampling(balance_sums, resampled),
     prediction=Prediction(simple_models, predictions),

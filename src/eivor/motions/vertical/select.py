@@ -280,9 +280,9 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
         force = replace(logged, name="specific_force_z", values=logged.values + GRAVITY)
     body = [log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"]
     if force is None or force.rate_hz < SLOW_ACCELERATION_HZ:
-        rotated = _rotated(body, row)
-        if rotated is not None and (force is None or rotated.rate_hz > force.rate_hz):
-            force = rotated
+        turned = rotated(body, row)
+        if turned is not None and (force is None or turned.rate_hz > force.rate_hz):
+            force = turned
     if force is None:
         why = (
             "Without an attitude the accelerometer cannot be turned to the world's axes"
@@ -302,7 +302,7 @@ def _usable_channel(log: Recording, name: str, findings: list[Finding]) -> Chann
     return None
 
 
-def _rotated(
+def rotated(
     body: list[Channel | None], row: tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]] | None
 ) -> Channel | None:
     """World-up specific force from the body's and the attitude, on the accelerometer's clock."""

@@ -166,7 +166,8 @@ def _sensor_sentence(name: str) -> Callable[[VerdictInputs], str]:
     def words(inputs: VerdictInputs) -> str:
         difference = _difference(inputs, name)
         right = "Which is right is not known."
-        right = "It was aligned, as well as that is known." if inputs.aligned else right
+        if inputs.corrected(name):
+            right = "It was corrected, as well as that is known."
         return "" if difference is None else f"{sentence(name, difference)} {right}"
 
     return words
@@ -177,12 +178,12 @@ def _size(inputs: VerdictInputs, name: str) -> float:
     difference = _difference(inputs, name)
     if difference is None:
         return 0.0
-    return difference.half_width if inputs.aligned else abs(difference.value)
+    return difference.half_width if inputs.corrected(name) else abs(difference.value)
 
 
 def _lag_offset(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
     size = _size(inputs, OFFSET.name)
-    return _both(size) if inputs.aligned else (size, 0.0)
+    return _both(size) if inputs.corrected(OFFSET.name) else (size, 0.0)
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
@@ -192,14 +193,15 @@ def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
 def _scale(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     both = _size(inputs, SCALE.name) * abs(inputs.quantities[name].value)
     difference = _difference(inputs, SCALE.name)
-    if difference is None or inputs.aligned or name != FRICTION:
+    if difference is None or inputs.corrected(SCALE.name) or name != FRICTION:
         return _both(both)
     return (0.0, both) if difference.value > 0.0 else (both, 0.0)
 
 
 def _measured_tilt(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    """Tilts that are there, all to one side."""
-    return _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in _TILTS})
+    """Tilts that are there and were not taken out, all to one side."""
+    left = [tilt for tilt in _TILTS if not inputs.corrected(tilt)]
+    return _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in left})
 
 
 def _unknown_tilt(inputs: VerdictInputs, name: str) -> tuple[float, float]:
@@ -216,8 +218,8 @@ def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> tuple
 
 
 def _measured_tilt_sentence(inputs: VerdictInputs) -> str:
-    found = [tilt for tilt in _TILTS if _difference(inputs, tilt) is not None]
-    return " ".join(_sensor_sentence(tilt)(inputs) for tilt in found)
+    left = [tilt for tilt in _TILTS if not inputs.corrected(tilt)]
+    return " ".join(_sensor_sentence(tilt)(inputs) for tilt in left if _difference(inputs, tilt) is not None)
 
 
 def _slow_command(inputs: VerdictInputs, name: str) -> tuple[float, float]:
