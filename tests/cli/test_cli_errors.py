@@ -68,12 +68,6 @@ def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) ->
     assert "--install-completion" in eivor("--help").out
 
 
-def test_without_arguments_there_is_help(eivor: Caller) -> None:
-    run = eivor()
-    assert "identify" in run.out + run.err
-    assert "inspect" in run.out + run.err
-
-
 def test_version(eivor: Caller) -> None:
     import eivor as package
 
@@ -281,11 +275,6 @@ def test_of_the_group_and_of_a_file(eivor: Caller, tmp_path: Any, monkeypatch: p
     assert "a value for --lag" in run.err
 
 
-def test_options_with_words_of_their_own_keep_them(eivor: Caller) -> None:
-    assert "a method out of reference_iv" in eivor("identify", "--example", "--method", "").err
-    assert "terms out of" in eivor("identify", "--example", "--term", "").err
-
-
 # -- `eivor.toml` and `eivor --config`: options where the command line does not say otherwise --
 
 PAGE = (Path(__file__).parents[2] / "docs" / "from-a-log.md").read_text(encoding="utf-8")
@@ -312,11 +301,6 @@ def test_it_is_read_where_it_is_and_said(eivor, written):
     )
     assert "missing.ulg" in missing
     assert ran.out == ""
-
-
-def test_a_value_reaches_the_command(eivor, written):
-    written("[identify]\nmax-tilt = 200\n")
-    assert "tilt" in eivor("identify", "--example").err.splitlines()[1]
 
 
 def test_the_command_line_comes_first(eivor, written):
@@ -419,16 +403,6 @@ def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path: Path) -> None:
     path = tmp_path / "flight@4:67"
     path.touch()
     assert log_argument(str(path)) == LogArgument(path)
-
-
-def test_a_log_with_a_broken_window_is_refused() -> None:
-    with pytest.raises(UsageError, match="START:END"):
-        log_argument("b.ulg@4:x")
-
-
-def test_names_are_a_list_with_commas() -> None:
-    assert parse_names("lags") == ("lags",)
-    assert parse_names("reference_position_z, pilot_throttle") == ("reference_position_z", "pilot_throttle")
 
 
 @pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])

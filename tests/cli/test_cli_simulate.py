@@ -23,9 +23,7 @@ from eivor.lab.records import simulate
 from eivor.lab.scenario_files import shipped_rigid_body_flight, shipped_scenario
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.signals.thrust_map import input_map
-from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
 from eivor.simulation.rigid_body_spec import vehicle_text
-from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 FLIGHT = """
 viscous_friction = 0.3
@@ -131,28 +129,6 @@ velocity = 0.05
 """
 
 
-@pytest.mark.thorough
-def test_a_file_may_describe_a_flight(eivor, tmp_path):
-    (tmp_path / "mine.toml").write_text(FLOWN, encoding="utf-8")
-    assert eivor("simulate", "mine.toml", "-o", "a.csv", "--truth", "a.json", "--seed", 4).code == 0
-    truth = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
-    noise = SensorNoise(NoiseKind.HEAVY_TAILED, velocity=0.05)
-    spec = VerticalFlightSpec(0.4, trajectory=TrajectoryKind.MULTISINE, duration=20.0, noise=noise, seed=4)
-    (flight,) = simulate_vertical_flights([spec])
-    log = ev.read_log(tmp_path / "a.csv")
-    assert set(log.channels) == set(flight.recording.channels)
-    for name, channel in flight.recording.channels.items():
-        np.testing.assert_array_equal(log.channel(name).values, channel.values)
-    assert (truth["trajectory"], truth["samples"]) == ("multisine", 2000)
-    assert truth["noise"] == {
-        "kind": "heavy-tailed",
-        "acceleration": 0.4,
-        "velocity": 0.05,
-        "position": 0.01,
-        "attitude": 0.002,
-    }
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -211,12 +187,6 @@ def test_wrong_calls(eivor, tmp_path, arguments, code, said):
     assert said in run.err
     assert not (tmp_path / "a.parquet").exists()
     assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == FLIGHT
-
-
-def test_full_disk_is_told(eivor):
-    run = eivor("simulate", "rich", "-o", "a.parquet", "--truth", "/dev/full")
-    assert run.code == 1
-    assert "No space left" in run.err
 
 
 def test_the_vehicle_file_is_of_the_vehicle_that_flew(eivor, tmp_path):

@@ -228,18 +228,6 @@ def test_covariances_of_the_wrong_size():
         )
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.int64, np.int16])
-def test_other_number_types_are_computed_in_double_precision(dtype):
-    Phi = (100.0 * PHI).astype(dtype)
-    y = Phi.astype(np.float64) @ [1.0, 2.0]
-    before = Phi.copy()
-    fit = ev.identify(ev.regression(response=y.astype(dtype), regressors=Phi), ev.methods.least_squares())
-    np.testing.assert_array_equal(Phi, before)
-    assert Phi.dtype == dtype
-    assert fit.residuals.dtype == np.float64
-    assert fit.parameters["theta_2"] == pytest.approx(2.0, rel=1e-6)
-
-
 CALLER = """
 import warnings
 import numpy as np

@@ -128,25 +128,6 @@ def estimate_of(method, made):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_s_scores_are_its_own(method):
-    """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
-    fit = estimate_of(method, signals(2))
-    record = record_of(fit)
-    equation = fit.equation
-    edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
-    scale = np.abs(equation.scores).sum()
-    np.testing.assert_allclose(
-        record.score_sums, np.add.reduceat(equation.scores, edges[:-1], axis=0), atol=1e-9 * scale
-    )
-    np.testing.assert_allclose(
-        record.sensitivities.sum(axis=0),
-        equation.sensitivity,
-        rtol=1e-6,
-        atol=1e-9 * np.abs(equation.sensitivity).max(),
-    )
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_every_method_is_diagnosed(method):
     diagnose = ev.diagnose(estimate_of(method, signals(3)))
     instrumental = METHODS[method].assembler.needs_instruments
@@ -163,18 +144,6 @@ def test_every_method_is_diagnosed(method):
     text = diagnose.summary()
     assert "Durbin-Watson" in text
     assert all(f"- {reason.sentence}" in text for reason in diagnose.reasons)
-
-
-def test_leverage_of_a_direct_method_is_that_of_leaving_rows_out():
-    made = signals(4, 1280)
-    fit = ev.identify(problem(made), ev.methods.least_squares())
-    diagnose = ev.diagnose(fit)
-    rows = fit.rows
-    for k, (first, end) in enumerate(diagnose.segments):
-        rest = np.ones(rows.response.size, dtype=bool)
-        rest[first:end] = False
-        again = np.linalg.lstsq(rows.regressors[rest], rows.response[rest], rcond=None)[0]
-        np.testing.assert_allclose(diagnose.leverage.shift[k], again - fit.theta, rtol=1e-6, atol=1e-12)
 
 
 def test_samples_without_history_are_left_out():
@@ -204,30 +173,6 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
     against = endogeneity(products, weights)
     for name in ("durbin", "durbin_p_value", "wu", "wu_p_value"):
         assert getattr(diagnose.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
-
-
-@pytest.mark.thorough
-def test_frequency_rows_are_diagnosed_in_time():
-    made = flight_problem(*flights(2, seconds=40.0, noise=Noise()))
-    fit = ev.identify(made, ev.methods.reference_iv())
-    diagnose = ev.diagnose(fit)
-    assert diagnose.names == fit.names
-    assert len(diagnose.names) == 3
-    products = record_of(fit)
-    equation = fit.equation
-    # by Parseval the products in time add up to those of the bins
-    np.testing.assert_allclose(
-        products.sensitivities.sum(axis=0),
-        equation.sensitivity,
-        rtol=1e-6,
-        atol=1e-9 * np.abs(equation.sensitivity).max(),
-    )
-    assert diagnose.first_stage.effective.min() > 10.0
-    assert diagnose.bands.high_hz[-1] == pytest.approx(50.0)
-    assert " s of the time used" in diagnose.when(0.5)
-    # whitened in a band of 5 Hz at 100 Hz: every tenth sample is all there is, and that is white
-    assert abs(diagnose.whiteness.durbin_watson - 2.0) < 0.3
-    assert diagnose.memory is None
 
 
 # -- calibration ------------------------------------------------------------------------------------------

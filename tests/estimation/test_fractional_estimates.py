@@ -211,19 +211,6 @@ def test_a_white_input_is_refused_with_the_reason():
     )
 
 
-def test_slopes_are_those_of_what_is_added():
-    problem = undeclared(record_unknown(samples=400))
-    psi = EquationChoice.GENERALIZED.columns(problem, ("velocity_z",))
-    whole = UNKNOWN_MODEL.regression(problem.signals, psi)
-    shared = SharedMoments(whole, (UnknownNoise("velocity_z", fractional=True), UnknownNoise("input")))
-    known, beta = shared.known(), np.array([0.3, 0.02, 0.04, -0.23, 0.5])
-    slopes = shared.added(beta, known)[1]
-    for index in range(beta.size):
-        step = 1e-6 * np.eye(beta.size)[index]
-        prediction, behind = (shared.added(beta + sign * step, known)[0] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(slopes[:, index], (prediction - behind) / 2e-6, rtol=1e-6, atol=1e-8)
-
-
 def test_noise_of_any_order_adds_what_its_autocovariance_says():
     problem = undeclared(record_unknown(samples=400))
     psi = EquationChoice.GENERALIZED.columns(problem, ("velocity_z",))

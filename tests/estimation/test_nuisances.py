@@ -15,7 +15,6 @@ from nuisance_runs import (
     GAIN,
     HERTZ,
     LAG_S,
-    PARAMETERS,
     SHARE,
     TRUTH,
     lag,
@@ -26,7 +25,7 @@ from nuisance_runs import (
 from scipy import stats
 
 import eivor as ev
-from eivor.errors import ConvergenceError, InstrumentError, ParameterError, UsageError
+from eivor.errors import ConvergenceError, ParameterError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
@@ -36,7 +35,7 @@ from eivor.estimation.variable_projection import argmin
 from eivor.estimation.weighting import TwoStage
 from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Nuisance, Prior
 from eivor.motions.identify import identify_flight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
@@ -177,21 +176,6 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-@pytest.mark.parametrize("method", METHODS, ids=named)
-def test_priors_of_two_nuisances_are_searched_together(method):
-    priors = Prior(LAG_S, 0.001), Prior(SHARE, 0.01)
-    made = problem(lag(grid=FEW_LAGS, prior=priors[0]), share(prior=priors[1], grid=FEW_SHARES), noise=0.2)
-    plain = ev.identify(problem(lag(grid=FEW_LAGS), share(grid=FEW_SHARES), noise=0.2), method)
-    fit = ev.identify(made, method)
-    for number, prior in ((2, priors[0]), (3, priors[1])):
-        error = np.sqrt(fit.joint_covariance.part("classical").matrix[number, number])
-        before = np.sqrt(plain.joint_covariance.part("classical").matrix[number, number])
-        assert error < min(prior.std, before)
-        assert abs(fit.values[number] - prior.mean) < 3.0 * prior.std
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
 @pytest.mark.parametrize(
     "method",
@@ -252,18 +236,6 @@ def test_a_part_without_a_prior_is_anywhere_that_its_sum_leaves():
     middle = {ACTUATOR_LAG.name: 0.03, DELAY.name: 0.03}
     assert part.information(names, middle)[0] == pytest.approx(np.array([-0.5, 0.5]) * np.sqrt(12.0) / 0.06)
     assert not part.information((DELAY.name,), at).size
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_known_nuisance_needs_no_instrument():
-    (item,) = problem(lag(), KNOWN_SHARE).columns
-    few = replace(item, instruments=item.instruments[:, :2])
-    with pytest.raises(InstrumentError, match="at least 3 independent instruments"):
-        ev.identify(LaggedRuns((few,), PARAMETERS, (lag(), KNOWN_SHARE)), TWO_STAGE)
-    known = lag(prior=Prior(LAG_S, 0.001))
-    fit = ev.identify(LaggedRuns((few,), PARAMETERS, (known, KNOWN_SHARE)), TWO_STAGE)
-    assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.003)
-    assert np.isfinite(fit.covariance).all()
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -337,12 +309,6 @@ def over(box, function):
     """Values of a function of one array for each variable, at the points of a box."""
     mesh = np.meshgrid(*box, indexing="ij")
     return np.asarray(function(*mesh), dtype=np.float64).ravel()
-
-
-@pytest.mark.parametrize(("slope", "end"), [(1.0, 0.0), (-1.0, 5.0)])
-def test_what_is_least_at_an_end_is_there(slope, end):
-    result = argmin(lambda box: slope * box[0], [np.linspace(0.0, 5.0, 11)])
-    np.testing.assert_array_equal(result, [end])
 
 
 @pytest.mark.parametrize("axes", [2, 3, 4])

@@ -76,21 +76,6 @@ def test_recovery_without_noise(name, seed, friction, gain):
     assert fit.parameters["input_gain"] == pytest.approx(gain, rel=tolerance)
 
 
-@pytest.mark.parametrize("name", SEVEN)
-def test_rows_of_arrays_and_of_signals_agree(name):
-    """Slices and folded matrix products against one matrix of lags."""
-    rng = np.random.default_rng(1)
-    signals = noisy(motion(rng), {"velocity_z": 0.005, "input": 0.1, "specific_force_z": 0.005}, rng)
-    problem = MOTION.regression(signals, lags_of(name))
-    rows = replace(
-        problem.rows(),
-        instrument_noise=problem.instrument_noise_covariance(),
-        regressor_noise=problem.regressor_noise_covariance(),
-    )
-    a, b = (method_of(name).solve(p).solution.theta for p in (problem, rows))
-    np.testing.assert_allclose(a, b, rtol=1e-11)
-
-
 UNIT_FREE = (
     "least_squares",
     "total_least_squares",

@@ -22,7 +22,7 @@ from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.regression import Regression, SampleRows, regression
-from eivor.models.separable import Nuisance, Prior
+from eivor.models.separable import Nuisance
 
 ROWS = 1003
 METHODS = {
@@ -269,20 +269,6 @@ def test_replicates_are_what_the_method_makes_of_the_drawn_flights():
         assert (np.abs(away) < 0.25 * errors(estimate)).all()
         moved.append(np.abs(joint(estimate, result) - estimate.values) / errors(estimate))
     assert (np.max(moved, axis=0) > 0.3).all()
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-def test_what_is_known_beforehand_is_measured_again():
-    """The flights say nothing of the share: it varies as what is known does, about the pool's own value."""
-    nuisances = (KNOWN_LAG, share(prior=Prior(0.5, 0.05)))
-    problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
-    estimate = ev.identify(problem, reference_iv())
-    again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-    result = np.array([again.replicate(random)[0].nuisances["curve_share"] for _ in range(200)])
-    assert abs(again.whole.nuisances["curve_share"] - estimate.parameters["curve_share"]) < 1e-3
-    assert result.std() == pytest.approx(0.05, rel=0.15)
-    assert result.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

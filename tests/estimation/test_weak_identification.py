@@ -209,15 +209,6 @@ def test_fieller_set_is_the_inverted_test(p, q, corr, unit):
             assert result.contains(r / unit) == (distance <= 0.0)
 
 
-def test_profile_of_a_linear_function_is_the_delta_method():
-    rng = np.random.default_rng(2)
-    root = rng.standard_normal((3, 3))
-    values, C, c = rng.standard_normal(3), root @ root.T, rng.standard_normal(3)
-    half = 2.0 * np.sqrt(c @ C @ c)
-    interval = profile_interval(lambda v: float(c @ v), values, C, 2.0)
-    assert interval == pytest.approx((c @ values - half, c @ values + half), rel=1e-7)
-
-
 @pytest.mark.thorough
 def test_profile_does_not_depend_on_a_monotone_scale():
     rng = np.random.default_rng(3)
@@ -258,19 +249,6 @@ def test_derived_quantity_is_profiled_when_it_bends(noise):
     linear = ev.derived(fit, lambda p: p["a"] - 2.0 * p["b"])
     assert not linear.profiled
     assert linear.bend < 1e-9
-
-
-def test_derived_quantities_follow_the_covariance_and_its_assumptions():
-    fit = fit_of(0.5)
-    cov = ev.covariances
-    parts = (cov.Classical(), cov.EqualWeightedCosines())
-    both = fit.with_covariance(cov.Widest(parts))
-    hulls = [ev.ratio(fit.with_covariance(part), "b", "a").hull for part in parts]
-    union = ev.ratio(both, "b", "a").hull
-    assert union == (min(low for low, _ in hulls), max(high for _, high in hulls))
-    ends = [ev.derived(fit.with_covariance(part), lambda p: p["a"] * p["b"]).interval for part in parts]
-    interval = ev.derived(both, lambda p: p["a"] * p["b"]).interval
-    assert interval == pytest.approx((min(low for low, _ in ends), max(high for _, high in ends)))
 
 
 def test_what_cannot_be_derived_is_refused():

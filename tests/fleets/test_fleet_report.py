@@ -23,7 +23,7 @@ from eivor.fleet.analysis import (
     wanted_columns,
 )
 from eivor.fleet.logs import given_covariates, with_covariates
-from eivor.fleet.report import few_footnote, fleet_document, flight_links, interval_text, linked, next_text
+from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
 from eivor.fleet.table import write_report
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.table import motion_by_name
@@ -270,14 +270,6 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
     assert [report.motion.name for report in reports] == ["rates", "vertical"]
     assert of(reports[1], FRICTION)["pooled"].to_list() == [1, 1]
     assert set(wanted_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
-
-
-def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
-    wording = RigidBody.quantities["roll_gain"]
-    row = {"mean": 2.0, "next_low": 0.0, "next_high": None, "pooled": 2}
-    assert next_text(row, wording) == "–"
-    assert not list(few_footnote([row], "vehicles"))
-    assert next_text(row | {"next_high": 4.0}, wording).endswith(" *")
 
 
 HASH = "0123456789abcdef" * 4

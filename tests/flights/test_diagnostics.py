@@ -21,7 +21,7 @@ from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
 from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, widened
-from eivor.flights.result import FEWEST_RUNS, FlightEstimate, run_leverage
+from eivor.flights.result import FlightEstimate, run_leverage
 from eivor.inference.diagnostics.excitation import Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
@@ -53,13 +53,6 @@ def test_leverage_of_a_run_is_the_solution_without_it():
         rest = rows.layout.flight_of_row != flight
         P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]
         np.testing.assert_allclose(leverage.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=1e-3)
-
-
-@pytest.mark.thorough
-def test_few_runs_are_cut_into_tenths():
-    made = problem(*flights(FEWEST_RUNS - 1, seconds=30.0, noise=Noise()), lags=LAGS)
-    leverage = run_leverage(ev.diagnose(ev.identify(made, ev.methods.reference_iv())))
-    assert leverage.shift.shape == (10, 3)
 
 
 @pytest.mark.calibration

@@ -242,23 +242,10 @@ def test_land_detector_decides_and_margins_are_left_out():
     assert found(np.zeros(1500), landed=np.zeros(1500, dtype=bool)).mask.all()
 
 
-def test_short_cuts_of_the_throttle_do_not_land_a_vehicle():
-    result = found(profile((3.0, 0.0), (10.0, 0.5), (0.3, 0.0), (10.0, 0.5), (3.0, 0.0)))
-    assert stretches(result.mask) == [(300 + MARGIN, 2330 - MARGIN)]
-
-
 def test_input_alone_tells_when_there_is_no_height():
     result = found(profile((2.0, 0.05), (10.0, 0.5), (2.0, 0.0)))
     assert result.rule == "the input (no height is logged)"
     assert stretches(result.mask) == [(200 + MARGIN, 1200 - MARGIN)]
-
-
-def test_input_and_height_tell_together():
-    level = profile((2.0, 0.0), (10.0, 0.5), (2.0, 0.0))
-    height = profile((4.0, 3.02), (6.0, 4.5), (2.0, 3.05), (2.0, 3.0))
-    result = found(level, height=height)
-    assert result.rule == "the input and the height above ground"
-    assert stretches(result.mask) == [(400 + MARGIN, 1000 - MARGIN)]
 
 
 def test_an_input_that_is_off_in_the_air_does_not_make_ground():
@@ -452,15 +439,6 @@ def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
     np.testing.assert_allclose(spans, [(0.5, 11.0), (12.1, end)], atol=1e-9)
     assert flight.used_s == pytest.approx(10.5 - 1.6 + end - 12.1 - 0.5)
     assert not flight.used[flight.signals.channel("cos_tilt") < 0.9].any()
-
-
-def test_runs_of_a_second_serve_and_those_mostly_beyond_the_limit_do_not(log):
-    separated = [(1.3 + 2.5 * i, 2.5 + 2.5 * i) for i in range(8)]
-    assert len(prepare_vertical(tilting(log, *separated), FlightOptions()).runs) == 8
-    shaken = [(0.4 * i, 0.4 * i + 0.25) for i in range(50)]
-    assert prepare_vertical(tilting(log, *shaken), FlightOptions()).runs == ()
-    short = [(1.3 + 2.5 * i, 3.4 + 2.5 * i) for i in range(8)]  # a run of 1.3 s, the others too short
-    assert prepare_vertical(tilting(log, *short), FlightOptions()).runs == ()
 
 
 @pytest.mark.thorough

@@ -17,7 +17,7 @@ from eivor.flights.references import share_left
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals.filters import actuator_state, shifted_by
+from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, DataSheet, Recording
 
 BCLS = "bias_compensated_least_squares"
@@ -178,20 +178,6 @@ def test_the_delay_is_part_of_the_friction_s_interval():
     known = problem.with_nuisances((problem.lag, problem.delay.known_at(0.0)))
     sure = ev.identify(known, ev.methods.reference_iv())
     assert identify_flight.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("delay_s", [0.0, 0.01, -0.03, 0.0137, -0.0042])
-def test_sampled_values_are_shifted_either_way(delay_s):
-    t = 0.01 * np.arange(400)
-    # a cubic is shifted exactly; so is anything by whole steps
-    values = np.column_stack([1.0 - t + 0.3 * t**3, np.sin(3.0 * t)])
-    shifted = shifted_by(values, step_s=0.01, delay_s=delay_s)
-    inside = slice(10, 390)
-    s = t - delay_s
-    np.testing.assert_allclose(shifted[inside, 0], (1.0 - s + 0.3 * s**3)[inside], rtol=1e-12)
-    np.testing.assert_allclose(shifted[inside, 1], np.sin(3.0 * s)[inside], atol=1e-7)
-    np.testing.assert_allclose(shifted_by(values, step_s=0.01, delay_s=0.0), values, rtol=0.0)
 
 
 # -- Where no loop acts on the thrust, it is its own instrument, and serves alone --

@@ -33,20 +33,6 @@ def log() -> Recording:
 
 
 @pytest.mark.thorough
-def test_a_given_lag_narrows_what_it_moves(log):
-    alone = ev.identify_flight(log)
-    known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.002))
-    for name in ("effective_lag", "viscous_friction"):
-        assert known.quantities[name].half_width < alone.quantities[name].half_width
-    assert known.quantities["effective_lag"].value == pytest.approx(LAG_S, abs=0.003)
-    vague = ev.identify_flight(log, lag=ev.Prior(LAG_S, 100.0))
-    for name, quantity in alone.quantities.items():
-        assert vague.quantities[name].value == pytest.approx(
-            quantity.value, abs=1e-3 * quantity.std_error if np.isfinite(quantity.std_error) else 0.0
-        )
-
-
-@pytest.mark.thorough
 def test_the_report_says_what_the_flight_alone_says(log):
     alone = ev.identify_flight(log).quantities["effective_lag"]
     known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.015))
@@ -323,12 +309,3 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.thorough
 def test_turning_that_is_not_trusted_says_nothing(turning):
     assert lags_from_rates((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
-
-
-@pytest.mark.thorough
-@pytest.mark.thorough
-def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
-    monkeypatch.setattr("eivor.flights.identify.lags_from_rates", lambda *_: (told(),))
-    logs = [flown(seconds=10.0, seed=seed)[0] for seed in (1, 2)]
-    assert ev.identify_flight(logs[0]).fit.lag_prior.by.source == "other"
-    assert ev.identify_flight(logs).fit.lag_prior is None

@@ -14,10 +14,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import triangle_mean
 from eivor.models.separable import LaggedInputs
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.signals.recording import Channel, Recording
-from eivor.signals.thrust_map import Power
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 
@@ -124,15 +123,6 @@ def test_commands_come_before_measured_speeds_before_inputs(log):
     ):
         prepared = prepare_vertical(replace(changed(everything, *drop), input_map=""), FlightOptions())
         assert (prepared.input.name, prepared.input.measured, prepared.input_map) == (family, measured, name)
-
-
-@pytest.mark.parametrize("asked", ["rotor_speed", "rotor_speed_", "rotor_speed_*", "rotor_speed_2"])
-def test_input_may_be_named(log, asked):
-    speeds = {f"rotor_speed_{i}": np.full(2000, float(i)) for i in (1, 2)}
-    flight = vertical_flight(prepare_vertical(changed(log, **speeds), FlightOptions(input=asked)))
-    assert flight.measured
-    mean = flight.mapped_input(VerticalMotion(Power(1.0)), 0.0, 0.0)
-    np.testing.assert_array_equal(mean, 2.0 if asked.endswith("2") else 1.5)
 
 
 def test_map_is_the_users_then_the_logs(log):
@@ -251,12 +241,6 @@ def test_references_must_be_in_force_for_half_of_the_flight(log):
     assert "reference_position_z" in windowed.usable_references
 
 
-@pytest.mark.parametrize("level", [0.0, -3.0, 1e4])
-def test_constant_references_do_not_serve(log, level):
-    still = changed(log, reference_position_z=np.full(2000, level) + 1e-9 * np.arange(2000))
-    assert remarks(still)["reference_position_z"] == "constant"
-
-
 def test_feedback_serves_only_when_nothing_else_does(log):
     velocity = changed(log, feedback_reference_velocity_z=np.sin(STEP_S * np.arange(2000)))
     assert remarks(velocity)["feedback_reference_velocity_z"] == "contains feedback; others serve"
@@ -351,24 +335,6 @@ STAMPS = np.arange(0.0, 20.0, 0.1)
 AT = np.arange(1.0, 19.0, 0.01)
 
 
-def test_noise_of_close_stamps_tilts_nothing():
-    stamps = np.sort(np.concatenate([STAMPS, STAMPS[50:150:10] + 0.001]))
-    values = np.random.default_rng(2).standard_normal(stamps.size)
-    between = curve_between(stamps, values, AT)
-    assert np.abs(between).max() < 1.3 * np.abs(values).max()
-    neighbours = (STAMPS[60] < AT) & (STAMPS[61] > AT)
-    np.testing.assert_array_equal(between[neighbours], line_between(stamps, values, AT)[neighbours])
-    assert (between != line_between(stamps, values, AT)).any()
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_stamps_are_lines(count):
-    values = np.random.default_rng(3).standard_normal(count)
-    np.testing.assert_array_equal(
-        curve_between(STAMPS[:count], values, AT), line_between(STAMPS[:count], values, AT)
-    )
-
-
 def test_numbers_near_the_largest_give_numbers():
     values = 1e308 * (-1.0) ** np.arange(STAMPS.size)
     with np.errstate(all="ignore"):
@@ -425,22 +391,3 @@ def test_only_the_samples_used_are_searched():
         for name in ("response", "regressors", "instruments"):
             was = getattr(whole, name)
             np.testing.assert_allclose(getattr(cut, name), was, rtol=0.0, atol=1e-10 * np.abs(was).max())
-
-
-@pytest.mark.thorough
-def test_runs_on_both_sides_of_a_landing_keep_their_samples():
-    log = flown(seconds=30.0)[0]
-    command = log.channels["rotor_command_1"]
-    lost = (command.time_s > 5.0) & (command.time_s < 25.0)
-    missing = replace(command, values=np.where(lost, np.nan, command.values))
-    prepared = prepare_vertical(changed(log, rotor_command_1=missing), FlightOptions())
-    short = prepared.shortened
-    assert len(short.runs) == len(prepared.runs) == 2
-    assert short.signals.sample_count < prepared.signals.sample_count - 500
-    for was, now in zip(prepared.runs, short.runs, strict=True):
-        for name in ("velocity_z", "reference_position_z"):
-            np.testing.assert_array_equal(
-                short.signals.channels[name][now], prepared.signals.channels[name][was]
-            )
-    before, after = short.runs
-    assert not short.usable[before.stop : after.start].all()

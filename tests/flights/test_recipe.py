@@ -12,7 +12,7 @@ from scipy import stats
 
 import shape_checks
 from coarse_search import coarse
-from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
+from eivor.errors import EstimationError, PoolingError, UsageError
 from eivor.flights.estimate import single_frequency_hz
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate, QuantitySpec
@@ -461,98 +461,6 @@ def test_hover_intervals_cover():
 
 
 # -- broken logs ------------------------------------------------------------------------------------------
-
-
-def damaged(log, rng: np.random.Generator):
-    """Log with one to three of its channels spoiled, and some gone."""
-    channels = dict(log.channels)
-    for name in rng.permutation(list(channels))[: rng.integers(0, 5)]:
-        if name not in {"velocity_z", "rotor_command_1"} or rng.random() < 0.1:
-            del channels[name]
-    for name in rng.permutation(list(channels))[: rng.integers(1, 4)]:
-        channels[name] = spoiled(channels[name], rng)
-    return replace(log, channels=channels)
-
-
-def lost_values(time, values, rng):
-    return time, np.where(rng.random(time.size) < rng.choice([0.1, 0.5, 0.9, 0.999, 1.0]), np.nan, values)
-
-
-def hardly_a_sample(time, values, rng):
-    kept = rng.integers(0, 3)
-    return time[:kept], values[:kept]
-
-
-def full_of_gaps(time, values, rng):
-    keep = np.ones(time.size, dtype=bool)
-    for start in rng.integers(0, time.size, 10):
-        keep[start : start + rng.integers(1, 120)] = False
-    return time[keep], values[keep]
-
-
-def outliers(time, values, rng):
-    values = values.copy()
-    values[rng.integers(0, time.size, 5)] = 1e12
-    return time, values
-
-
-WAYS = [
-    lost_values,
-    hardly_a_sample,
-    full_of_gaps,
-    outliers,
-    lambda time, values, rng: (time, values * 10.0 ** rng.integers(-12, 13)),
-    lambda time, values, rng: (time + rng.choice([-1e3, -5.0, 5.0, 1e9]), values),
-    lambda time, values, rng: (time * 10.0 ** rng.integers(-6, 7), values),
-    lambda time, values, _: (time[::20], values[::20]),
-    lambda time, values, _: (time[: time.size // 3], values[: time.size // 3]),
-    lambda time, values, _: (time, np.full(time.size, values[0])),
-    lambda time, values, _: (time, -values),
-]
-
-
-def spoiled(what, rng: np.random.Generator):
-    time, values = WAYS[rng.integers(len(WAYS))](what.time_s, what.values, rng)
-    return replace(what, time_s=time.copy(), values=values.copy())
-
-
-@pytest.fixture(scope="module")
-def rich():
-    """A log with every channel that may break."""
-    (log,) = flown(seconds=10.0, seed=16)
-    flat, wave = np.zeros(1000), np.sin(STEP_S * np.arange(1000))
-    body = {f"specific_force_body_{axis}": flat for axis in "xy"}
-    return changed(
-        log,
-        landed=flat,
-        pilot_throttle=wave,
-        feedback_reference_velocity_z=wave,
-        attitude_w=flat + 1.0,
-        **{f"attitude_{axis}": flat for axis in "xyz"},
-        **body,
-        specific_force_body_z=log.channels["specific_force_z"].values,
-    )
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(60))
-def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
-    rng = np.random.default_rng(seed)
-    weights = [0.7, 0.1, 0.1, 0.1]
-    method = str(
-        rng.choice(["reference_iv", "least_squares", "total_least_squares", "extended_iv"], p=weights)
-    )
-    text = ""
-    try:
-        result = identify_flight(damaged(rich, rng), FlightOptions(method=method))
-    except EivorError as error:
-        text = str(error)
-    if text:
-        assert text.startswith("Expected ")
-        assert "; received " in text
-        return
-    assert (result.verdict.status is Status.IDENTIFIED) == (not result.verdict.sentences)
-    result.summary()
 
 
 # -- Quantities before and after they are judged --

@@ -92,40 +92,6 @@ def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issue
     assert command_clock(command(lost), []).issued_s == pytest.approx(issued_s, rel=0.05)
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 250.0])
-def test_stamps_of_every_command_do_not_beat(rate_hz):
-    for jitter_s in (0.0, 0.001, 0.3 / rate_hz):
-        assert period_from_aliasing(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s), 0.001) is None
-    assert period_from_aliasing(np.arange(0.0, 4.0, 0.01), 0.001) is None
-
-
-def test_even_commands_among_irregular_samples_are_all_of_them():
-    random = np.random.default_rng(3)
-    time = np.arange(0.0, 60.0, 0.004)
-    even = Channel("position_z", time, np.sin(time), "m")
-    instants = np.sort(time + 0.001 * random.standard_normal(time.size))
-    irregular = Channel("position_z", instants, np.sin(instants), "m")
-    stamped_wrongly = Channel("position_z", instants, np.sin(time), "m")
-    issued = command(np.arange(0.0, 60.0, 0.01))
-    some = command(np.delete(issued.time_s, random.integers(0, issued.time_s.size, 400)))
-    for item in (issued, some):
-        clock = command_clock(item, [irregular])
-        assert clock.is_known
-        assert not clock.thinned
-    assert not command_clock(issued, [even]).is_known
-    assert not command_clock(issued, [stamped_wrongly]).is_known
-    slow = command(np.arange(0.0, 60.0, 0.02))
-    assert not command_clock(slow, [irregular]).is_known
-
-
-def test_a_clock_that_is_told_leaves_no_slack():
-    clock = command_clock(command(logged(0.004, 47.3)), [])
-    assert clock.is_known
-    assert clock.thinned
-    assert clock.slack_s == 0.0
-    assert "issued every 4 ms" in clock.sentence
-
-
 def test_nothing_is_put_into_gaps_or_beside_missing_values():
     time = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(3.0, 4.0, 0.02)])
     values = np.ones(time.size)
@@ -151,13 +117,6 @@ def lateness(kept: Channel, clock: CommandClock) -> float:
     whole, thin = (command_on_grid(item, grid)[0] for item in (issued, as_issued(kept, clock)))
     slope = -np.sin(grid.time_s)
     return float((whole - thin) @ slope / (slope @ slope))
-
-
-def test_without_a_told_clock_the_command_is_late_by_less_than_the_slack():
-    kept = command(logged(0.004, 50.0))
-    even = command_clock(kept, [])
-    assert lateness(kept, even) == pytest.approx(0.003, abs=2e-5)
-    assert even.slack_s == pytest.approx(0.005)
 
 
 def test_a_command_in_force_at_even_instants_of_a_logger_is_late_by_less_than_the_slack():
@@ -333,14 +292,6 @@ def test_errors_that_add_up_stay():
     log = recording(erring(2), even(), waits)
     result, _ = with_corrected_stamps(log)
     assert result.channel("rotor_command_1") is log.channel("rotor_command_1")
-
-
-def test_a_pause_stays():
-    stamps = erring(7) + np.where(even() > 20.0, 3.0, 0.0)
-    result = corrected_stamps(stamps)
-    assert result is not None
-    assert np.diff(result).max() == pytest.approx(3.0, abs=0.01)
-    assert corrected_stamps(stamps[:20]) is None
 
 
 # -- Telemetry beside commands: the lag that it tells, how it is used, and when it is not --

@@ -81,12 +81,6 @@ def test_what_is_not_in_the_table_is_not_made_up():
 # -- Blocks: how they are drawn, how long they are, and that sums over pieces are sums over row --
 
 
-def test_blocks_of_one_row_are_rows_drawn_independently() -> None:
-    plan = block_plan(200, 1.0)
-    drawn = plan.rows_of(plan.drawn(np.random.default_rng(5)))
-    np.testing.assert_array_equal(drawn, np.random.default_rng(5).integers(0, 200, 200))
-
-
 @pytest.mark.thorough
 def test_on_the_circle_every_row_is_drawn_equally_often() -> None:
     plan, random, runs = block_plan(60, 6.0), np.random.default_rng(3), 4_000

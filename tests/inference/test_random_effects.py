@@ -89,19 +89,6 @@ def drawn_courses(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
     return rng.standard_normal(rows), rng.uniform(0.5, 2.0, rows)
 
 
-def test_drifts_are_those_of_weighted_least_squares():
-    y, weights = drawn_courses(1, 19)
-    result = drifts(ordered(y, [7, 12], weights=weights))
-    for number, rows in enumerate((slice(0, 7), slice(7, 19))):
-        position = np.arange(y[rows].size, dtype=float)
-        truth = sm.WLS(y[rows], sm.add_constant(position), weights=weights[rows]).fit()
-        assert result.slope[number] == pytest.approx(truth.params[1])
-        assert result.std_error[number] == pytest.approx(truth.bse[1])
-        assert result.p_values[number] == pytest.approx(truth.pvalues[1])
-        assert result.half_widths()[number] == pytest.approx(np.diff(truth.conf_int()[1])[0] / 2)
-        assert result.line[rows] == pytest.approx(truth.fittedvalues)
-
-
 def test_a_step_is_the_best_of_all_pairs_of_means():
     y, weights = drawn_courses(2, 25)
     y[6:15] += 5.0  # the first group, of 15, after its sixth

@@ -91,18 +91,6 @@ def test_memory_needs_a_record():
     assert residual_memory(np.arange(16.0)) is None
 
 
-def test_bands_add_up_to_the_variance():
-    rng = np.random.default_rng(3)
-    u, e = data.autoregression(rng, (30_000,), 0.9), rng.standard_normal(30_000)
-    power = band_power([u, 2.0 * u], [3.0, 0.5], 0.4 * e, rate_hz=50.0)
-    assert power.input_power[:, 0].sum() == pytest.approx(9.0, rel=0.1)
-    assert power.input_power[:, 1].sum() == pytest.approx(1.0, rel=0.1)
-    assert power.residual_power.sum() == pytest.approx(0.16, rel=0.05)
-    assert power.low_hz[0] == pytest.approx(50.0 / 4096)
-    assert power.high_hz[-1] == pytest.approx(25.0)
-    assert np.all(power.high_hz[:-1] < power.low_hz[1:])
-
-
 def test_where_the_input_is_below_the_residual():
     """A sine lifts its own band above the residual and no other."""
     count, rate = 8192, 10.0

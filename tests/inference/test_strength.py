@@ -89,13 +89,6 @@ def test_published_critical_values(bias, published):
     assert critical_value(np.array([[3.7]]), bias) == pytest.approx(published, abs=5e-4)
 
 
-def test_critical_value_is_the_quantile_of_a_noncentral_chi_square():
-    W = np.diag([1.0, 2.0, 5.0])
-    x = 10.0
-    K = 64.0 * 21.0 / (30.0 + 2.0 * x * 8.0 * 5.0)
-    assert critical_value(W) == pytest.approx(stats.ncx2.ppf(0.95, K, x * K) / K, rel=1e-6)
-
-
 @pytest.mark.thorough
 def test_effective_f_of_idle_instruments_is_one_in_autocorrelated_data():
     """The mean of F_eff is one when nothing is explained; the white F is several times that."""
@@ -298,12 +291,6 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
         assert (result.p_value < 0.001) == endogenous
         slope = float(X[:, 0] @ y / (X[:, 0] @ X[:, 0]))
         assert result.difference[0] == pytest.approx(theta - slope, rel=1e-6)
-
-
-def test_least_squares_is_not_compared_with_itself():
-    X = np.random.default_rng(0).standard_normal((400, 2))
-    products = equation_products(instruments=X, jacobian=X, residual=np.ones(400), blocks=50)
-    assert endogeneity(products, np.eye(2)) is None
 
 
 # -- Hansen's J against Stata and linearmodels, by the two-step route, and its size in autocorr --

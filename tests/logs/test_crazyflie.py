@@ -254,15 +254,6 @@ def test_stamps_that_cannot_be(tmp_path):
     assert "velocity_z 1" in messages(r, "time_stamps")[1]
 
 
-def test_clocks_that_jump_back(tmp_path):
-    log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 50, start=5_000_000)
-    for row in range(10):
-        log.add_record(0xFFFF, 1000 * row, 2.0)
-    r = read(tmp_path, log)
-    assert np.all(r.channels["velocity_z"].values == 1.0)
-    assert "velocity_z 10" in messages(r, "time_stamps")[0]
-
-
 def head(*parts):
     return b"\xbc" + b"".join(struct.pack("<H", part) if isinstance(part, int) else part for part in parts)
 

@@ -293,11 +293,6 @@ def test_modes_by_name_and_lines_of_windows(read_text, flight_text, names):
         assert log.channels["input_open_loop"].values.tolist() == [0.0, 1.0]
 
 
-def test_a_text_with_commas(read_text):
-    writer = DataflashWriter().text("ArduCopter V4.6.2, with a comma").add("RATE", [0.0, 0.1], "f", AOut=0.4)
-    assert read_text(writer.lines()).vehicle == "rotary wing"
-
-
 def test_damaged_lines_are_left_out_and_counted(read_text, flight_text):
     writer = flight_log(flight_text, "4.6")
     lines = writer.lines().split(b"\n")

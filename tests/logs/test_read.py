@@ -291,12 +291,6 @@ def test_a_written_recording_keeps_its_origin(tmp_path):
         assert read_log(tmp_path / "log.parquet").origin == origin
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_is_no_origin_is_told():
-    with pytest.raises(UsageError, match="a datetime"):
-        LogOrigin(start="2026")
-
-
 # -- Logs that come through a pipe --
 
 TABLE = b"time,velocity_z\n0,1\n0.1,2\n"

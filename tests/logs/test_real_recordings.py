@@ -66,16 +66,6 @@ def test_battery_brownout(recordings):
     assert np.isfinite(feedback.values).any()
 
 
-def test_px4_events(recordings):
-    r = read_log(recordings / "px4" / "sample_px4_events.ulg")
-    assert r.span_s == pytest.approx((-0.22, 31.134), abs=1e-3)
-    # vehicle_acceleration is logged at a fraction of its rate
-    assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
-    assert r.vehicle == "rotary wing"
-    assert "pilot_throttle" not in r.channels  # one message, marked as not valid
-    assert not r.channels["pilot_in_control"].values.any()
-
-
 def test_px4_old_names(recordings):
     r = read_log(recordings / "px4" / "sample_appended_multiple.ulg")
     assert r.channels["input"].source == "vehicle_attitude_setpoint.thrust"

@@ -110,47 +110,6 @@ def turning_log(flight, mode):
     return writer.add("ATT", time[::8], "Bffffff", **attitude).units()
 
 
-def identified(tmp_path, writer):
-    """The fit of turning, whose headline must be told and hold the truth."""
-    path = tmp_path / "flight.bin"
-    path.write_bytes(writer.bytes())
-    log = read_log(path)
-    assert log.channels["angular_rate_x"].source == "RATE.R"
-    fit = identify_flight(log, model="rates")
-    assert fit.verdict.status is Status.IDENTIFIED
-    truth = Vehicle()
-    lag_measurements = {
-        "roll_effectiveness": truth.effectiveness[0],
-        "pitch_effectiveness": truth.effectiveness[1],
-    }
-    for name, value in (lag_measurements | {"effective_lag": truth.effective_lag_s}).items():
-        low, high = fit.quantities[name].interval
-        assert low <= value <= high, name
-    return fit
-
-
-@pytest.mark.thorough
-def test_sweeps_into_the_mixer_are_the_instruments(tmp_path):
-    """A sweep of roll, then one of pitch, while the sticks rest."""
-    count = round(60.0 / STEP_S)
-    time = np.arange(count) * STEP_S
-    injected = np.zeros((count, 3))
-    sweeps = ((0, 4.0, 10), (1, 32.0, 11))
-    for axis, start, _ in sweeps:
-        within = (time >= start) & (time < start + 26.0)
-        since = time[within] - start
-        injected[within, axis] = 0.15 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 26.0 * since**2))
-    flight = turned(1, command_hz=400.0, rate_hz=400.0, seconds=60.0, size=0.0, injected=injected)
-    writer = turning_log(flight, SYSTEM_IDENTIFICATION)
-    for axis, start, number in sweeps:
-        within = (time >= start) & (time < start + 26.0)
-        sample = DOWN["xyz"[axis]] * injected[within, axis]
-        writer.add("SIDS", start, "Bf", Ax=number, Mag=0.15)
-        writer.add("SIDD", time[within], "ff", Time=time[within] - start, Targ=sample)
-    fit = identified(tmp_path, writer)
-    assert fit.prepared[0].usable_references == ("injected_torque_x", "injected_torque_y")
-
-
 @pytest.mark.thorough
 def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     """Half a minute with resting sticks, 15 s of a sweep of roll: pitch, which did not move, is refused."""

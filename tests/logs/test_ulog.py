@@ -174,22 +174,6 @@ def test_commands_before_and_behind_the_thrust_curve(tmp_path):
         assert sides[topic] == {"input": CurveSide.BEFORE, **outputs, **speeds}
 
 
-def test_old_fields_of_the_trajectory(tmp_path):
-    t = np.arange(50) * 0.1
-    setpoint = {"z": -2 + 0 * t, "vz": 0.3 + 0 * t, "acceleration": np.zeros((50, 3))}
-    writer = (
-        UlogWriter()
-        .topic("trajectory_setpoint", t, **setpoint)
-        .topic("vehicle_local_position_setpoint", t, z=-2 + 0 * t, vz=0.7 + 0 * t)
-        .topic("vehicle_attitude_setpoint", t, thrust_body=np.full((50, 3), -0.6))
-    )
-    r = read(tmp_path, writer)
-    assert r.channels["reference_velocity_z"].source == "trajectory_setpoint.vz"
-    assert r.channels["reference_position_z"].source == "trajectory_setpoint.z"
-    np.testing.assert_allclose(r.channels["feedback_reference_velocity_z"].values, 0.7, rtol=1e-6)
-    np.testing.assert_allclose(r.channels["input"].values, 0.6, rtol=1e-6)
-
-
 def test_a_silent_setpoint_is_not_in_force(tmp_path):
     t = np.concatenate([np.arange(20) * 0.2, 30 + np.arange(20) * 0.2])
     writer = UlogWriter().topic("trajectory_setpoint", t, position=np.full((40, 3), -2.0))

@@ -238,19 +238,6 @@ def test_band_without_a_bin_is_empty():
     assert run.spectrum(np.random.default_rng(0).standard_normal((20, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("length", [300, 1000, 6001])
-def test_smoothing_is_the_mean_over_a_share_of_the_frequency(length):
-    run = SpectralRun(0, length, 0.01, (0.04, 5.0))
-    values = np.random.default_rng(1).exponential(size=(run.count, 2))
-    index = np.arange(run.bins.start, run.bins.stop)
-    naive = np.empty_like(values)
-    for position, k in enumerate(index):
-        half = max(10, int(0.3 * k))
-        near = np.abs(index - k) <= half
-        naive[position] = values[near].mean(axis=0)
-    np.testing.assert_allclose(run.smoothed(values), naive, rtol=1e-10)
-
-
 def test_whitening_divides_every_column_and_blends_the_responses():
     run = SpectralRun(0, 400, 0.01, (0.04, 5.0))
     rng = np.random.default_rng(2)

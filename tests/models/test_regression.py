@@ -118,13 +118,6 @@ def test_without_columns_or_with_too_few_samples_it_is_the_mean(columns):
         np.testing.assert_allclose(fitted, values.mean())
 
 
-def test_columns_that_hardly_differ_do_not_lead_astray():
-    time = np.linspace(0.0, 6.0, COUNT)
-    exogenous = np.sin(time[:, None] - 1e-3 * np.arange(8) ** 1.1)
-    values = exogenous[:, :1] + 0.1 * np.cumsum(RNG.standard_normal((COUNT, 1)), axis=0) / np.sqrt(COUNT)
-    assert np.std(cross_fitted(exogenous, values, ALL) - values) < 0.3
-
-
 # -- Instrument rules against filters that are written out, and flights of several vehicles tog --
 
 STEP_S = 0.01

@@ -29,12 +29,6 @@ def make_signals(count: int, seed: int = 0, valid=None, **more) -> Signals:
     return Signals(5.0, channels, valid=valid, **more)
 
 
-def test_names_of_columns():
-    assert [column.name for column in lags("input", 0, 2)] == ["input", "input(k-1)", "input(k-2)"]
-    assert Column("").name == "intercept"
-    assert lags("input", 3, 3) == (Column("input", 3),)
-
-
 @pytest.mark.parametrize(("first", "last"), [(2, 1), (-1, 3), (0, 99_999_999_999), (0, 10_000)])
 def test_impossible_lags_are_refused(first, last):
     with pytest.raises(UsageError, match="Expected"):

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
-from eivor.errors import ChannelMapError, UsageError
+from eivor.errors import UsageError
 from eivor.flights import identify
 from eivor.flights.identify import with_coupled_axes
 from eivor.flights.quantity import Quantity, QuantityEstimate
@@ -265,12 +265,6 @@ def test_a_declaration_knows_the_channels_of_its_expressions(of, received):
     wrong = replace(axis, terms=(replace(axis.terms[0], of=of), *axis.terms[1:]))
     with pytest.raises(UsageError, match=f"an expression over the channels forward_speed, .*{received}"):
         replace(rover, axes=(wrong,))
-
-
-def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
-    simulate.write(simulate.drive(1), tmp_path / "drive.csv")
-    with pytest.raises(ChannelMapError, match="known once it is named"):
-        ev.read_log(tmp_path / "drive.csv")
 
 
 @pytest.mark.usefixtures("simulate")

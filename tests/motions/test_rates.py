@@ -81,14 +81,6 @@ def test_an_interval_wider_than_a_tenth_is_weak(short):
 
 
 @pytest.mark.thorough
-def test_least_squares_takes_the_folded_noise_for_the_setpoint(short):
-    plain = identify_flight(short, model="rates", method="least_squares")
-    assert plain.verdict.status is Status.PROVISIONAL
-    assert plain.quantities["roll_effectiveness"].interval[1] < 75.0
-    assert plain.quantities["pitch_effectiveness"].interval[1] < 60.0
-
-
-@pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
     log = turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0)
     exact = identify_flight(log, model="rates", controller_rate_hz=400.0)

@@ -216,16 +216,6 @@ def test_a_quaternion_of_another_length_is_refused(flight):
         identify_flight(changed(log, **longer), model=RigidBody(known(SPEC)))
 
 
-@pytest.mark.thorough
-def test_pictures_have_a_trace_for_each_axis(fit):
-    assert fit.fit is not None
-    axes = [trace.axis for trace in fit.fit.traces(fit.motion)]
-    assert axes[:3] == ["roll acceleration", "pitch acceleration", "yaw acceleration"]
-    assert axes[3:] == [f"specific force along {axis}" for axis in "xyz"]
-    for trace in fit.fit.traces(fit.motion)[:3]:
-        assert np.std(trace.measured - trace.predicted) < 0.3 * np.std(trace.measured)
-
-
 # -- The rigid body of a real Crazyflie: logs of its SD card, without setpoints --
 
 #: Arm [m] and mass [kg] of that vehicle.

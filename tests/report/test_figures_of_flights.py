@@ -59,14 +59,6 @@ def test_a_flight_has_its_panels(fit: FlightEstimate) -> None:
     assert inside(figure)
 
 
-def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
-    panel = flight_figure(fit).axes[3]
-    curve = next(line for line in panel.lines if line.get_label() == "objective")
-    lags, heights = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
-    assert lags[np.argmin(heights)] == pytest.approx(1e3 * fit.quantities["actuator_lag"].value, rel=1e-3)
-    assert heights.min() == pytest.approx(0.0, abs=1e-9)
-
-
 @dataclass(frozen=True)
 class TwoAxes(Vertical):
     """A motion that has two axes to draw."""
@@ -103,14 +95,7 @@ def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, e
     assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
 
 
-FLIGHT = (
-    "fit",
-    "residual",
-    "autocorrelation",
-    "profile of actuator_lag",
-    "profile of delay",
-    "excitation",
-)
+FLIGHT = ("fit", "residual", "autocorrelation", "profile of actuator_lag", "profile of delay", "excitation")
 
 
 NOISE = np.random.default_rng(0).normal(size=400)
@@ -138,7 +123,7 @@ def replicates() -> Bootstrap:
 ONE_PANEL: dict[str, Callable[[Any, FlightEstimate, Path], Figure]] = {
     "pair": lambda ax, fit, _folder: pair_figure(
         estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
-    ),
+    )
 }
 
 

@@ -182,13 +182,6 @@ def test_no_estimate_is_said():
         nrmse_figure({})
 
 
-def test_density_integrates_to_the_variance():
-    values = np.random.default_rng(3).standard_normal(4096)
-    periodogram = residual_figure(values, rate_hz=10.0).axes[2].lines[0]
-    frequency, amplitude = periodogram.get_xdata(), periodogram.get_ydata()
-    assert np.sum(amplitude**2) * (frequency[1] - frequency[0]) == pytest.approx(values.var(), rel=1e-2)
-
-
 @pytest.mark.parametrize(
     ("draw", "error", "message"),
     [

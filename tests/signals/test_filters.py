@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.filters import actuator_state, low_passed, reciprocal, time_derivative
-from eivor.signals.noise import fractional_weights, order_slope
+from eivor.signals.noise import fractional_weights
 
 STEP_S = 0.01
 
@@ -77,13 +77,6 @@ def test_an_inverse_filter_solves_the_recursion(count):
     for k in range(count):
         solved[k] = ((k == 0) - weights[1 : k + 1] @ solved[:k][::-1]) / weights[0]
     assert reciprocal(weights) == pytest.approx(solved, abs=1e-15)
-
-
-@pytest.mark.parametrize("order", [-0.5, 0.0, 0.3, 1.0, 2.0, 1.7])
-def test_slopes_of_weights_are_their_derivatives(order):
-    step = 1e-6
-    numeric = (fractional_weights(order + step, 200) - fractional_weights(order - step, 200)) / (2.0 * step)
-    assert order_slope(order, 200) == pytest.approx(numeric, abs=1e-8)
 
 
 # -- Rates of change of sampled series --

@@ -87,14 +87,6 @@ def test_published_weights_and_differences():
     )
 
 
-def test_half_derivative_of_a_ramp():
-    """The half-derivative of t at t = 1 is 2 / sqrt(pi)."""
-    step = 1e-5
-    ramp = step * np.arange(100_001)
-    result = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
-    assert result == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
-
-
 def test_order_is_the_slope_of_the_spectrum():
     """Over the middle decades, log S rises by 2 * order per unit of log w."""
     for order in (-0.5, -0.4, 0.3):

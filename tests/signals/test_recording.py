@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from eivor.errors import EivorError, MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.logs.common import channel_findings
 from eivor.signals.channels import family_members
-from eivor.signals.filters import evened
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Recording, clean_channel, interval_within
 from eivor.signals.signals import Signals
@@ -229,16 +228,6 @@ def test_it_is_said():
     (findings,) = channel_findings({"velocity_z": channel})
     assert findings.name == "time_stamps"
     assert "evened: velocity_z 10000" in findings.message
-
-
-def test_a_few_slips_and_a_clock_that_was_set_stay():
-    slips = 0.01 * np.arange(4000)
-    slips[[1000, 3000]] -= 0.03
-    assert evened(slips) is slips
-    was_set = 0.01 * np.arange(4000) - np.where(np.arange(4000) > 2000, 5.0, 0.0)
-    assert evened(was_set) is was_set
-    again_and_again = 0.01 * (np.arange(4000) % 100)
-    assert evened(again_and_again) is again_and_again
 
 
 # -- Members of families of channels, and their order --

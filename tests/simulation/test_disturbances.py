@@ -133,17 +133,6 @@ def test_time_varying_arma_is_its_recursion():
     np.testing.assert_allclose(disturbance.sample(count, STEP_S, rng()), expected, atol=1e-12)
 
 
-def test_random_coefficients_have_their_moments():
-    """Lag one: std^2 times the product of the means; kurtosis above three."""
-    means, stds, std = (1.0, 3.0), (1.0, 0.5), 0.5
-    process = RandomCoefficientMovingAverage(means, stds, std)
-    variance = std**2 * (1 + 1 + 9 + 0.25)
-    assert_autocovariance(process, {0: variance, 1: std**2 * 3.0, 2: 0.0, 3: 0.0}, runs=800)
-    # With one coefficient, x = c w: E x^4 = 3 std^4 (mean^4 + 6 mean^2 s^2 + 3 s^4).
-    single = realisations(RandomCoefficientMovingAverage((3.0,), (1.0,), std), 200, 600)
-    assert_mean((single**4).mean(axis=1), 3 * std**4 * (81 + 54 + 3))
-
-
 def test_threshold_is_its_recursion():
     process = ThresholdMovingAverage((-0.5, 0.5), ((0.9,), (0.0,), (-0.9,)), delay=1)
     shocks = rng().standard_normal(1 + 10 + 50)

@@ -97,14 +97,6 @@ def test_binary_sequence_is_maximal(register):
     np.testing.assert_allclose(correlation[1:], -1.0, atol=1e-6)
 
 
-def test_binary_sequence_is_held_and_shifted():
-    series = sampled(PseudoRandomBinary(0.4, 6, 3), 600)
-    assert set(np.unique(series)) == {-0.4, 0.4}
-    np.testing.assert_array_equal(series[0::3], series[2::3])
-    np.testing.assert_array_equal(series[: 600 - 189], series[189:])
-    assert not np.array_equal(series, sampled(PseudoRandomBinary(0.4, 6, 3), 600, seed=2))
-
-
 def test_random_steps_have_their_levels_and_times():
     series = RandomSteps(0.2, 0.5, 1.5).sample(200_000, 0.01, np.random.default_rng(0))
     assert series[0] == 0.0

@@ -22,14 +22,12 @@ from eivor.lab.records import (
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.environment import (
-    OWN_HEIGHT,
     FlightTruth,
     NoiseKind,
     SensorNoise,
     SimulatedFlight,
     TrajectoryKind,
     altitude_reference,
-    gusts,
     sensor_errors,
 )
 from eivor.simulation.excitation import PaperInput, WhiteDisturbance, WhiteExcitation
@@ -228,23 +226,6 @@ def test_excitation_reaches_a_limit_and_passes_none(kind, seed):
     assert speed <= 2.2 + 1e-9
     assert acceleration <= 4.0 + 1e-9
     assert speed >= 1.6 - 1e-9 or acceleration >= 3.0 - 1e-9
-
-
-@pytest.mark.parametrize("kind", sorted(OWN_HEIGHT))
-def test_own_height_is_never_scaled_up(kind):
-    heights = [np.ptp(reference(kind, seed=seed).position) for seed in range(5)]
-    assert max(heights) <= {TrajectoryKind.CLIMBS: 4.0, TrajectoryKind.HOVER_STEPS: 0.1}[kind] + 1e-9
-    assert min(heights) >= {TrajectoryKind.CLIMBS: 1.5, TrajectoryKind.HOVER_STEPS: 0.04}[kind]
-
-
-def test_wind_is_the_recursion_it_is_said_to_be():
-    wind = gusts(count=50, axes=1, step_s=0.01, rms=0.5, correlation_s=0.3, rng=np.random.default_rng(4))
-    shocks = np.random.default_rng(4).standard_normal(50)
-    decay = np.exp(-0.01 / 0.3)
-    state = shocks[0]
-    for k in range(50):
-        state = state if k == 0 else decay * state + np.sqrt(1.0 - decay**2) * shocks[k]
-        assert wind[k, 0] == pytest.approx(0.5 * state, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", list(NoiseKind))

@@ -13,14 +13,7 @@ import eivor as ev
 from eivor.errors import EstimationError
 from eivor.estimation import spectral_iv
 from eivor.estimation.pair_whitening import PairedBins, PairWhitening, responses
-from eivor.estimation.sampled_motion import (
-    NoiseModel,
-    SampledMotion,
-    SampledRecord,
-    _Fit,
-    prior_of,
-    unitary_bins,
-)
+from eivor.estimation.sampled_motion import NoiseModel, SampledMotion, SampledRecord, unitary_bins
 from eivor.estimation.spectral_iv import spectral_giv_of_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
@@ -63,20 +56,6 @@ def test_without_noise_only_the_transient_is_left() -> None:
     assert abs(t) > 1e-6
     left = motion.whole(np.array([t]), motion.nuisance_shapes(ramps=False))
     assert np.abs(left[1]).max() < 1e-10 * np.abs(second).max()
-
-
-def test_the_noise_fit_knows_its_gradient() -> None:
-    motion = motion_of(Intersample.HOLD, 0.0)
-    rng = np.random.default_rng(5)
-    residual = rng.standard_normal((2, 400)) + 1j * rng.standard_normal((2, 400))
-    start = prior_of(motion, residual, 1e-2).centre
-    fit = _Fit(motion, residual, start)
-    index = fit.vector(start) + 0.1
-    slopes: list[float] = []
-    for unit in np.eye(6):
-        prediction, behind = (fit.value_and_gradient(index + sign * 1e-5 * unit)[0] for sign in (1, -1))
-        slopes.append((prediction - behind) / 2e-5)
-    np.testing.assert_allclose(fit.value_and_gradient(index)[1], slopes, rtol=1e-6)
 
 
 def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:

@@ -103,23 +103,6 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     assert re.fullmatch(said, sensor_agreement_sentence(result))
 
 
-def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
-    two = np.deg2rad(2.0)
-    for yaw, name, sign in (
-        (None, "tilt_x", 1.0),
-        (0.0, "tilt_forward", 1.0),
-        (0.5 * np.pi, "tilt_left", -1.0),
-    ):
-        result = agreement(sideways(log, leaning=two, yaw=yaw))
-        assert list(result.significant) == [name]
-        assert abs(result.significant[name].value - sign * two) < 3.0 * result.significant[name].std_error
-    assert "degrees to the right" in sensor_agreement_sentence(result)
-    level = agreement(sideways(log, leaning=0.0))
-    assert list(level.differences) == ["offset", "scale", "tilt_x"]
-    assert level.significant == {}
-    assert ", tilt " in sensor_agreement_sentence(level)
-
-
 def pitched(log, *, attitude: float = 0.0, accelerometer: float = 0.0):
     """A flight that pitches to move along x, with an attitude or an accelerometer that is turned about y."""
     rng, like, force = np.random.default_rng(0), log.channels["velocity_z"], log.channels["specific_force_z"]

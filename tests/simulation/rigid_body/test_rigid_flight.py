@@ -379,15 +379,6 @@ def test_mixer_gives_the_thrust_and_torques_that_are_asked_for():
     assert torque == pytest.approx((0.1 * limits[0], -0.05 * limits[1], 0.08 * limits[2]))
 
 
-def test_commands_stay_within_the_rotors_limits():
-    mixer = mixer_of(replace(HEXACOPTER, rotors=replace(HEXACOPTER.rotors, lowest_speed=100.0)))
-    speeds = mixer.commands(0.5, (1.0, 1.0, 1.0))
-    assert max(speeds) == pytest.approx(800.0)
-    assert min(speeds) == pytest.approx(100.0)
-    idle = mixer_of(HEXACOPTER).commands(0.0, (0.0, 0.0, 0.0))
-    assert 0.0 < max(idle) < 80.0
-
-
 def test_attitude_loop_turns_the_shorter_way():
     gains = gains_of(FlightController(), HEXACOPTER, 0.0)
     cascade = Cascade(gains, 0.002, 0.02)
