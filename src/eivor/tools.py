@@ -99,6 +99,14 @@ def no_stage_callback(_stage: Stage, /) -> None:
     """Report to no one."""
 
 
+#: Called with the number of items that are done, and that of all; first with what was done before.
+ItemsDone = Callable[[int, int], None]
+
+
+def no_items_callback(_done: int, _total: int, /) -> None:
+    """Report to no one."""
+
+
 # -- Notebook --
 
 

@@ -28,7 +28,7 @@ from typer.core import TyperCommand
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.strict_toml import TomlTable, read_toml
-from eivor.tools import plain_text, printable
+from eivor.tools import ItemsDone, no_items_callback, plain_text, printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -240,6 +240,27 @@ def step(what: str) -> Iterator[None]:
 
     with console(error=True).status(Text(f"{printable(what)} ...")):
         yield
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[ItemsDone]:
+    """Bar on standard error while it lasts, on terminals only."""
+    screen = console(error=True)
+    if not screen.is_terminal:
+        yield no_items_callback
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task(printable(what), total=None)
+
+        def update(done: int, total: int) -> None:
+            if bar.tasks[0].total is None:  # what was there before says nothing about the rate
+                bar.reset(task, total=total, completed=done)
+            bar.update(task, completed=done)
+
+        yield update
 
 
 # -- Exit codes --

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,7 +21,6 @@ from eivor.cli.outputs import (
     WorkersOption,
     Writes,
     complain,
-    console,
     deliver_result,
     flag,
     fleet_paths,
@@ -32,6 +29,7 @@ from eivor.cli.outputs import (
     keep_inputs,
     map_paths,
     option,
+    progress_bar,
     show,
     step,
     with_options,
@@ -44,10 +42,10 @@ from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
 from eivor.fleet.logs import given_covariates, logs_found
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
-from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
+from eivor.fleet.run import FleetRun, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
-from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, useful_workers
+from eivor.process_pool import InProcess, Limits, LocalThreads, useful_workers
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text
 from eivor.report.terminal import on_terminal
@@ -149,14 +147,15 @@ def run_command(
     with step(f"Looking for logs in {logs}"):
         result = logs_found(logs)
     keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs))
-    executor = _executor(workers, dask, len(result.logs))
+    useful = useful_workers(workers, len(result.logs))
+    local = LocalThreads(useful) if useful > 1 else InProcess()
     try:
-        with _bar() as progress:
+        with progress_bar("flights") as progress:
             done = run_fleet(
                 result,
                 Path(out),
                 options,
-                executor=executor,
+                executor=DaskCluster(dask) if dask else local,
                 shared=bool(dask),
                 progress=progress,
                 page_of=flight_page if reports else None,
@@ -167,45 +166,6 @@ def run_command(
         return ExitCode.INTERRUPTED
     show(_report(done, out))
     return ExitCode.IDENTIFIED
-
-
-def _executor(workers: int | None, dask: str, logs: int) -> Executor:
-    if dask:
-        return DaskCluster(dask)
-    useful = useful_workers(workers, logs)
-    return LocalThreads(useful) if useful > 1 else InProcess()
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    screen = console(error=True)
-    if not screen.is_terminal:
-        yield no_progress
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task("Hashing", total=None, rate="")
-
-        def update(done: int, total: int) -> None:
-            if bar.tasks[0].total is None:  # what was there before says nothing about the rate
-                bar.reset(task, total=total, completed=done, description="Flights")
-            bar.update(task, completed=done, rate=_rate(bar.tasks[0].speed))
-
-        yield update
-
-
-def _rate(speed: float | None) -> str:
-    if not speed:
-        return ""
-    return f"{speed:.1f} logs/s" if speed >= 1.0 else f"{60.0 * speed:.0f} logs/min"
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:

@@ -46,6 +46,7 @@ from eivor.process_pool import (
     WorkerProcess,
     abandoned,
 )
+from eivor.tools import ItemsDone, no_items_callback
 
 # -- Shard --
 
@@ -168,13 +169,6 @@ TASKS, MOST_LOGS = 100, 200
 #: Copies whose rows are one part.
 COPIES = 2_000
 
-#: Called with the number of logs that are done, and that of all; first with what was there already.
-Progress = Callable[[int, int], None]
-
-
-def no_progress(_done: int, _total: int, /) -> None:
-    """Report to no one how much is done."""
-
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
@@ -202,7 +196,7 @@ def run_fleet(
     guarded: bool = True,
     shared: bool = False,
     shard_logs: int | None = None,
-    progress: Progress = no_progress,
+    progress: ItemsDone = no_items_callback,
     page_of: PageOf | None = None,
 ) -> FleetRun:
     """Make the rows of a fleet that are not there yet."""
@@ -236,7 +230,7 @@ class _Run:
     executor: Executor
     shared: bool
     shard_logs: int | None
-    progress: Progress
+    progress: ItemsDone
 
     def done(self, logs_found: LogsFound) -> FleetRun:
         """Everything, from hashing to copies."""

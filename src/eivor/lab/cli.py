@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,13 +21,13 @@ from eivor.cli.outputs import (
     WorkersOption,
     Writes,
     complain,
-    console,
     deliver,
     flag,
     guarded,
     keep_inputs,
     option,
     output_file,
+    progress_bar,
     show,
     step,
     write,
@@ -67,11 +66,9 @@ from eivor.lab.study import (
     SHARD_TRIALS,
     TOGETHER,
     MethodScore,
-    Progress,
     Spread,
     StudyResult,
     failure,
-    no_progress,
     run_study,
     scores,
 )
@@ -140,7 +137,7 @@ def paper(
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     start_s, results = time.perf_counter(), []
-    with _progress("examples", 2 * len(chosen)) as progress:
+    with progress_bar("examples") as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
             results.append(result)
             progress(len(results), 2 * len(chosen))
@@ -195,21 +192,6 @@ def _folder(text: str) -> Path:
         received = f"'{text}', for which the system says: {error.strerror or error}"
         raise InputError("a folder for the figures", received, "Choose another.") from error
     return folder
-
-
-@contextmanager
-def _progress(name: str, total: int | None = None) -> Iterator[Progress]:
-    """Bar on standard error, when that is a terminal."""
-    screen = console(error=True)
-    if not screen.is_terminal:
-        yield no_progress
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(printable(name), total=total)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 # -- Simulate --
@@ -388,7 +370,7 @@ def study(
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
     keep_inputs(Path(study_file).name, table.files)
     try:
-        with _progress(chosen.name) as progress:
+        with progress_bar(chosen.name) as progress:
             result = run_study(chosen, folder, executor=executor, progress=progress)
     except KeyboardInterrupt:
         complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")

@@ -43,7 +43,7 @@ from eivor.lab.regularised import ShrunkTowards, regularised
 from eivor.models.regression import Column, lags
 from eivor.process_pool import Executor, InProcess, abandoned, check_among
 from eivor.signals.signals import Signals
-from eivor.tools import Float
+from eivor.tools import Float, ItemsDone, no_items_callback
 
 # -- Study --
 
@@ -449,13 +449,6 @@ def _listed(versions: object) -> str:
 
 # -- Run --
 
-#: Called with the number of trials that are done, and that of all.
-Progress = Callable[[int, int], None]
-
-
-def no_progress(_done: int, _total: int, /) -> None:
-    """Report to no one how much is done."""
-
 
 @dataclass(frozen=True)
 class StudyResult:
@@ -483,7 +476,7 @@ class ShardTrials:
 
 
 def run_study(
-    study: Study, folder: Path, *, executor: Executor | None = None, progress: Progress = no_progress
+    study: Study, folder: Path, *, executor: Executor | None = None, progress: ItemsDone = no_items_callback
 ) -> StudyResult:
     """Run what is left of a study."""
     shards = open_folder(study, folder)
