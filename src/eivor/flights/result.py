@@ -325,47 +325,21 @@ class Fit:
 
 @dataclass(frozen=True)
 class FlightEstimate:
-    """Quantities of a motion from one flight or from a pool.
+    """Quantities of a motion from one flight or from a pool."""
 
-    Parameters
-    ----------
-    motion : Motion
-        What was identified.
-    options : FlightOptions
-        What was requested.
-    prepared : tuple of PreparedFlight
-        The flights.
-    fit : Fit or None
-        None when nothing could be estimated.
-    verdict : Verdict
-        The overall one, on the motion's headline.
-    quantities : mapping of str to Quantity
-        Every quantity of the motion; without a fit they are NaN and refused, but for what is known all the
-        same.
-    diagnostics : mapping of str to float
-        Documented in docs/diagnostics.md.
-    findings : tuple of Finding
-        Named diagnostics of logs and flights.
-    flights : tuple of FlightRow
-        One for each flight of a pool, as it is alone.
-    by_flight : tuple of FlightRow
-        One for each flight of a pool some of whose parameters belong to the flight: what the pool says of
-        it, every quantity.
-    comparisons : tuple of FlightRow
-        One for each method, when asked for.
-    """
-
-    motion: Motion[Any]
-    options: FlightOptions
-    prepared: tuple[PreparedFlight, ...]
-    fit: Fit | None
-    verdict: Verdict
+    motion: Motion[Any]  # What was identified
+    options: FlightOptions  # What was requested
+    prepared: tuple[PreparedFlight, ...]  # The flights
+    fit: Fit | None  # None when nothing could be estimated
+    verdict: Verdict  # The overall one, on the motion's headline
+    #: Every quantity of the motion; without a fit NaN and refused, but for what is known all the same
     quantities: Mapping[str, Quantity]
-    diagnostics: Mapping[str, float]
-    findings: tuple[Finding, ...]
-    flights: tuple[FlightRow, ...] = ()
+    diagnostics: Mapping[str, float]  # See docs/diagnostics.md
+    findings: tuple[Finding, ...]  # Named diagnostics of logs and flights
+    flights: tuple[FlightRow, ...] = ()  # Each flight of a pool, as it is alone
+    #: Each flight of a pool some of whose parameters belong to the flight: what the pool says of it
     by_flight: tuple[FlightRow, ...] = ()
-    comparisons: tuple[FlightRow, ...] = ()
+    comparisons: tuple[FlightRow, ...] = ()  # Each method, when asked for
 
     @property
     def estimate(self) -> Estimate | None:

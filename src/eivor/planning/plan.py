@@ -26,6 +26,7 @@ from eivor.planning.vehicle import (
     check_target,
 )
 from eivor.signals.recording import Recording
+from eivor.signals.signals import stretches
 from eivor.simulation.environment import simulated_recording
 from eivor.simulation.vertical import (
     AltitudeController,
@@ -34,7 +35,7 @@ from eivor.simulation.vertical import (
     VerticalVehicles,
     simulate_vertical,
 )
-from eivor.tools import Complex, Float
+from eivor.tools import Float
 
 # -- Closed-loop simulation --
 
@@ -156,8 +157,11 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     frequency = np.fft.rfftfreq(count, STEP_S)
     inside = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
     f = frequency[inside]
-    s = 2j * np.pi * f
-    velocity = _following(s, vehicle) * s * np.fft.rfft(shape.offset)[inside]
+    s, gains = 2j * np.pi * f, vehicle.follows
+    # from the setpoint's velocity to the vehicle's, with feed-forward of velocity and acceleration
+    plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
+    feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
+    velocity = plant * (s + feedback) / (1.0 + plant * feedback) * s * np.fft.rfft(shape.offset)[inside]
     drive = (s + vehicle.viscous_friction) * velocity
     columns = np.column_stack([-velocity, drive, -s / (1.0 + s * vehicle.lag_s) * drive])
     left = vehicle.left
@@ -174,14 +178,6 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     except np.linalg.LinAlgError:
         return np.full(3, np.inf)
     return np.linalg.norm(inverse, axis=1)
-
-
-def _following(s: Complex[np.ndarray, " n"], vehicle: VehicleGuess) -> Complex[np.ndarray, " n"]:
-    """From the setpoint's velocity to the vehicle's, with feed-forward of velocity and acceleration."""
-    gains = vehicle.follows
-    plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
-    feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
-    return np.asarray(plant * (s + feedback) / (1.0 + plant * feedback))
 
 
 # -- Plan --
@@ -298,8 +294,20 @@ def make_plan(
     flown_within = _within_limits(finalists, vehicle, limits, seed)
     results = [(flights, identify_flight(flights[0].recording)) for flights in flown_within]
     best, first = min(results, key=lambda pair: _half_width(pair[1], target))
-    kept = [(best[0], first), *((item, identify_flight(item.recording)) for item in best[1:])]
-    return _plan(vehicle, limits, target, kept)
+    results = [(best[0], first), *((item, identify_flight(item.recording)) for item in best[1:])]
+    values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
+    predicted = {
+        word: ExpectedInterval(
+            item.scale * float(np.median([_half_width(result, word) for _, result in results])),
+            item.scale * values[word],
+            tuple(result.quantities[item.quantity].verdict for _, result in results),
+        )
+        for word, item in TARGETS.items()
+    }
+    heights = np.concatenate([item.height for item, _ in results]) + limits.middle_m
+    speed = max(float(np.abs(item.velocity).max()) for item, _ in results)
+    reached = (float(heights.min()), float(heights.max()), speed)
+    return FlightPlan(vehicle, limits, target, best[0].shape, predicted, reached)
 
 
 def _finalists(
@@ -346,27 +354,6 @@ def _half_width(result: FlightEstimate, target: str) -> float:
     return width if math.isfinite(width) else math.inf
 
 
-def _plan(
-    vehicle: VehicleGuess,
-    limits: FlightLimits,
-    target: str,
-    results: list[tuple[ClosedLoopFlight, FlightEstimate]],
-) -> FlightPlan:
-    values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
-    predicted = {
-        word: ExpectedInterval(
-            item.scale * float(np.median([_half_width(result, word) for _, result in results])),
-            item.scale * values[word],
-            tuple(result.quantities[item.quantity].verdict for _, result in results),
-        )
-        for word, item in TARGETS.items()
-    }
-    heights = np.concatenate([item.height for item, _ in results]) + limits.middle_m
-    speed = max(float(np.abs(item.velocity).max()) for item, _ in results)
-    reached = (float(heights.min()), float(heights.max()), speed)
-    return FlightPlan(vehicle, limits, target, results[0][0].shape, predicted, reached)
-
-
 # -- Mission --
 
 #: Commands of MAVLink.
@@ -405,13 +392,11 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
 
 def levels(plan: FlightPlan) -> list[tuple[float, float]]:
     """Heights above take-off [m] at which the setpoint rests, each with how long [s], in order."""
-    slow = np.abs(plan.velocity) < 0.05 * plan.limits.speed
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
     results: list[tuple[float, float]] = []
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        height = round(float(np.median(plan.height[first:last])), 2)
+    for rest in stretches(np.abs(plan.velocity) < 0.05 * plan.limits.speed):
+        height = round(float(np.median(plan.height[rest])), 2)
         if not results or abs(height - results[-1][0]) > 0.1:
-            results.append((height, max(math.floor((last - first) * STEP_S * 10.0) / 10.0, 0.0)))
+            results.append((height, math.floor((rest.stop - rest.start) * STEP_S * 10.0) / 10.0))
     return results
 
 
@@ -504,7 +489,6 @@ Location = tuple[float, float]
 class WrittenPlan:
     """A kind of file."""
 
-    name: str
     words: str
     file: str
     of_plan: Callable[[FlightPlan], str] | None = None
@@ -515,16 +499,13 @@ class WrittenPlan:
         if self.of_position is not None and position is not None:
             return self.of_position(plan, position)
         if self.of_plan is None:
-            raise TypeError(f"a plan for {self.name} without a place")
+            raise TypeError(f"a plan for {self.words} without a place")
         return self.of_plan(plan)
 
 
-WRITTEN: dict[str, WrittenPlan] = {
-    item.name: item
-    for item in (
-        WrittenPlan("csv", "table of setpoints", "setpoints.csv", csv_text),
-        WrittenPlan("mavsdk", "MAVSDK program that flies it", "fly_plan.py", mavsdk_text),
-        WrittenPlan("qgc", "QGroundControl plan", "flight.plan", of_position=qgc_text),
-        WrittenPlan("rotorpy", "trajectory of RotorPy", "trajectory.py", rotorpy_text),
-    )
+WRITTEN = {
+    "csv": WrittenPlan("table of setpoints", "setpoints.csv", csv_text),
+    "mavsdk": WrittenPlan("MAVSDK program that flies it", "fly_plan.py", mavsdk_text),
+    "qgc": WrittenPlan("QGroundControl plan", "flight.plan", of_position=qgc_text),
+    "rotorpy": WrittenPlan("trajectory of RotorPy", "trajectory.py", rotorpy_text),
 }

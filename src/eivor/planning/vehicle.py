@@ -341,13 +341,9 @@ def rough_vehicle(
 ) -> VehicleGuess:
     """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
     lag_s = None if lag is None else 1e-3 * lag
-    given: dict[str, Any] = {
-        "hover_input": hover,
-        "viscous_friction": friction,
-        "lag_s": lag_s,
-        "gust_rms": gusts,
-    }
-    return VehicleGuess(**{name: value for name, value in given.items() if value is not None})
+    given = {"hover_input": hover, "viscous_friction": friction, "lag_s": lag_s, "gust_rms": gusts}
+    numbers: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return VehicleGuess(**numbers)
 
 
 def read_vehicle(path: Path) -> VehicleGuess:

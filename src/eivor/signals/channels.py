@@ -162,14 +162,11 @@ def declare_channels(*declared: CanonicalChannel) -> None:
 
 def _collide(first: CanonicalChannel, other: CanonicalChannel) -> bool:
     """Whether a channel of a log could be either."""
-    if first.name == other.name:
-        return True
-    numbered = [
-        (family.name.removesuffix("*"), single.name)
-        for family, single in ((first, other), (other, first))
-        if family.name.endswith("_*")
-    ]
-    return any(name.startswith(stem) and name.removeprefix(stem).isdecimal() for stem, name in numbered)
+    names = first.name, other.name
+    return names[0] == names[1] or any(
+        stem.endswith("_*") and name.startswith(stem[:-1]) and name[len(stem) - 1 :].isdecimal()
+        for stem, name in (names, names[::-1])
+    )
 
 
 # -- Families --

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import prod
+
 import numpy as np
 import scipy
 
@@ -100,7 +102,11 @@ def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> 
 
 def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own."""
-    first_weights = _first_weights(weights[:FIRST_WEIGHTS])
+    first = weights[:FIRST_WEIGHTS]
+    first_weights = np.zeros(first.size)
+    first_weights[0] = 1.0 / first[0]
+    for k in range(1, first.size):  # weight by weight: quadratic, for a few of them
+        first_weights[k] = -(first[1 : k + 1] @ first_weights[k - 1 :: -1]) / first[0]
     while first_weights.size < weights.size:
         count = min(2 * first_weights.size, weights.size)
         padded = np.zeros(count)
@@ -109,15 +115,6 @@ def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         left[: first_weights.size] = 0.0  # right but for rounding: 1, 0, 0, ...
         first_weights = padded + filtered(padded, left)
     return first_weights
-
-
-def _first_weights(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Inverse filter weight by weight: quadratic, for a few of them."""
-    inverse = np.zeros(weights.size)
-    inverse[0] = 1.0 / weights[0]
-    for k in range(1, weights.size):
-        inverse[k] = -(weights[1 : k + 1] @ inverse[k - 1 :: -1]) / weights[0]
-    return inverse
 
 
 # -- Derivative --
@@ -144,15 +141,9 @@ FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23)
 
 def fast_length(count: int) -> int:
     """Return the largest length up to a count, from 1 on, that has small prime factors only."""
-    return next(length for length in range(count, 0, -1) if _remainder(length) == 1)
-
-
-def _remainder(length: int) -> int:
-    """What is left of a length without the factors."""
-    for factor in FACTORS:
-        while length % factor == 0:
-            length //= factor
-    return length
+    # a length divides a high power of the product of the factors when it has no others
+    power = prod(FACTORS) ** max(count.bit_length(), 1)
+    return next(length for length in range(count, 0, -1) if power % length == 0)
 
 
 # -- Low pass --

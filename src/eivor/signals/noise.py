@@ -121,6 +121,9 @@ class MeasurementNoise(ABC):
     std: float
     """Its size, in the channel's unit: the standard deviation of the white noise that it is made of."""
 
+    def __post_init__(self) -> None:
+        check_std(self.std)
+
     @abstractmethod
     def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
         """E[x(m) x(m + lag)] for m = start .. start + count - 1 samples since the record began."""
@@ -158,21 +161,13 @@ class UncorrelatedNoise(MeasurementNoise):
 class WhiteNoise(UncorrelatedNoise):
     """Uncorrelated noise of constant variance.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the channel's unit.
-
     Raises
     ------
     NonFiniteError
         When `std` is negative, not finite, or so large that it has no square.
     """
 
-    std: float
-
-    def __post_init__(self) -> None:
-        check_std(self.std)
+    std: float  # Standard deviation, in the channel's unit
 
     @property
     def variance(self) -> float:
@@ -188,13 +183,6 @@ class WhiteNoise(UncorrelatedNoise):
 class FractionalNoise(MeasurementNoise):
     """Delta^order of white noise, started at zero with the record.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation of the white noise before the operator, in the channel's unit.
-    order : float
-        Exponent of Delta, from -1 (a random walk) over -0.5 (long memory) to 0.5.
-
     Raises
     ------
     NonFiniteError
@@ -202,11 +190,11 @@ class FractionalNoise(MeasurementNoise):
         that range.
     """
 
-    std: float
-    order: float
+    std: float  # Standard deviation of the white noise before the operator, in the channel's unit
+    order: float  # Exponent of Delta, from -1 (a random walk) over -0.5 (long memory) to 0.5
 
     def __post_init__(self) -> None:
-        check_std(self.std)
+        MeasurementNoise.__post_init__(self)
         checks.number("order", self.order)
         if not LEAST_ORDER <= self.order <= LARGEST_ORDER:
             expected = f"an order between {LEAST_ORDER} and {LARGEST_ORDER}"
@@ -243,13 +231,6 @@ def check_std(std: float) -> None:
 class AutoregressiveNoise(MeasurementNoise):
     """x(k) = coefficient x(k-1) + e(k), started at zero with the record.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation that x settles to, in the channel's unit.
-    coefficient : float
-        Between -1 and 1, both left out.
-
     Raises
     ------
     NonFiniteError
@@ -258,11 +239,11 @@ class AutoregressiveNoise(MeasurementNoise):
         When the coefficient lies outside its range.
     """
 
-    std: float
-    coefficient: float
+    std: float  # Standard deviation that x settles to, in the channel's unit
+    coefficient: float  # Between -1 and 1, both left out
 
     def __post_init__(self) -> None:
-        check_std(self.std)
+        MeasurementNoise.__post_init__(self)
         checks.number("coefficient", self.coefficient)
         if not abs(self.coefficient) < 1.0:
             expected = "a coefficient between -1 and 1, both left out"
@@ -299,13 +280,6 @@ class AutoregressiveNoise(MeasurementNoise):
 class HeavyTailedNoise(UncorrelatedNoise):
     """Uncorrelated noise with the tails of Student's t.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the channel's unit.
-    degrees : float
-        Degrees of freedom, more than two: with fewer there is no standard deviation.
-
     Raises
     ------
     NonFiniteError
@@ -314,11 +288,11 @@ class HeavyTailedNoise(UncorrelatedNoise):
         When there are too few degrees of freedom.
     """
 
-    std: float
-    degrees: float = 3.0
+    std: float  # Standard deviation, in the channel's unit
+    degrees: float = 3.0  # Degrees of freedom, more than two: with fewer there is no standard deviation
 
     def __post_init__(self) -> None:
-        check_std(self.std)
+        MeasurementNoise.__post_init__(self)
         checks.number("degrees", self.degrees)
         if not 2.0 < self.degrees < np.inf:
             expected = "more than two degrees of freedom, and finitely many"
@@ -338,21 +312,13 @@ class RoundingNoise(UncorrelatedNoise):
     The usual model of a converter's quantisation: it holds where the channel moves by more than a step from
     one sample to the next.
 
-    Parameters
-    ----------
-    std : float
-        Step over the root of twelve, in the channel's unit.
-
     Raises
     ------
     NonFiniteError
         When `std` is negative, not finite, or so large that it has no square.
     """
 
-    std: float
-
-    def __post_init__(self) -> None:
-        check_std(self.std)
+    std: float  # Step over the root of twelve, in the channel's unit
 
     @property
     def step(self) -> float:
@@ -376,24 +342,13 @@ SEARCHED = (-1.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class LongMemory:
-    """Estimate of a fractional noise.
+    """Estimate of a fractional noise."""
 
-    Parameters
-    ----------
-    order, order_error : float
-        Exponent of Delta and its standard error.
-    std, std_error : float
-        Standard deviation of the white noise before the operator, in the channel's unit, and its
-        standard error (the order being estimated too).
-    bandwidth : int
-        Number of frequencies that were used.
-    """
-
-    order: float
-    order_error: float
-    std: float
-    std_error: float
-    bandwidth: int
+    order: float  # Exponent of Delta
+    order_error: float  # Its standard error
+    std: float  # Standard deviation of the white noise before the operator, in the channel's unit
+    std_error: float  # Its standard error, the order being estimated too
+    bandwidth: int  # Number of frequencies that were used
 
     @property
     def memory(self) -> float:

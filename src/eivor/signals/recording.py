@@ -248,44 +248,23 @@ def _rising(
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Everything Eivor uses of one log.
+    """Everything Eivor uses of one log."""
 
-    Parameters
-    ----------
-    name : str
-        What to call the log in reports: its file name.
-    format : str
-        "ulog", "crazyflie", "csv", "parquet", "frame" (made from arrays) or "simulation".
-    channels : mapping of str to Channel
-        By canonical name.
-    frame : Frame
-        Which way z points in `channels`.
-    sha256 : str
-        Hash of the file's bytes (hexadecimal), empty when there was no file.
-    parameters : mapping of str to float
-        Vehicle parameters that the log carries, by the autopilot's own names.
-    input_map : str
-        Name of the input map that the vehicle's channel map states ("square"), empty when it does not.
-    looked_for : mapping of str to tuple of str
-        For each canonical channel the reader knows: the topics or columns it looked for.
-    findings : tuple of Finding
-        Named diagnostics of the reader.
-    vehicle : str
-        What kind of vehicle the log says that it is of ("rotary wing", "fixed wing"); empty when it does not.
-    origin : LogOrigin
-        Which machine wrote the log, with which firmware, and when, as far as it says.
-    """
-
-    name: str
-    format: str
-    channels: Mapping[str, Channel]
-    frame: Frame = Frame.Z_UP
-    sha256: str = ""
+    name: str  # What to call the log in reports: its file name
+    format: str  # "ulog", "crazyflie", "csv", "parquet", "frame" (made from arrays) or "simulation", for some
+    channels: Mapping[str, Channel]  # By canonical name
+    frame: Frame = Frame.Z_UP  # Which way z points in `channels`
+    sha256: str = ""  # Hash of the file's bytes (hexadecimal), empty when there was no file
+    #: Vehicle parameters that the log carries, by the autopilot's own names
     parameters: Mapping[str, float] = field(default_factory=dict)
-    input_map: str = ""
+    input_map: str = (
+        ""  # Name of the input map that the channel map states ("square"), empty when it does not
+    )
+    #: For each canonical channel the reader knows: the topics or columns it looked for
     looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    vehicle: str = ""
+    findings: tuple[Finding, ...] = ()  # Named diagnostics of the reader
+    vehicle: str = ""  # Kind of vehicle by the log ("rotary wing", "fixed wing"); empty when it says nothing
+    #: Which machine wrote the log, with which firmware, and when, as far as it says
     origin: LogOrigin = field(default_factory=LogOrigin)
 
     def __post_init__(self) -> None:

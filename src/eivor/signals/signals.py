@@ -18,24 +18,6 @@ from eivor.tools import Bool, Float
 class Signals:
     """Channels sampled together at a uniform rate.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Samples per second [Hz].
-    channels : mapping of str to ndarray, shape (n,)
-        Canonical names to values in SI units, z up. Integer and single-precision arrays are converted
-        to double precision, and what a mask hides counts as NaN; nothing is modified in place.
-    noise : mapping of str to MeasurementNoise
-        What is known of the measurement noise of a channel. A channel that is not named here has no
-        *declared* noise, which is not the same as none.
-    valid : ndarray of bool, shape (n,), optional
-        Samples that may be used. Default: all of them.
-    start_s : float
-        Time of the first sample on the log's clock [s].
-    offset : int
-        Samples of the same record before the first one: where a chunk stands in its record, which
-        noises that started with the record need to know.
-
     Raises
     ------
     ShapeError
@@ -49,11 +31,15 @@ class Signals:
         is not finite at a valid sample.
     """
 
-    rate_hz: float
+    rate_hz: float  # Samples per second [Hz]
+    #: Canonical names to values of shape (n,) in SI units, z up, converted to double precision; what a mask
+    #: hides counts as NaN. Nothing is modified in place.
     channels: Mapping[str, Float[np.ndarray, " n"]]
+    #: Measurement noise by channel. A channel that is not named has no declared noise, which is not none
     noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
-    valid: Bool[np.ndarray, " n"] | None = None
-    start_s: float = 0.0
+    valid: Bool[np.ndarray, " n"] | None = None  # Samples that may be used, shape (n,); default: all
+    start_s: float = 0.0  # Time of the first sample on the log's clock [s]
+    #: Samples of the same record before the first one, which noises that started with the record need
     offset: int = 0
 
     def __post_init__(self) -> None:
