@@ -127,11 +127,9 @@ def common_grid(
     end = min(float(channel.time_s[-1]) for channel in channels)
     names = ", ".join(channel.name for channel in channels)
     if end <= start:
-        raise InputError(
-            f"a stretch of time in which {names} are all logged",
-            f"none (the last begins at {start:.2f} s, the first ends at {end:.2f} s)",
-            "Check the clocks of the log, or leave out the channel that does not fit.",
-        )
+        received = f"none (the last begins at {start:.2f} s, the first ends at {end:.2f} s)"
+        remedy = "Check the clocks of the log, or leave out the channel that does not fit."
+        raise InputError(f"a stretch of time in which {names} are all logged", received, remedy)
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = step_s or (FINE_STEP_S if fine else STEP_S)
     fast_names = {channel.name for channel in fast}
@@ -143,11 +141,9 @@ def common_grid(
     ]
     grid = Grid(start, step, _without(silences, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
     if grid.count * step > LONGEST_S:
-        raise InputError(
-            f"a flight of at most {LONGEST_S / 3600:.0f} hours",
-            f"stamps that cover {grid.count * step / 3600:.1f} hours",
-            "Check the unit of the time stamps, or cut the log.",
-        )
+        received = f"stamps that cover {grid.count * step / 3600:.1f} hours"
+        remedy = "Check the unit of the time stamps, or cut the log."
+        raise InputError(f"a flight of at most {LONGEST_S / 3600:.0f} hours", received, remedy)
     return grid
 
 

@@ -108,43 +108,31 @@ class FlightOptions:
             expected = "a largest tilt between 0 and 90 degrees"
             raise UsageError(expected, f"{self.max_tilt_deg:g}", "The default is 25.8.")
         if not self.accelerometer_bias > 0.0:
-            raise UsageError(
-                "a standard deviation of the accelerometer's bias above zero",
-                f"{self.accelerometer_bias:g} m/s^2",
-                "The default is 0.1; give inf when nothing is known of it.",
-            )
+            expected = "a standard deviation of the accelerometer's bias above zero"
+            remedy = "The default is 0.1; give inf when nothing is known of it."
+            raise UsageError(expected, f"{self.accelerometer_bias:g} m/s^2", remedy)
         if self.rotor_radius is not None and not 0.0 < self.rotor_radius <= LARGEST_RADIUS:
-            raise UsageError(
-                f"a rotor's radius between 0 and {LARGEST_RADIUS:g} m",
-                f"{self.rotor_radius:g} m",
-                "Give it in metres: half a propeller's diameter, such as 0.12.",
-            )
+            expected = f"a rotor's radius between 0 and {LARGEST_RADIUS:g} m"
+            remedy = "Give it in metres: half a propeller's diameter, such as 0.12."
+            raise UsageError(expected, f"{self.rotor_radius:g} m", remedy)
         if self.controller_rate_hz is not None and not 0.0 < self.controller_rate_hz <= FASTEST_HZ:
-            raise UsageError(
-                f"a controller's rate between 0 and {FASTEST_HZ:g} Hz",
-                f"{self.controller_rate_hz:g} Hz",
-                "Give it in Hz, such as 400; leave it out where it is not known.",
-            )
+            expected = f"a controller's rate between 0 and {FASTEST_HZ:g} Hz"
+            remedy = "Give it in Hz, such as 400; leave it out where it is not known."
+            raise UsageError(expected, f"{self.controller_rate_hz:g} Hz", remedy)
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
         if isinstance(self.lag, Bounds) and not 0.0 <= self.lag.low <= self.lag.high <= LONGEST_LAG_S:
-            raise UsageError(
-                f"bounds of the lag between 0 and {LONGEST_LAG_S:g} s",
-                f"{self.lag.low:g} and {self.lag.high:g} s",
-                "Give them in seconds: ev.Bounds(0.050, 0.090).",
-            )
+            received = f"{self.lag.low:g} and {self.lag.high:g} s"
+            remedy = "Give them in seconds: ev.Bounds(0.050, 0.090)."
+            raise UsageError(f"bounds of the lag between 0 and {LONGEST_LAG_S:g} s", received, remedy)
         if self.pool_friction not in POOL_FRICTIONS:
-            raise UsageError(
-                f"pool_friction out of {', '.join(POOL_FRICTIONS)}",
-                f"'{self.pool_friction}'",
-                did_you_mean(self.pool_friction, POOL_FRICTIONS, "The default is auto."),
-            )
+            expected = f"pool_friction out of {', '.join(POOL_FRICTIONS)}"
+            remedy = did_you_mean(self.pool_friction, POOL_FRICTIONS, "The default is auto.")
+            raise UsageError(expected, f"'{self.pool_friction}'", remedy)
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise UsageError(
-                "a window START:END with START before END",
-                f"{self.window[0]:g}:{self.window[1]:g}",
-                "Give both in seconds from the log's start.",
-            )
+            received = f"{self.window[0]:g}:{self.window[1]:g}"
+            remedy = "Give both in seconds from the log's start."
+            raise UsageError("a window START:END with START before END", received, remedy)
 
     def _check_types(self) -> None:
         for name in ("max_tilt_deg", "accelerometer_bias", "rotor_radius", "controller_rate_hz"):

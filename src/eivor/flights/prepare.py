@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -83,14 +84,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     if jump and not selected.matched_interpolation_filter:
         for clock in clocks.values():  # as far as the command is known
             band = clock.band_hz(band)
+    thinned = [clock for clock in clocks.values() if clock.thinned]
     # once for commands that are logged alike
-    thinned = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
-    by_clock = [Finding("command_clock", sentence) for sentence in thinned]
-    reset = [
-        Finding("reference_reset", f"{item.name}: {item.remark}.")
-        for item in candidates
-        if item.usable and item.logged is not None
-    ]
+    by_clock = [Finding("command_clock", text) for text in dict.fromkeys(item.sentence for item in thinned)]
+    resets = [item for item in candidates if item.usable and item.logged is not None]
+    reset = [Finding("reference_reset", f"{item.name}: {item.remark}.") for item in resets]
     return PreparedFlight(
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
@@ -107,7 +105,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.measured(estimated=True),
         selected.measured(estimated=False),
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
-        unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
+        unlogged_step_s=max((clock.issued_s for clock in thinned), default=0.0),
         noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),
@@ -145,8 +143,7 @@ def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step
 def refuse_empty(log: Recording, channel: Channel) -> None:
     """Raise for a channel without values."""
     if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
-        quality = channel.quality
-        dropped = quality.duplicated_stamps + quality.backward_stamps
+        dropped = channel.quality.duplicated_stamps + channel.quality.backward_stamps
         raise MissingChannelError(
             f"values in the channel '{channel.name}' of {log.name}",
             f"{channel.time_s.size} samples, {int(np.isfinite(channel.values).sum())} of them numbers"
@@ -160,33 +157,29 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
     rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
-    others = [name for name in log.channels if name not in names]
-    return {
+    clocks: dict[str, CommandClock] = {}
+    for command in (item for item in selected.commands if item.held):
         # made one at a time: those of a long log do not fit into memory together
-        command.name: known_clock(command, known_hz)
-        if known_hz
-        else command_clock(command, (log.channels[name] for name in others), selected.issued_within_s)
-        for command in selected.commands
-        if command.held
-    }
+        others = (log.channels[name] for name in log.channels if name not in names)
+        read = partial(command_clock, command, others, selected.issued_within_s)
+        clocks[command.name] = known_clock(command, known_hz) if known_hz else read()
+    return clocks
 
 
 def _gridded(
     selected: Selection, grid: Grid, clocks: Mapping[str, CommandClock]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
     """Values of every channel on the grid, and where all of them stand on data."""
-    commands = {
-        command.name: as_issued(command, clocks[command.name]) if command.name in clocks else command
-        for command in selected.commands
-    }
+    commands = {command.name for command in selected.commands}
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     good = np.ones(grid.count, dtype=np.bool_)
     for channel in selected.channels:
-        if channel.name in commands:
-            result = command_on_grid(commands[channel.name], grid)
+        name = channel.name
+        if name in commands:
+            issued = as_issued(channel, clocks[name]) if name in clocks else channel
+            channels[name], stands = command_on_grid(issued, grid)
         else:
-            result = on_grid(channel, grid, selected.between(channel))
-        channels[channel.name], stands = result
+            channels[name], stands = on_grid(channel, grid, selected.between(channel))
         good &= stands
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))

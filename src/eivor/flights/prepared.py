@@ -122,11 +122,8 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAg
     ]
     errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
     if not bool((errors > 0.0).all()):
-        raise EstimationError(
-            "sensors whose difference has an error",
-            "sensors that differ by nothing, or by exactly what is sought",
-            "Give what was measured.",
-        )
+        received = "sensors that differ by nothing, or by exactly what is sought"
+        raise EstimationError("sensors whose difference has an error", received, "Give what was measured.")
     values = estimate.values
     scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
@@ -223,11 +220,9 @@ def chosen_input(
         name = wanted.rstrip("*").rstrip("_")
         channels = log.family(name)
         if not channels:
-            raise UsageError(
-                f"an input out of the channels {', '.join(sorted(log.channels))}",
-                f"'{wanted}'",
-                f"Name a channel, or a family such as {families[0].name}.",
-            )
+            expected = f"an input out of the channels {', '.join(sorted(log.channels))}"
+            remedy = f"Name a channel, or a family such as {families[0].name}."
+            raise UsageError(expected, f"'{wanted}'", remedy)
         stem, _, number = name.rpartition("_")
         called = {name, stem} if number.isdecimal() else {name}
         known_family = next((family for family in families if family.name in called), InputFamily(name))
@@ -278,13 +273,9 @@ def triangle_mean(values: Float[np.ndarray, " n"], grid: Grid, width_s: float) -
         return values
     distance = np.abs(np.arange(-reach, reach + 1)) * grid.step_s
     weights = 1.0 - distance / width_s
-    spread, start = np.empty_like(values), 0
-    for piece in grid.pieces:
-        inside = slice(start, start + len(piece))
-        padded = np.pad(values[inside], reach, mode="edge")
-        spread[inside] = np.convolve(padded, weights / weights.sum(), mode="valid")
-        start = inside.stop
-    return spread
+    ends = np.cumsum([len(piece) for piece in grid.pieces])
+    padded = [np.pad(part, reach, mode="edge") for part in np.split(values, ends[:-1])]
+    return np.concatenate([np.convolve(part, weights / weights.sum(), mode="valid") for part in padded])
 
 
 # -- Prepared --
@@ -336,14 +327,12 @@ class PreparedFlight:
             channels={name: values[kept] for name, values in self.signals.channels.items()},
             valid=self.usable[kept],
         )
+        cut = [replace(item, values=item.values[kept], logged=None) for item in self.references]
         return replace(
             self,
             signals=signals,
             runs=tuple(slice(int(position[run.start]), int(position[run.stop - 1]) + 1) for run in self.runs),
-            references=tuple(
-                replace(reference, values=reference.values[kept], logged=None)
-                for reference in self.references
-            ),
+            references=tuple(cut),
             active=replace(self.active, mask=self.active.mask[kept]),
             usable=self.usable[kept],
             grid=self.grid.kept(kept),

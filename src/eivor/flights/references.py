@@ -89,11 +89,9 @@ def _by_channel(
     for name, declared in noise.items():
         members = [name] if name in known else family_members(name.rstrip("*").rstrip("_"), known)
         if not members:
-            raise UsageError(
-                f"noise of channels of {log.name}: {', '.join(sorted(known))}",
-                f"'{name}'",
-                did_you_mean(name, known, "Name one of them, or a family such as rotor_speed."),
-            )
+            expected = f"noise of channels of {log.name}: {', '.join(sorted(known))}"
+            remedy = did_you_mean(name, known, "Name one of them, or a family such as rotor_speed.")
+            raise UsageError(expected, f"'{name}'", remedy)
         declareds.update(dict.fromkeys(members, declared))
     return declareds
 
@@ -145,21 +143,16 @@ def check_noise(noise: object) -> None:
     if noise is None or (isinstance(noise, str) and noise == ESTIMATE):
         return
     if not isinstance(noise, Mapping):
-        raise UsageError(
-            "noises by channel, or estimate",
-            f"{noise!r}",
-            'Give noise={"velocity_z": 0.02}, in SI units, or noise="estimate".',
-        )
+        remedy = 'Give noise={"velocity_z": 0.02}, in SI units, or noise="estimate".'
+        raise UsageError("noises by channel, or estimate", f"{noise!r}", remedy)
     for name, declared in noise.items():
         if isinstance(declared, DataSheet) and isinstance(name, str):
             continue
         number = isinstance(declared, int | float) and not isinstance(declared, bool)
         if not (isinstance(name, str) and number and 0.0 <= declared <= LARGEST_STD):
-            raise UsageError(
-                f"a standard deviation of zero or more for the noise of {name!r}",
-                f"{declared!r}",
-                'Give noise={"velocity_z": 0.02}, in SI units, or a DataSheet.',
-            )
+            expected = f"a standard deviation of zero or more for the noise of {name!r}"
+            remedy = 'Give noise={"velocity_z": 0.02}, in SI units, or a DataSheet.'
+            raise UsageError(expected, f"{declared!r}", remedy)
 
 
 # -- References --
@@ -284,7 +277,11 @@ def _without_resets(
     resets = [reset for reset in resets if used[reset].any()]
     if not resets:
         return reference
-    standing = without_changes(values, resets)
+    # it stands still in those parts, and goes on from there
+    changes = np.diff(values, prepend=values[:1])
+    for part in resets:
+        changes[part.start + 1 : part.stop] = 0.0
+    standing = values[0] + np.cumsum(changes)
     if _spread_within_runs(standing, used) <= CONSTANT_SHARE * max(1.0, float(np.abs(values[used]).max())):
         return replace(reference, usable=False, remark=f"it is the measured {measured.name}")
     times = ", ".join(f"{grid.time_s[reset.start]:.1f}" for reset in resets)
@@ -314,15 +311,6 @@ def measured_resets(
     moved = maximum_filter1d(measured, width) - minimum_filter1d(measured, width)
     equal = (maximum_filter1d(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
     return stretches(maximum_filter1d(found, 2 * reach + 1) | maximum_filter1d(equal, width + 3))
-
-
-def without_changes(values: Float[np.ndarray, " n"], parts: Sequence[slice]) -> Float[np.ndarray, " n"]:
-    """A series that stands still in some parts, and goes on from there."""
-    changes = np.diff(values, prepend=values[:1])
-    for part in parts:
-        changes[part.start + 1 : part.stop] = 0.0
-    result: Float[np.ndarray, " n"] = values[0] + np.cumsum(changes)
-    return result
 
 
 def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:

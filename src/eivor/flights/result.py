@@ -217,8 +217,7 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Itera
     for flight in prepared:
         name = flight.recording.name
         prefix = f"{name}: " if len(prepared) > 1 else ""
-        for finding in flight.findings:
-            yield Finding(finding.name, prefix + finding.message)
+        yield from (replace(finding, message=prefix + finding.message) for finding in flight.findings)
         if not flight.active.mask.any():
             yield Finding("never_takes_off", f"{name} never {words.begins} (by {flight.active.rule}).")
         elif not flight.runs:
@@ -323,6 +322,10 @@ class Fit:
         return self.estimate.interval(name, level) if result is None else result.hull
 
 
+#: Columns of a result as text.
+TABLE_HEAD = ("quantity", "value", "95 % interval", "unit", "verdict")
+
+
 @dataclass(frozen=True)
 class FlightEstimate:
     """Quantities of a motion from one flight or from a pool."""
@@ -369,8 +372,7 @@ class FlightEstimate:
         if self.fit is None or prediction is None or prediction.multi_step is None:
             return None
         estimate = self.fit.estimate
-        names = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-        models = {FIT: SimpleModel("the fit", {**estimate.nuisances, **names}), **self.simple_models}
+        models = {FIT: SimpleModel("the fit", estimate.nuisances | estimate.parameters), **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
         return prediction.multi_step(flying, models, frozenset(refused))
@@ -422,47 +424,36 @@ class FlightEstimate:
             quantity = self.quantities[name]
             return self.motion.quantities[name].possible(quantity.widened(fit.interval(name, level)))
         if name not in self.quantities or level != 0.95:
-            raise UsageError(
-                f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)",
-                f"'{name}' at level {level}",
-                "Other levels are at hand for the joint vector: fit.names.",
-            )
+            expected = f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)"
+            remedy = "Other levels are at hand for the joint vector: fit.names."
+            raise UsageError(expected, f"'{name}' at level {level}", remedy)
         return self.quantities[name].interval
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""
-        lines = [
-            f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}",
-            f"{'quantity':<18}{'value':>12}{'95 % interval':>26}  {'unit':<8}verdict",
-        ]
-        for name, quantity in self.quantities.items():
-            lines.append(
-                f"{name:<18}{quantity.value:>12.4g}{_bounds(quantity):>26}  "
-                f"{quantity.unit:<8}{quantity.verdict.value}"
-            )
-        lines.extend(f"- {sentence}" for sentence in self.verdict.sentences)
-        return "\n".join(lines)
+        title, rows = self._table
+        lines = ["{:<18}{:>12}{:>26}  {:<8}{}".format(*row) for row in (TABLE_HEAD, *rows)]
+        return "\n".join([title, *lines, *(f"- {sentence}" for sentence in self.verdict.sentences)])
 
     def __repr__(self) -> str:
         names = ", ".join(flight.recording.name for flight in self.prepared)
-        text = "; ".join(
-            f"{name} {quantity.value:.4g} {_bounds(quantity)}"
-            for name, quantity in self.quantities.items()
-            if name in self.motion.quantities.headline and self.fit is not None
-        )
+        shown = self.motion.quantities.headline if self.fit is not None else ()
+        text = "; ".join(" ".join(row[:3]) for row in self._table[1] if row[0] in shown)
         return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {text}>"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (name, f"{quantity.value:.4g}", _bounds(quantity), quantity.unit, quantity.verdict.value)
-            for name, quantity in self.quantities.items()
-        ]
-        return html_table(
-            f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}",
-            ("quantity", "value", "95 % interval", "unit", "verdict"),
-            rows,
-            " ".join(self.verdict.sentences),
-        )
+        title, rows = self._table
+        return html_table(title, TABLE_HEAD, rows, " ".join(self.verdict.sentences))
+
+    @property
+    def _table(self) -> tuple[str, list[tuple[str, ...]]]:
+        """Title and rows of the quantities, as text."""
+        rows: list[tuple[str, ...]] = []
+        for name, quantity in self.quantities.items():
+            low, high = quantity.interval
+            bounds, verdict = f"[{low:.4g}, {high:.4g}]", quantity.verdict.value
+            rows.append((name, f"{quantity.value:.4g}", bounds, quantity.unit, verdict))
+        return f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}", rows
 
     def to_frame(self) -> pl.DataFrame:
         """Table of the quantities.
@@ -537,15 +528,6 @@ class FlightEstimate:
 
     def _fitted(self) -> Fit:
         if self.fit is None:
-            raise EstimationError(
-                "a flight with an estimate",
-                f"one without: {'; '.join(self.verdict.sentences)}",
-                "See its verdict.",
-            )
+            received = f"one without: {'; '.join(self.verdict.sentences)}"
+            raise EstimationError("a flight with an estimate", received, "See its verdict.")
         return self.fit
-
-
-def _bounds(quantity: Quantity) -> str:
-    """Interval of a quantity."""
-    low, high = quantity.interval
-    return f"[{low:.4g}, {high:.4g}]"

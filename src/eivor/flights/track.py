@@ -75,20 +75,17 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
         return Track(result, "", "", MEMORY_S if memory_s is None else memory_s, {}, (), ())
     tracking = result.motion.abilities.tracking
     if tracking is None:
-        raise UsageError(
-            "a motion with a parameter to follow", f"{result.motion.name}", "The vertical motion has one."
-        )
+        expected = "a motion with a parameter to follow"
+        raise UsageError(expected, f"{result.motion.name}", "The vertical motion has one.")
     tracked_parameter = tracking(result.fit.problem, result.quantities, result.options)
     (columns,) = tracked_parameter.runs.columns
     length_s = columns.fixed.shape[0] * columns.step_s
     memory_s = min(MEMORY_S, length_s) if memory_s is None else memory_s
     memory = memory_s / columns.step_s
     if not MEMORIES[0] <= memory <= columns.fixed.shape[0] * (1.0 + 1e-12):
-        raise UsageError(
-            f"a memory of {MEMORIES[0] * columns.step_s:g} to {length_s:.3g} s, the length of the flight",
-            f"{memory_s:g} s",
-            "Leave it out, or give another.",
-        )
+        least = f"a memory of {MEMORIES[0] * columns.step_s:g}"
+        expected = f"{least} to {length_s:.3g} s, the length of the flight"
+        raise UsageError(expected, f"{memory_s:g} s", "Leave it out, or give another.")
     estimate, name = result.fit.estimate, tracked_parameter.name
     parameters = {parameter.name: parameter for parameter in tracked_parameter.runs.parameters}
     level = 0.0 if tracked_parameter.intercept is None else tracked_parameter.intercept.mean
