@@ -372,7 +372,10 @@ class FlightEstimate:
         if self.fit is None or prediction is None or prediction.multi_step is None:
             return None
         estimate = self.fit.estimate
-        models = {FIT: SimpleModel("the fit", estimate.nuisances | estimate.parameters), **self.simple_models}
+        models = {
+            FIT: SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters}),
+            **self.simple_models,
+        }
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
         return prediction.multi_step(flying, models, frozenset(refused))

@@ -292,8 +292,8 @@ def make_plan(
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
     flown_within = _within_limits(finalists, vehicle, limits, seed)
-    results = [(flights, identify_flight(flights[0].recording)) for flights in flown_within]
-    best, first = min(results, key=lambda pair: _half_width(pair[1], target))
+    firsts = [(flights, identify_flight(flights[0].recording)) for flights in flown_within]
+    best, first = min(firsts, key=lambda pair: _half_width(pair[1], target))
     results = [(best[0], first), *((item, identify_flight(item.recording)) for item in best[1:])]
     values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
     predicted = {
