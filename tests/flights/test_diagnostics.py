@@ -16,7 +16,7 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.estimation.derived import ProfileSets
+from eivor.estimation.profile_sets import ProfileSets
 from eivor.estimation.variable_projection import nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties

@@ -102,7 +102,7 @@ class PoolFlights:
 
         def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
             left = left_over(self.nodes.over(equations, box))
-            return left + self.variance * self.nodes.misfit(box, known) if known else left
+            return left + self.variance * self.nodes.misfit(self.nodes.values_over(box), known)
 
         position = argmin(objective, self.nodes.nodes)
         weights = self.nodes.weights(position)

@@ -5,27 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf
 from typing import cast
 
 import numpy as np
-import scipy
 
-from eivor.estimation.derived import DEGREES, FEW_PARAMETERS, ParameterSets, sum_set
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
-from eivor.estimation.variable_projection import (
-    Box,
-    Nodes,
-    NuisanceProfile,
-    NuisanceScan,
-    argmin,
-    nodes_of,
-    profiles_of,
+from eivor.estimation.profile_sets import (
+    DEGREES,
+    FEW_PARAMETERS,
+    Criterion,
+    ParameterSets,
+    PoolMember,
+    known_priors,
+    products_at,
 )
-from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
-from eivor.inference.anderson_rubin import allowed, least_ratio
+from eivor.estimation.variable_projection import Nodes, NuisanceProfile, nodes_of, profiles_of
+from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import (
     COSINE_AVERAGES,
@@ -38,37 +35,11 @@ from eivor.inference.covariance import (
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, t_quantile
 from eivor.inference.random_effects import moment_between, one_group, random_effects_means
 from eivor.models.regression import Regression
-from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 # -- Member --
-
-
-@dataclass(frozen=True)
-class PoolMember:
-    """One flight."""
-
-    problem: SeparableProblem
-    weights: WeightedRows
-    centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
-    equations: Float[np.ndarray, "T q n_plus_1"]  # Q' of residual and regressors, at each node
-    power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
-    rows: int
-
-    def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
-        """The same products with the response taken elsewhere."""
-        moved = np.append(1.0, self.centre - centre)
-        equations, power = self.equations.copy(), self.power.copy()
-        equations[:, :, 0] = self.equations @ moved
-        power[:, 0, 1:] = power[:, 1:, 0] = self.power[:, 1:] @ moved
-        power[:, 0, 0] = moved @ self.power @ moved
-        return replace(self, centre=centre, equations=equations, power=power)
-
-    @property
-    def instruments(self) -> int:
-        """Number of independent instruments."""
-        return self.equations.shape[1]
 
 
 def pool_member(
@@ -84,189 +55,6 @@ def pool_member(
     products = (products_at(rows, centre) for rows in made)
     equations, power = (np.stack(parts) for parts in zip(*products, strict=True))
     return PoolMember(problem, weights, centre, equations, power, made[0].response.size)
-
-
-def products_at(
-    rows: Regression, centre: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "q n_plus_1"], Float[np.ndarray, "n_plus_1 n_plus_1"]]:
-    """Q' of residual and regressors, and their products with each other."""
-    columns = np.column_stack([rows.response - rows.regressors @ centre, rows.regressors])
-    return rows.instruments.T @ columns, columns.T @ columns
-
-
-# -- Criterion --
-
-Forms = Float[np.ndarray, "F k b b"]
-
-
-@dataclass(frozen=True)
-class PoolCriterion:
-    """J of some flights."""
-
-    members: tuple[PoolMember, ...]
-    flight_specific: tuple[int, ...]
-    nodes: Nodes
-    known: dict[str, Prior]
-    searched: int | None = None  # Parameters and nuisances of what it is a slice of
-
-    @property
-    def size(self) -> int:
-        """Number of linear parameters of a flight."""
-        return self.members[0].centre.size
-
-    @property
-    def shared(self) -> tuple[int, ...]:
-        """Places of the linear parameters that are shared."""
-        return tuple(index for index in range(self.size) if index not in self.flight_specific)
-
-    @property
-    def unknowns(self) -> int:
-        """Parameters of all flights, and nuisances."""
-        if self.searched is not None:
-            return self.searched
-        return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.axes)
-
-    @property
-    def rows(self) -> int:
-        """Rows of all flights."""
-        return sum(member.rows for member in self.members)
-
-    @property
-    def instruments(self) -> int:
-        """Independent instruments of all flights."""
-        return sum(member.instruments for member in self.members)
-
-    # -- forms -----------------------------------------------------------------------------------------------
-
-    @cached_property
-    def _scales(self) -> Float[np.ndarray, " b"]:
-        """Lengths of residual and regressors, by which columns are divided."""
-        lengths = np.sqrt(np.mean([np.diagonal(np.mean(m.power, axis=0)) for m in self.members], axis=0))
-        return np.where(lengths > 0.0, lengths, 1.0)
-
-    def _blocks(self, box: Box) -> tuple[Forms, Forms]:
-        """N and D of each flight, residual and regressors in their order."""
-        freedom = self.rows - self.unknowns
-        outer = np.outer(self._scales, self._scales)
-        N, D = [], []
-        for member in self.members:
-            seen = self.nodes.over(member.equations, box) / self._scales
-            N.append(seen.transpose(0, 2, 1) @ seen)
-            D.append(self.nodes.over(member.power, box) / (outer * freedom))
-        return np.stack(N), np.stack(D)
-
-    def _joined(self, blocks: Forms) -> Float[np.ndarray, "k m m"]:
-        """Form of all parameters: residual, each flight's own, and what is shared."""
-        flights, specific = len(self.members), len(self.flight_specific)
-        width = 1 + flights * specific + len(self.shared)
-        joined = np.zeros((blocks.shape[1], width, width))
-        for number, block in enumerate(blocks):
-            positions = self.indices_of(number)
-            joined[:, positions[:, None], positions] += block
-        return joined
-
-    def indices_of(self, number: int) -> np.ndarray:
-        """Where residual and parameters of a flight are among those of all."""
-        flights, specific = len(self.members), len(self.flight_specific)
-        positions = np.zeros(1 + self.size, dtype=np.int64)
-        positions[[1 + item for item in self.flight_specific]] = 1 + number * specific + np.arange(specific)
-        positions[[1 + item for item in self.shared]] = 1 + flights * specific + np.arange(len(self.shared))
-        return positions
-
-    def misfit(self, box: Box) -> Float[np.ndarray, " points"]:
-        """Squared distance from what is known beforehand, in standard errors."""
-        return self.nodes.misfit(box, self.known) if self.known else np.zeros(1)
-
-    def least(self, box: Box) -> Float[np.ndarray, " points"]:
-        """Least J at the points of a box."""
-        N, D = self._blocks(box)
-        return least_ratio(self._joined(N), self._joined(D)) + self.misfit(box)
-
-    # -- the minimum -----------------------------------------------------------------------------------------
-
-    @cached_property
-    def slices(self) -> list[PoolCriterion]:
-        """J over the first nuisance, at values of the others."""
-        results = []
-        nodes, box = self.nodes.closer(self.minimum[0])
-        forms = [
-            (self.nodes.over(member.equations, box), self.nodes.over(member.power, box))
-            for member in self.members
-        ]
-        for part, index in nodes.slices():
-            members = (
-                replace(member, equations=equations[index], power=power[index])
-                for member, (equations, power) in zip(self.members, forms, strict=True)
-            )
-            results.append(replace(self, members=tuple(members), nodes=part, searched=self.unknowns))
-        return results
-
-    @cached_property
-    def scan(self) -> NuisanceScan:
-        """The least J over the nuisance, where there is one at most."""
-        return NuisanceScan(self.nodes, lambda positions: self.least(self.nodes.box(positions)))
-
-    @cached_property
-    def minimum(self) -> tuple[Values, float]:
-        """Nuisances where J is least, and J there."""
-        if len(self.nodes.axes) < 2:
-            position, J = self.scan.minimum
-            return self.nodes.values_at(np.array([position])[: len(self.nodes.axes)]), J
-        result = argmin(self.least, self.nodes.nodes)
-        return self.nodes.values_at(result), float(self.least([*result[:, None]])[0])
-
-    def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
-        """Linear parameters of each flight where J is least, at values of the nuisances."""
-        made = [products_at(member.weights.rows(nuisances), member.centre) for member in self.members]
-        outer = np.outer(self._scales, self._scales)
-        seen = [equations / self._scales for equations, _ in made]
-        N = self._joined(np.stack([(item.T @ item)[None] for item in seen]))[0]
-        D = self._joined(np.stack([(power / outer)[None] for _, power in made]))[0]
-        x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
-        differences = -x / x[0] * self._scales[0]
-        return [
-            member.centre + differences[self.indices_of(number)][1:] / self._scales[1:]
-            for number, member in enumerate(self.members)
-        ]
-
-    # -- sets ------------------------------------------------------------------------------------------------
-
-    def below(self, bound: float, position: int) -> list[list[tuple[float, float]]]:
-        """For each flight the values of one parameter at which J is at most a bound, as pieces."""
-        results: list[list[tuple[float, float]]] = [[] for _ in self.members]
-        for within, cut_short in self.scan.stretches(bound):
-            box = self.nodes.box(within)
-            N, D = self._blocks(box)
-            left = (bound - self.misfit(box))[:, None, None] * np.ones((within.size, 1, 1))
-            for number, (Q, free) in enumerate(self._others_free(N - left * D)):
-                order = [0, 1 + position, *(1 + j for j in range(self.size) if j != position)]
-                zeros = np.zeros(within.size)
-                fitting = allowed(Q[:, order][:, :, order], np.zeros(Q.shape), zeros)
-                pieces = fitting.continued() if cut_short else fitting.pieces()
-                if free.any():
-                    pieces = [(-inf, inf)]
-                scale = self._scales[0] / self._scales[1 + position]
-                centre = self.members[number].centre[position]
-                results[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
-        return results
-
-    def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "k b b"], Bool[np.ndarray, " k"]]]:
-        """For each flight the form of its parameters, those of the other flights where the form is least."""
-        selected, kept = [1 + item for item in self.flight_specific], [0, *(1 + item for item in self.shared)]
-        rest = Q[:, :, kept][:, :, :, kept]
-        free = np.zeros(Q.shape[:2], dtype=np.bool_)
-        if selected:
-            inner, cross = Q[:, :, selected][:, :, :, selected], Q[:, :, selected][:, :, :, kept]
-            free = np.linalg.eigvalsh(inner)[:, :, 0] <= 0.0
-            inner = np.where(free[:, :, None, None], np.eye(len(selected)), inner)
-            rest = rest - np.swapaxes(cross, 2, 3) @ np.linalg.solve(inner, cross)
-        total, some = rest.sum(axis=0), free.sum(axis=0)
-        results = []
-        for number, block in enumerate(Q):
-            whole = block.copy()
-            whole[:, np.array(kept)[:, None], kept] += total - rest[number]
-            results.append((whole, some > free[number]))
-        return results
 
 
 # -- Joint --
@@ -303,7 +91,7 @@ def member_slopes(
 class PoolJoint:
     """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances."""
 
-    criterion: PoolCriterion
+    criterion: Criterion
     slopes: tuple[MemberSlopes, ...]
     known: Float[np.ndarray, "k q"]  # Rows of what is known of nuisances beforehand, over standard errors
     inflation: float = 1.0
@@ -431,14 +219,14 @@ class Pooled:
 
     estimates: tuple[Estimate, ...]
     flight_specific: tuple[str, ...]  # Linear parameters that belong to the flight
-    criterion: PoolCriterion
+    criterion: Criterion
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
     inflation: float  # Factor of the variance of what is shared
     separate: bool = False
 
     @cached_property
-    def common(self) -> PoolCriterion:
+    def common(self) -> Criterion:
         """J of flights that agree in what is their own."""
         first = self.criterion.members[0]
         shared = tuple(member.recentred(first.centre) for member in self.criterion.members)
@@ -518,10 +306,11 @@ class Pooled:
         position = self._positions([name])[0]
         members = self.criterion.members
 
-        profiles = _below(self.criterion, self._largest_excess(level), position)
-        counts = {member.instruments for member in members}
+        least = self.criterion.minimum[1]
+        profiles = self.criterion.below(least + self._largest_excess(level), position)
         robust = {
-            count: _below(self.criterion, chi_square_quantile(level, count), position) for count in counts
+            count: self.criterion.below(least + chi_square_quantile(level, count), position)
+            for count in {member.instruments for member in members}
         }
         return tuple(
             ParameterSets(
@@ -541,11 +330,11 @@ class Pooled:
             return None
         position = self._positions([name])[0]
         criterion = self.common if is_specific else self.criterion
-        instruments = max(member.instruments for member in criterion.members)
+        instruments, least = max(member.instruments for member in criterion.members), criterion.minimum[1]
         return ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
-            _below(criterion, self._largest_excess(level), position)[0],
-            _below(criterion, chi_square_quantile(level, instruments), position)[0],
+            criterion.below(least + self._largest_excess(level), position)[0],
+            criterion.below(least + chi_square_quantile(level, instruments), position)[0],
         )
 
     def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
@@ -553,7 +342,7 @@ class Pooled:
         if not self.criterion.nodes.axes or not self.has_sets:
             return None
         bound = self.criterion.minimum[1] + self._largest_excess(level)
-        return sum_set([part.scan for part in self.criterion.slices], names, self.values, bound)
+        return self.criterion.of_sum(names, self.values, bound)
 
     def _largest_excess(self, level: float) -> float:
         """By how much J may exceed its least in a profile set; more where what is shared differs."""
@@ -645,13 +434,6 @@ class Pooled:
         )
 
 
-def _below(criterion: PoolCriterion, excess: float, position: int) -> list[ConfidenceSet]:
-    """For each flight the set where J exceeds its least by no more."""
-    bound = criterion.minimum[1] + excess
-    each = zip(*(part.below(bound, position) for part in criterion.slices), strict=True)
-    return [ConfidenceSet.union(piece for pieces in parts for piece in pieces) for parts in each]
-
-
 def _joined(layouts: Sequence[object]) -> BinRows:
     bins = ((number, layout) for number, layout in enumerate(layouts) if isinstance(layout, BinRows))
     return BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs))
@@ -675,17 +457,14 @@ def pooled(
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].rows.parameters]
     specific = [parameters.index(name) for name in names]
-    known = {
-        axis.nuisance.name: axis.nuisance.prior for axis in nodes.axes if axis.nuisance.prior is not None
-    }
 
-    def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
+    def weighted(values: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> Criterion:
         shared, members = np.median(theta, axis=0), []
         for problem, here, parameters in zip(problems, values, theta, strict=True):
             centre = shared.copy()
             centre[specific] = parameters[specific]
             members.append(pool_member(problem, nodes, {**here, **nodes.fixed}, parameters, centre))
-        return PoolCriterion(tuple(members), tuple(specific), nodes, known)
+        return Criterion(tuple(members), tuple(specific), nodes, known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])
     values = first.minimum[0]
@@ -694,7 +473,7 @@ def pooled(
     return Pooled(tuple(estimates), tuple(names), criterion, nuisances, p_value, inflation, separate)
 
 
-def _differences(criterion: PoolCriterion) -> tuple[float, float]:
+def _differences(criterion: Criterion) -> tuple[float, float]:
     """P-value of agreement in what is shared, and by what its variance is multiplied."""
     together = replace(criterion, known={}).minimum[1]
     alone = sum(replace(criterion, members=(member,), known={}).minimum[1] for member in criterion.members)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -345,10 +345,6 @@ class Nodes:
         """Nodes on the scale of each axis."""
         return [axis.nodes for axis in self.axes]
 
-    def box(self, positions: Float[np.ndarray, " k"]) -> Box:
-        """Places of the one nuisance that there is, as a box; an empty one for none."""
-        return [positions] if self.axes else []
-
     def over(self, values: Float[np.ndarray, "T *shape"], box: Box) -> Float[np.ndarray, "points *shape"]:
         """Values at the points of a box, from those at the nodes."""
         sizes = [axis.nodes.size for axis in self.axes]
@@ -379,12 +375,12 @@ class Nodes:
         values = {name: np.full(count, value) for name, value in self.fixed.items()}
         return values | {name: item.ravel() for name, item in zip(names, mesh, strict=True)}
 
-    def misfit(self, box: Box, known: Mapping[str, Prior]) -> Float[np.ndarray, " points"]:
-        """Squared distance of the points of a box from what is known beforehand, in standard errors."""
-        values = self.values_over(box)
-        named = [axis.nuisance for axis in self.axes if axis.nuisance.name in known]
-        nothing = np.zeros(math.prod(item.size for item in box))
-        return sum((known[item.name].misfit(item.with_others(values)) for item in named), nothing)
+    def misfit(
+        self, values: Mapping[str, Float[np.ndarray, "*shape"]], known: Mapping[str, Prior]
+    ) -> Float[np.ndarray, "*shape"] | float:
+        """Squared distance of values from what is known beforehand, in standard errors."""
+        named = (axis.nuisance for axis in self.axes if axis.nuisance.name in known)
+        return sum((known[item.name].misfit(item.with_others(values)) for item in named), 0.0)
 
     def closer(self, nuisance_values: Values) -> tuple[Nodes, Box]:
         """Nodes with more of all nuisances but the first around some values, and their places here."""
@@ -398,12 +394,6 @@ class Nodes:
             axes.append(NodeAxis(axis.nuisance, axis.values_at(places)))
             box.append(places)
         return Nodes(tuple(axes), self.fixed), box
-
-    def slices(self) -> Iterator[tuple[Nodes, slice]]:
-        """Nodes of the first nuisance at each node of the others, and their places among all."""
-        others = Nodes(self.axes[1:], self.fixed).points
-        for number, point in enumerate(others):
-            yield Nodes(self.axes[:1], point), slice(number, None, len(others))
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:
@@ -423,79 +413,3 @@ def _fine(nuisance: Nuisance, grid: Float[np.ndarray, " _"], fewest: int) -> Flo
     axis = NodeAxis(nuisance, grid)
     steps = np.arange((grid.size - 1) * between + 1) / between
     return axis.values_at(np.interp(steps, np.arange(grid.size), axis.nodes))
-
-
-# -- Nuisance scan --
-
-#: Places between two nodes at which minima are looked for.
-BETWEEN = 4
-#: Points and rounds of a closer look: each round is finer by half the points.
-SCAN_POINTS, SCAN_ROUNDS = 17, 6
-#: Places over each stretch of a nuisance, closer towards its ends.
-POSITIONS = 65
-
-Points = Float[np.ndarray, " k"]
-
-
-@dataclass(frozen=True)
-class NuisanceScan:
-    """A criterion over one continuous nuisance, or over none."""
-
-    nodes: Nodes
-    least: Callable[[Points], Points]
-
-    @cached_property
-    def scanned(self) -> tuple[Points, Points]:
-        """Places between the nodes and all minima among them, in order, and the criterion there."""
-        if not self.nodes.axes:
-            positions = np.zeros(1)
-            return positions, self.least(positions)
-        (nodes,) = self.nodes.nodes
-        steps = np.arange((nodes.size - 1) * BETWEEN + 1) / BETWEEN
-        positions = np.interp(steps, np.arange(nodes.size), nodes)
-        J = self.least(positions)
-        padded = np.concatenate([[np.inf], J, [np.inf]])
-        lowest = np.flatnonzero((padded[:-2] >= J) & (padded[2:] >= J))
-        results = [
-            self._minimum(positions[max(item - 1, 0)], positions[min(item + 1, positions.size - 1)])
-            for item in lowest
-        ]
-        positions = np.unique(np.concatenate([positions, results]))
-        return positions, self.least(positions)
-
-    @property
-    def minimum(self) -> tuple[float, float]:
-        """Place of the least, and the criterion there."""
-        positions, J = self.scanned
-        index = int(np.argmin(J))
-        return float(positions[index]), float(J[index])
-
-    def stretches(self, bound: float) -> Iterator[tuple[Points, bool]]:
-        """Stretches in which the criterion is at most a bound."""
-        positions, J = self.scanned
-        fits = np.concatenate([[False], bound >= J, [False]])
-        starts, stops = np.flatnonzero(~fits[:-1] & fits[1:]), np.flatnonzero(fits[:-1] & ~fits[1:])
-        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-            low, high = float(positions[start]), float(positions[stop - 1])
-            if start > 0:
-                low = self._end(low, float(positions[start - 1]), bound)
-            if stop < positions.size:
-                high = self._end(high, float(positions[stop]), bound)
-            turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(POSITIONS) / (POSITIONS - 1))
-            within = np.unique(np.concatenate([low + (high - low) * turned, positions[start:stop]]))
-            yield within, stop == positions.size and any(axis.nuisance.positive for axis in self.nodes.axes)
-
-    def _minimum(self, low: float, high: float) -> float:
-        for _ in range(SCAN_ROUNDS):
-            positions = np.linspace(low, high, SCAN_POINTS)
-            index = int(np.argmin(self.least(positions)))
-            low, high = float(positions[max(index - 1, 0)]), float(positions[min(index + 1, SCAN_POINTS - 1)])
-        return 0.5 * (low + high)
-
-    def _end(self, inside: float, outside: float, bound: float) -> float:
-        """Last place with the criterion below a bound on the way from one that has it to one that has not."""
-        for _ in range(SCAN_ROUNDS):
-            positions = np.linspace(inside, outside, SCAN_POINTS)
-            first_out = int(np.argmax(self.least(positions[1:]) > bound)) + 1
-            inside, outside = float(positions[first_out - 1]), float(positions[first_out])
-        return inside

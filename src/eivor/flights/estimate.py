@@ -17,12 +17,12 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.estimation.derived import ParameterSets, ProfileSets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments
 from eivor.estimation.methods import by_name, identify
+from eivor.estimation.profile_sets import ParameterSets, ProfileSets
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (

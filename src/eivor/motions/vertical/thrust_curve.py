@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from eivor.estimation.derived import DEGREES
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.profile_sets import DEGREES
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
