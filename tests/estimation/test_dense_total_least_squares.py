@@ -12,7 +12,7 @@ import scipy.linalg
 
 import eivor as ev
 from eivor.errors import CollinearError, InstrumentError
-from eivor.estimation import estimate, methods
+from eivor.estimation import methods
 from eivor.estimation.products import lags_without_gaps
 from eivor.linalg import AugmentedLeastSquares
 from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS
@@ -273,7 +273,7 @@ def test_standard_errors_are_right_or_the_problem_is_refused(name):
     assert len(refused) == len([d for d in DISTANCES if d < (1e-6 if squared else 1e-12)])
 
 
-# -- Coordinates in which the covariance of a long record is summed: some rows serve as well as --
+# -- Covariance of a long record, block by block --
 
 LONG_ROWS = 4 * PASSED_ROWS
 
@@ -289,18 +289,16 @@ def problem(*, quiet: int) -> ev.Regression:
     return ev.regression(response=response, regressors=X, instruments=Z)
 
 
-@pytest.mark.parametrize(("quiet", "blocks"), [(0, 1), (PASSED_ROWS + 1, 2), (2 * PASSED_ROWS, 3)])
-def test_covariances_are_those_of_all_rows(monkeypatch, quiet, blocks):
-    made, used = problem(quiet=quiet), []
-    monkeypatch.setattr(estimate, "ENOUGH_ROWS", LONG_ROWS + 1)
-    whole = ev.identify(made, ev.methods.extended_iv()).covariance
-    condition = estimate._condition
-    monkeypatch.setattr(estimate, "ENOUGH_ROWS", 1)
-    monkeypatch.setattr(estimate, "_condition", lambda root: used.append(root) or condition(root))
-    some = ev.identify(made, ev.methods.extended_iv()).covariance
-    np.testing.assert_allclose(some, whole, rtol=1e-10)
-    # as many blocks were passed as tell the directions apart, and no more
-    assert len(used) == blocks
+@pytest.mark.parametrize("quiet", [0, PASSED_ROWS + 1, 2 * PASSED_ROWS])
+def test_covariances_are_those_of_all_rows(quiet):
+    made = problem(quiet=quiet)
+    fit = ev.identify(made, ev.methods.extended_iv()).with_covariance(
+        ev.covariances.HeteroskedasticityRobust()
+    )
+    A = made.instruments.T @ made.regressors
+    scores = (made.instruments @ A) * fit.residuals[:, None]
+    expected = np.linalg.inv(A.T @ A) @ (scores.T @ scores) @ np.linalg.inv(A.T @ A)
+    np.testing.assert_allclose(fit.covariance, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("lags", [(0, 10), (2, 16)])

@@ -17,7 +17,6 @@ from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.estimate import equation_of
 from eivor.inference.covariance import (
     COSINE_AVERAGES,
     FLIGHT_DEFAULT,
@@ -287,7 +286,7 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
 
         def total(theta):
             moved = replace(solved.solution, theta=theta)
-            return equation_of(replace(solved, solution=moved)).scores.sum(axis=0)
+            return replace(solved, solution=moved).equation.scores.sum(axis=0)
 
         step = 1e-3 * fit.values
         columns = [

@@ -13,7 +13,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, EstimationError, UsageError
-from eivor.estimation.estimate import Estimate, equation_of
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, CrossMoments, Instrumental
 from eivor.estimation.products import block_count
@@ -155,7 +155,7 @@ def _assembled(
         constant = rows * estimate.constant
     else:
         known = estimate.prior_rows()
-        sensitivity = equation_of(estimate).sensitivity - estimate.residual_variance() * known.T @ known
+        sensitivity = estimate.equation.sensitivity - estimate.residual_variance() * known.T @ known
         shared = (total - sensitivity) / products.count
         WA, constant = np.eye(total.shape[0]), np.zeros(total.shape[0])
     return replace(products, shared=shared, constant=constant, rows=estimate.count), WA

@@ -22,7 +22,6 @@ from eivor.inference.covariance import (
     CovarianceEstimator,
     JointCovariance,
     check_covariance_estimator,
-    unit_scale,
 )
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.distributions import check_level, chi_square_tail
@@ -32,10 +31,10 @@ from eivor.inference.verdict import Reason, Status, verdict
 from eivor.linalg.system import (
     COPIED_ROWS,
     LinearSystem,
+    ScoreCorrection,
     Solution,
     Solver,
     made_ahead,
-    merged_roots,
     row_blocks,
     triangular_root,
 )
@@ -168,7 +167,16 @@ class Estimate:
     @cached_property
     def equation(self) -> EstimatingEquation:
         """The estimating equation that the solution meets; an `EstimationError` for one from moments."""
-        return equation_of(self)
+        problem = self.rows if self.problem is None else self.problem
+        if not isinstance(problem, Regression) or (
+            isinstance(problem.layout, SampleRows) and not self.nuisance_columns.size
+        ):
+            return estimating_equation(self, problem.blocks)
+        # Rows in frequency, and of several axes, go back to time all at once.
+        equation = estimating_equation(self, lambda: problem.blocks(round(self.count)))
+        whole = equation.rows
+        timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
+        return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
 
     @property
     def criterion(self) -> float:
@@ -415,64 +423,58 @@ class Estimate:
 
 # -- Estimating equation --
 
-#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
-ENOUGH_ROWS = 65_536
-WELL_CONDITIONED = 1e4
-
-
-def equation_of(estimate: Estimate) -> EstimatingEquation:
-    """Estimating equation of a solution whose rows are available."""
-    problem = estimate.rows if estimate.problem is None else estimate.problem
-    if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
-        return estimating_equation(estimate, problem.blocks)
-    # Rows in frequency, and of several axes, go back to time all at once.
-    equation = estimating_equation(estimate, lambda: problem.blocks(round(estimate.count)))
-    whole = equation.rows
-    timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
-    return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
-
 
 def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
-    """Estimating equation of a solution."""
+    """Estimating equation of a solution, in coordinates in which its sensitivity is triangular."""
+    columns, shrinkage = estimate.nuisance_columns, estimate.solution.shrinkage
+
+    def augmented() -> Iterable[RowBlock]:
+        """Blocks with the columns of nuisances beside the regressors: all rows are one block then."""
+        made = (block for block in blocks() if block.response.size)
+        if not columns.size:
+            return made
+        return (replace(block, regressors=np.column_stack([block.regressors, columns])) for block in made)
+
     make = _moment_equation if estimate.assembler.moment_equations else _direct_equation
-    equation, done = make(estimate, blocks), estimate.solution.shrinkage
-    if done is None:
+    equation = make(estimate, augmented)
+    if shrinkage is None:
         return equation
-    return replace(equation, move=np.pad(done.shift, (0, estimate.nuisance_columns.shape[1])))
+    return replace(equation, move=np.pad(shrinkage.shift, (0, columns.shape[1])))
 
 
 def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
-    """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
-    theta, factor, constant = estimate.theta, estimate.factor, estimate.constant
-    A, known = estimate.system.matrix, estimate.prior_rows()
-    searched = estimate.nuisance_columns.shape[1]
-    own_equations = searched if estimate.assembler.takes_out_own_noise else 0
-
+    assembler, count, factor, A = estimate.assembler, estimate.count, estimate.factor, estimate.system.matrix
+    known, theta, constant = estimate.prior_rows(), estimate.theta, estimate.constant
     if estimate.nuisance_columns.size:
-        moved, below = np.zeros((A.shape[0] + own_equations, searched)), np.zeros((own_equations, A.shape[1]))
-        for block, nuisance in _with_nuisance(estimate, blocks):
-            moved += _test_functions(estimate, block, nuisance).T @ nuisance
-            below += nuisance[:, :own_equations].T @ block.regressors
-        A = np.column_stack([np.vstack([A, below / estimate.count]), moved / estimate.count])
-        constant = np.pad(constant, (0, own_equations))
+        linear, whole = A, next(iter(blocks()))
+        A = assembler.test_functions(whole).T @ whole.regressors / count
+        A[: linear.shape[0], : linear.shape[1]] = linear
+        theta = np.pad(theta, (0, A.shape[1] - linear.shape[1]))
+        constant = np.pad(constant, (0, A.shape[0] - linear.shape[0]))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
-    equations, power = A.shape[0], estimate.row_power() if known.size else 0.0
-    unit = power * estimate.residual_variance() if known.size else 0.0
-    stacked = np.vstack([A, np.sqrt(unit / estimate.count) * known])
+    unit = estimate.row_power() * estimate.residual_variance() if known.size else 0.0
+    stacked = np.vstack([A, np.sqrt(unit / count) * known])
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
     combinations, R = np.linalg.qr(stacked / lengths)
-    own_root = (combinations * lengths).T @ stacked  # of A' psi
-    combinations = combinations / lengths
-    pseudo = np.sqrt(estimate.count) * combinations[equations:]
-    combinations = combinations[:equations]
+    root = (combinations * lengths).T @ stacked
+    combinations, pseudo = np.split(combinations / lengths, [A.shape[0]])
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-
-    tests = (made().instruments for made in _in_combinations(estimate, blocks, combinations))
-    S = _root_of(tests, np.sqrt(power) * pseudo, ENOUGH_ROWS)  # coordinates
-    combinations = over_root(combinations, S)
     combined = constant @ combinations
+
+    def tested() -> Iterator[Callable[[], RowBlock]]:
+        """For each block, a function that makes it with combinations of test functions as instruments."""
+        problem = estimate.problem
+        plain = not estimate.nuisance_columns.size and assembler.needs_instruments
+        if plain and lags_without_gaps(problem):
+            for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
+                yield partial(filtered_instruments, problem, combinations, *ends)
+            return
+        for block in blocks():
+            # Columns stay contiguous, as those of a block are.
+            psi = (combinations.T @ assembler.test_functions(block).T).T
+            yield partial(replace, block, instruments=psi)
 
     def in_coordinates(made: Callable[[], RowBlock]) -> EquationRows:
         block = made()
@@ -481,97 +483,36 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         scores += combined
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
-    def rows() -> Iterator[EquationRows]:
-        return made_ahead(in_coordinates, _in_combinations(estimate, blocks, combinations))
-
-    prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
-    return EstimatingEquation(
-        S @ own_root, estimate.count * over_root(R.T, S).T, round(estimate.count), rows, prior
-    )
-
-
-def _test_functions(
-    estimate: Estimate, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
-) -> Float[np.ndarray, "rows p"]:
-    """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
-    psi = estimate.assembler.test_functions(block)
-    own_instruments = nuisance.size and estimate.assembler.takes_out_own_noise
-    return np.column_stack([psi, nuisance]) if own_instruments else psi
-
-
-def _in_combinations(
-    estimate: Estimate, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
-) -> Iterator[Callable[[], RowBlock]]:
-    """For each block, a function that makes it with combinations of test functions as its instruments."""
-    problem = estimate.problem
-    plain = not estimate.nuisance_columns.size and estimate.assembler.needs_instruments
-    if plain and lags_without_gaps(problem):
-        for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
-            yield partial(filtered_instruments, problem, combinations, *ends)
-        return
-    for block, nuisance in _with_nuisance(estimate, blocks):
-        # Columns stay contiguous, as those of a block are.
-        psi = (combinations.T @ _test_functions(estimate, block, nuisance).T).T
-        yield partial(replace, block, instruments=psi)
+    prior = np.sqrt(unit * count) * pseudo if known.size else None
+    rows = partial(made_ahead, in_coordinates)
+    return EstimatingEquation(root, count * R, round(count), lambda: rows(tested()), prior)
 
 
 def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
-    system, theta, solver = estimate.system, estimate.theta, estimate.solver
-    covariance, searched = system.error_covariance, estimate.nuisance_columns.shape[1]
+    system, theta, searched = estimate.system, estimate.theta, estimate.nuisance_columns.shape[1]
     known, root = estimate.prior_rows(), triangular_root(system.matrix)
     unit = estimate.residual_variance() if known.size else 0.0
     if searched:
-        jacobians = (
-            np.column_stack([block.regressors, nuisance])
-            for block, nuisance in _with_nuisance(estimate, blocks)
-        )
-        root = _root_of(jacobians, np.sqrt(unit) * known)
-    residual = system.right - system.matrix @ theta
-    correction = np.pad(solver.score_correction(residual, theta, covariance).sensitivity, (0, searched))
+        root = triangular_root(np.vstack([next(iter(blocks())).regressors, np.sqrt(unit) * known]))
+    if root.shape[0] < root.shape[1]:
+        raise singular_sensitivity()
+
+    def corrected(residual: Float[np.ndarray, " rows"]) -> ScoreCorrection:
+        return estimate.solver.score_correction(residual, theta, system.error_covariance)
+
+    correction = np.pad(corrected(system.right - system.matrix @ theta).sensitivity, (0, searched))
     slope = root + over_root(correction, root).T if correction.any() else root
 
     def rows() -> Iterator[EquationRows]:
-        for block, nuisance in _with_nuisance(estimate, blocks):
-            residual = block.response - block.regressors @ theta
-            score_correction = solver.score_correction(residual, theta, covariance).rows
-            jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
-            psi = over_root(jacobian + np.pad(score_correction, ((0, 0), (0, searched))), root)
+        for block in blocks():
+            residual = block.response - block.regressors @ np.pad(theta, (0, searched))
+            more = np.pad(corrected(residual).rows, ((0, 0), (0, searched)))
+            psi = over_root(block.regressors + more, root)
             yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
-    prior = unit * over_root(known, root) if known.size else None
-    return EstimatingEquation(root, slope, round(estimate.count), rows, prior)
-
-
-def _with_nuisance(
-    estimate: Estimate, blocks: Blocks
-) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
-    """Blocks that have rows, each with its rows of the nuisances' columns."""
-    start = 0
-    for block in blocks():
-        stop = start + block.response.size
-        if stop > start:
-            yield block, estimate.nuisance_columns[start:stop]
-        start = stop
-
-
-def _root_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], known: Float[np.ndarray, "k n"], enough: float = math.inf
-) -> Float[np.ndarray, "n n"]:
-    """Triangular root of some rows and of rows in blocks: all, or `enough` that are well conditioned."""
-    root: Float[np.ndarray, "k n"] | None = triangular_root(known) if known.size else None
-    seen = 0
-    for block in blocks:
-        root = triangular_root(block) if root is None else merged_roots(root, block)
-        seen += block.shape[0]
-        if seen >= enough and _condition(root) < WELL_CONDITIONED:
-            break
-    if root is None or root.shape[0] < root.shape[1]:
-        raise singular_sensitivity()
-    return root
-
-
-def _condition(root: Float[np.ndarray, "k n"]) -> float:
-    return float(np.linalg.cond(root * unit_scale(np.sum(root**2, axis=0))))
+    return EstimatingEquation(
+        root, slope, round(estimate.count), rows, unit * over_root(known, root) if known.size else None
+    )
 
 
 def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
