@@ -58,7 +58,7 @@ def normalised(moments):
         parts = [moments.root.T @ moments.root / moments.count, moments.noise]
     else:
         assert isinstance(moments, CrossMoments)
-        parts = [moments.equations, moments.noise, moments.instruments, moments.regressors]
+        parts = [moments.equations, moments.noise, moments.instruments, moments.columns]
     return [part for part in parts if part is not None]
 
 

@@ -329,7 +329,7 @@ def bootstrap(
     rows, kind = _sample_rows(problem), _scheme(scheme)
     check_draws(runs, seed)
     whole = method.moments(problem)
-    solved = method.determined(whole, problem)
+    solved = method.solve_moments(whole, problem, check=True)
     plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
     renewed = method.equation_weighting.passes == 1
     pieces = piece_moments(rows, method, whole, plan)

@@ -179,7 +179,7 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
     products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
     nothing = np.zeros((0, 0)), np.zeros(0)
-    result = EquationProducts(products.counts, products.sums, products.layout, *nothing)
+    result = EquationProducts(products.counts, products.sums, products.tested, *nothing)
     step_s = problem.signals.step_s
     return Record(*_assembled(estimate, result), residual, tuple(values), tuple(factors), step_s)
 
@@ -343,7 +343,7 @@ class Diagnostics:
         if not self.testable:
             return None
         moments = self.estimate.moments
-        of_rows = not (isinstance(moments, CrossMoments) and moments.products.layout.whole)
+        of_rows = not (isinstance(moments, CrossMoments) and moments.products.whole)
         # else it comes from products, as the estimate's warning
         return strength(self.record.products, conditional=self.estimate.first_stage if of_rows else None)
 
@@ -492,7 +492,7 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     assembler = Compensated() if shares else Instrumental()
     two_stage = LinearMethod("two_stage", assembler, LeastSquares(), equation_weighting=TwoStage())
     try:
-        instrumental = Diagnostics(two_stage.determined(two_stage.moments(problem), problem))
+        instrumental = Diagnostics(two_stage.solve_moments(two_stage.moments(problem), problem, check=True))
     except (EivorError, np.linalg.LinAlgError):
         return ()  # the instruments do not determine the parameters
     if not instrumental.testable or instrumental.fits_exactly:

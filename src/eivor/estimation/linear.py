@@ -159,11 +159,11 @@ SAME_COLUMN = 1e-9
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
     """Conditional first-stage F of each regressor; None when the moments do not identify."""
-    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
+    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.columns is None:
         return None
-    cross = moments.equations[:, :-1]
+    cross, regressors = moments.equations[:, :-1], moments.columns[:-1, :-1]
     shared = None if moments.noise is None else moments.noise[:, :-1]
-    return first_stage_of_products(moments.instruments, cross, moments.regressors, moments.rows, shared)
+    return first_stage_of_products(moments.instruments, cross, regressors, moments.rows, shared)
 
 
 def weak_instruments(
@@ -195,10 +195,10 @@ def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
     """Reasons for the status weak where more noise is taken out of a column than there is of it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return ()
-    if moments.instruments is None or moments.regressors is None:
+    if moments.instruments is None or moments.columns is None:
         return ()
     cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
-    powers = np.outer(np.diag(moments.instruments), np.diag(moments.regressors))
+    powers = np.outer(np.diag(moments.instruments), np.diag(moments.columns)[:-1])
     itself = (powers > 0.0) & (cross**2 >= (1.0 - SAME_COLUMN) * powers)
     return tuple(
         Reason(
@@ -264,8 +264,10 @@ class LinearMethod(Method):
         if isinstance(problem, SeparableProblem):
             return _separable_estimate(self, problem)
         if isinstance(problem, ProblemMoments):
-            return _plain_estimate(self, self.determined(problem.moments), problem.parameters)
-        return _plain_estimate(self, self.determined(self.moments(problem), problem), problem.parameters)
+            return _plain_estimate(self, self.solve_moments(problem.moments, check=True), problem.parameters)
+        return _plain_estimate(
+            self, self.solve_moments(self.moments(problem), problem, check=True), problem.parameters
+        )
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
@@ -276,14 +278,20 @@ class LinearMethod(Method):
         moments = self.assembler.moments(problem, whole=self.equation_weighting.needs_instrument_products)
         return self.solve_moments(moments, problem)
 
-    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Estimate:
-        """Solve for the linear parameters from moments."""
+    def solve_moments(
+        self, moments: Moments, problem: LinearProblem | None = None, *, check: bool = False
+    ) -> Estimate:
+        """Solve for the linear parameters; `check` that moments determine them and leave a residual."""
         spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
         if self.row_weighting.needs_spectra and not spectra:
             expected = "a flight, whose runs have spectra, for a method with spectral whitening"
             remedy = "Use identify_flight, or another method."
             raise UsageError(expected, "a regression of plain rows", remedy)
         system = self.assembler.system(moments)
+        if check:
+            check_freedom(moments.rows, system.matrix.shape[1])
+            if self.assembler.moment_equations:
+                check_rank(system)
         theta: Float[np.ndarray, " n"] | None = None
         for _ in range(self.equation_weighting.passes):
             weighted, factor = self.equation_weighting.equations(system, moments, problem, theta)
@@ -292,19 +300,13 @@ class LinearMethod(Method):
             except CollinearError as error:
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
-        solution = replace(solution, objective=self.assembler.left(moments, solution))
+        own = self.assembler.takes_out_own_noise
+        if own and isinstance(moments, CrossMoments) and moments.products.whole:
+            solution = replace(solution, objective=moments.left_without_noise(solution.theta))
         parameters = () if problem is None else problem.parameters
         return Estimate(
             self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters
         )
-
-    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Estimate:
-        """Solution of moments that determine the parameters, and leave a residual to judge them by."""
-        system = self.assembler.system(moments)
-        check_freedom(moments.rows, system.matrix.shape[1])
-        if self.assembler.moment_equations:
-            check_rank(system)
-        return self.solve_moments(moments, problem)
 
 
 # -- problems whose nuisances have columns of their own ----------------------------------------------------
@@ -319,7 +321,7 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
         check_instruments(first.rows(), len(problem.nuisances), method.name)
 
     def solve(linear: LinearProblem) -> Estimate:
-        return method.determined(method.moments(linear), linear)
+        return method.solve_moments(method.moments(linear), linear, check=True)
 
     candidate = refined_nuisances(problem, solve, nearly(problem, method.solve))
     return _plain_estimate(method, candidate, candidate.rows.parameters)

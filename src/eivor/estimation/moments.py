@@ -11,7 +11,7 @@ from eivor.errors import CovarianceError, InstrumentError, UsageError
 from eivor.estimation.products import products_of, root_of_rows
 from eivor.inference.covariance import unit_scale
 from eivor.inference.products import Products
-from eivor.linalg.system import LinearSystem, Solution, merged_roots
+from eivor.linalg.system import LinearSystem, merged_roots
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock
 from eivor.tools import Float
 
@@ -59,43 +59,39 @@ class CrossMoments:
     @property
     def instruments(self) -> Float[np.ndarray, "p p"] | None:
         """mean(psi psi'); None when it was not made."""
-        whole = self.products.layout.whole
-        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows if whole else None
-
-    @property
-    def regressors(self) -> Float[np.ndarray, "n n"] | None:
-        """mean(phi phi'); None when it was not made."""
-        whole = self.products.layout.whole
-        return np.asarray(self.products.regressors.sum(axis=0)) / self.rows if whole else None
+        products = self.products
+        return np.asarray(products.instruments.sum(axis=0)) / self.rows if products.whole else None
 
     @property
     def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
         """mean([phi y] [phi y]'); None when it was not made."""
-        first, whole = self.products.layout.first_right, self.products.layout.whole
-        return np.asarray(self.products.sums[:, first:, first:].sum(axis=0)) / self.rows if whole else None
+        products = self.products
+        return np.asarray(products.columns.sum(axis=0)) / self.rows if products.whole else None
 
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
         """What the noises add to each row's products with the residual on average, C theta - c."""
         if self.noise is None:
-            return np.zeros(self.products.layout.instruments)
+            return np.zeros(self.products.tested)
         return self.noise[:, :-1] @ theta - self.noise[:, -1]
+
+    def left_without_noise(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Sum of squares of the residual without the noise in it, of regressors that are instruments."""
+        residual = self.products.with_residual(theta).power.sum()
+        added = self.shared_noise(theta) @ theta - (0.0 if self.noise is None else self.noise[:, -1] @ theta)
+        return float(residual - self.rows * added)
 
     def merge(self, other: Moments) -> CrossMoments:
         """Sums of both; count-weighted means of the noises' covariances."""
-        if not isinstance(other, CrossMoments) or _columns(self) != _columns(other):
+        if not isinstance(other, CrossMoments) or self.equations.shape != other.equations.shape:
             raise _unlike(self, other)
-        both = [self.products, other.products]
-        if not all(products.layout.whole for products in both):
+        both = [self.products.total, other.products.total]
+        if not all(products.whole for products in both):
             both = [products.equations_only for products in both]
-        return CrossMoments((both[0].total + both[1].total).total, _mean_noise(self, other))
+        return CrossMoments((both[0] + both[1]).total, _mean_noise(self, other))
 
 
 #: Summary of some rows.
 Moments = TriangularMoments | CrossMoments
-
-
-def _columns(moments: CrossMoments) -> tuple[int, int]:
-    return moments.products.layout.instruments, moments.products.layout.regressors
 
 
 @dataclass(frozen=True)
@@ -162,17 +158,27 @@ class Assembler(ABC):
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> Moments:
         """Summary of the rows; the `whole` has mean(psi psi') and mean(phi phi'), for weights, strength."""
 
-    @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
-        """Equations for the parameters."""
+        """Equations for the parameters; by default mean cross-products, less the noises' where it does so."""
+        if not isinstance(moments, CrossMoments):
+            raise _other_kind("cross moments", moments)
+        equations = moments.equations
+        available, columns = equations.shape
+        if available < columns - 1:
+            expected = f"at least {columns - 1} instruments for {columns - 1} parameters"
+            remedy = "Add lags or exogenous columns, or use a direct method."
+            raise InstrumentError(expected, f"{available}", remedy)
+        if self.compensates:
+            if moments.noise is None:
+                raise _other_kind("cross moments with the noises' covariance", moments)
+            equations = equations - moments.noise
+        if self.takes_out_own_noise:
+            _check_compensated(moments.equations[:, :-1], equations[:, :-1])
+        return LinearSystem(equations[:, :-1], equations[:, -1])
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """Functions psi whose products with the residual the equations are made of."""
         return rows.instruments if self.needs_instruments else rows.regressors
-
-    def left(self, _moments: Moments, solution: Solution, /) -> float:
-        """What a search of nuisances makes least; by default what the solver did."""
-        return solution.objective
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,10 +215,6 @@ class Instrumental(Assembler):
             )
         return CrossMoments(products_of(problem, whole=whole))
 
-    def system(self, moments: Moments) -> LinearSystem:
-        """Mean cross-products as equations."""
-        return _instrumental_system(moments, compensated=False)
-
 
 @dataclass(frozen=True, slots=True)
 class Compensated(Assembler):
@@ -232,43 +234,6 @@ class Compensated(Assembler):
         """mean(psi [phi' y]) and the mean covariance of the noises in it."""
         noise, whole = self._noise(problem), whole or not self.needs_instruments
         return CrossMoments(products_of(problem, instruments=self.needs_instruments, whole=whole), noise)
-
-    def system(self, moments: Moments) -> LinearSystem:
-        """Compensated mean cross-products as equations."""
-        instrumental_system = _instrumental_system(moments, compensated=True)
-        if not self.needs_instruments and isinstance(moments, CrossMoments):
-            _check_compensated(moments.equations[:, :-1], instrumental_system.matrix)
-        return instrumental_system
-
-    def left(self, moments: Moments, solution: Solution, /) -> float:
-        """With instruments what is left of the equations; else the sum of squares without the noise in it."""
-        if (
-            self.needs_instruments
-            or not isinstance(moments, CrossMoments)
-            or not moments.products.layout.whole
-        ):
-            return solution.objective
-        residual = moments.products.with_residual(solution.theta).power.sum()
-        added = moments.shared_noise(solution.theta) @ solution.theta
-        if moments.noise is not None:
-            added -= moments.noise[:, -1] @ solution.theta
-        return float(residual - moments.rows * added)
-
-
-def _instrumental_system(moments: Moments, *, compensated: bool) -> LinearSystem:
-    if not isinstance(moments, CrossMoments):
-        raise _other_kind("cross moments", moments)
-    available, columns = moments.equations.shape
-    if available < columns - 1:
-        expected = f"at least {columns - 1} instruments for {columns - 1} parameters"
-        remedy = "Add lags or exogenous columns, or use a direct method."
-        raise InstrumentError(expected, f"{available}", remedy)
-    equations = moments.equations
-    if compensated:
-        if moments.noise is None:
-            raise _other_kind("cross moments with the noises' covariance", moments)
-        equations = equations - moments.noise
-    return LinearSystem(equations[:, :-1], equations[:, -1])
 
 
 def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.ndarray, "n n"]) -> None:

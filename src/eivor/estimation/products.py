@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from eivor.errors import InstrumentError, NonFiniteError, TooFewSamplesError
 from eivor.inference.diagnostics.residuals import GROUPS
-from eivor.inference.products import ProductLayout, Products, block_edges, products_of_rows
+from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.linalg.system import MULTIPLIED_ROWS, made_ahead, merged_roots, row_blocks, triangular_root
 from eivor.models.regression import Column, LinearProblem, RowBlock
 from eivor.models.signal_regression import SignalRegression
@@ -120,8 +120,7 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: 
 
     stretches = row_blocks(problem.first, problem.signals.sample_count, MULTIPLIED_ROWS)
     sums = np.asarray(sum(made_ahead(part, stretches)))
-    layout = ProductLayout(p, len(columns) - 1, whole)
-    return Products(np.array([count], dtype=np.float64), sums[None], layout)
+    return Products(np.array([count], dtype=np.float64), sums[None], p)
 
 
 def _folded(
@@ -145,8 +144,7 @@ def _folded(
     squares = _squares(values, positions, cross, edges - first)
     gains = np.array([psi[0].gain] * len(psi) + [column.gain for column in columns])
     sums = np.block([[among_inputs, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
-    layout = ProductLayout(len(psi), len(columns) - 1, whole=True)
-    return Products(np.diff(edges).astype(np.float64), sums, layout)
+    return Products(np.diff(edges).astype(np.float64), sums, len(psi))
 
 
 def _position(column: Column, lags: Sequence[Column]) -> int | None:

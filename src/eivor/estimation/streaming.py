@@ -23,7 +23,7 @@ from eivor.inference.covariance import (
     JointCovariance,
     check_covariance_estimator,
 )
-from eivor.inference.products import ProductLayout, Products
+from eivor.inference.products import Products
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression, shared_noise_of_rows
@@ -268,7 +268,8 @@ class TimedRows:
     """Rows of successive samples."""
 
     columns: Float[np.ndarray, "samples columns"]  # [psi phi y noise counted]
-    layout: ProductLayout
+    tested: int  # Number of instruments psi
+    right: int  # Number of columns [phi y]
     noise_indices: NoiseIndices = ()  # Row and column of each noise
 
     @property
@@ -279,8 +280,8 @@ class TimedRows:
     @property
     def parts(self) -> list[Float[np.ndarray, "samples _"]]:
         """psi, [phi y], noises, and whether samples count."""
-        p, n = self.layout.instruments, self.layout.regressors + 1
-        return np.split(self.columns, [p, p + n, self.columns.shape[1] - 1], axis=1)
+        first = self.tested, self.tested + self.right, self.columns.shape[1] - 1
+        return np.split(self.columns, first, axis=1)
 
     def between(self, start: int, stop: int) -> TimedRows:
         """Rows of a stretch of samples."""
@@ -337,8 +338,7 @@ def counted_rows(
     columns = np.column_stack([psi, right, noise])
     if not used.all():
         columns = np.where(used[:, None], columns, 0.0)
-    layout = ProductLayout(psi.shape[1], right.shape[1] - 1, whole=False)
-    return TimedRows(np.column_stack([columns, used]), layout, positions)
+    return TimedRows(np.column_stack([columns, used]), psi.shape[1], right.shape[1], positions)
 
 
 # -- Exponentially weighted products --
@@ -385,7 +385,7 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole:
         left = right = np.concatenate([left, right], axis=2)
     sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
     return WeightedBlockSums(
-        Products(counted[:, :, 0] @ weights, sums, replace(rows.layout, whole=whole)),
+        Products(counted[:, :, 0] @ weights, sums, rows.tested),
         np.tensordot(noise, weights, (1, 0)),
         counted[:, :, 0] @ weights**2,
     )
@@ -466,8 +466,7 @@ class ExponentiallyWeightedProducts:
 
     def noise_table(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
         """What noises add to the products psi [phi' y] of blocks."""
-        layout = sums.products.layout
-        table = np.zeros((sums.blocks, layout.instruments, layout.regressors + 1))
+        table = np.zeros(sums.products.equations.shape)
         for number, noise_index in enumerate(self.waiting.noise_indices):
             table[:, *noise_index] = sums.noise[:, number]
         return table
@@ -486,8 +485,7 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
     """Products of no rows, with the columns of some."""
     none = rows.between(0, 0)
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
-    layout = empty.products.layout
-    products = Products(np.zeros(1), np.zeros((1, *layout.shape)), layout)
+    products = Products(np.zeros(1), np.zeros((1, *empty.products.sums.shape[1:])), rows.tested)
     zero = WeightedBlockSums(products, np.zeros((1, empty.noise.shape[1])), np.zeros(1))
     return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,40 +16,25 @@ SHORT_BLOCK = 64
 CHUNK_PRODUCTS = 4_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class ProductLayout:
-    """Which columns a table of products is of."""
-
-    instruments: int
-    regressors: int
-    whole: bool
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Shape of one block's sums."""
-        both = self.instruments + self.regressors + 1
-        return (both, both) if self.whole else (self.instruments, self.regressors + 1)
-
-    @property
-    def first_right(self) -> int:
-        """Place of the first regressor among the columns of a block's sums."""
-        return self.instruments if self.whole else 0
-
-
 @dataclass(frozen=True)
 class Products:
-    """Sums of products of [psi phi y] over successive blocks of rows."""
+    """Sums of products of [psi phi y] over successive blocks of rows, or of psi with [phi y] alone."""
 
     counts: Float[np.ndarray, " K"]  # Rows in each block
     sums: Float[np.ndarray, "K left right"]
-    layout: ProductLayout
+    tested: int  # Number of instruments psi
 
     # -- parts --------------------------------------------------------------------------------------------
 
     @property
+    def whole(self) -> bool:
+        """Whether products of all columns are there."""
+        return self.sums.shape[1] > self.tested
+
+    @property
     def equations(self) -> Float[np.ndarray, "K p n_plus_1"]:
         """Psi [phi' y] of each block."""
-        return self.sums[:, : self.layout.instruments, self.layout.first_right :]
+        return self.sums[:, : self.tested, self.tested if self.whole else 0 :]
 
     @property
     def cross(self) -> Float[np.ndarray, "K p n"]:
@@ -65,32 +49,35 @@ class Products:
     @property
     def instruments(self) -> Float[np.ndarray, "K p p"]:
         """Psi psi' of each block."""
-        self._check_whole("psi psi'")
-        return self.sums[:, : self.layout.instruments, : self.layout.instruments]
+        self._check_whole()
+        return self.sums[:, : self.tested, : self.tested]
+
+    @property
+    def columns(self) -> Float[np.ndarray, "K n_plus_1 n_plus_1"]:
+        """[phi y] [phi' y] of each block."""
+        self._check_whole()
+        return self.sums[:, self.tested :, self.tested :]
 
     @property
     def regressors(self) -> Float[np.ndarray, "K n n"]:
         """Phi phi' of each block."""
-        self._check_whole("phi phi'")
-        return self.sums[:, self.layout.instruments : -1, self.layout.instruments : -1]
+        return self.columns[:, :-1, :-1]
 
     @property
     def regressor_response(self) -> Float[np.ndarray, "K n"]:
         """Phi y of each block; phi e at an estimate."""
-        self._check_whole("phi y")
-        return self.sums[:, self.layout.instruments : -1, -1]
+        return self.columns[:, :-1, -1]
 
     @property
     def power(self) -> Float[np.ndarray, " K"]:
         """y^2 of each block; e^2 at an estimate."""
-        self._check_whole("y^2")
-        return self.sums[:, -1, -1]
+        return self.columns[:, -1, -1]
 
-    def _check_whole(self, part: str) -> None:
-        if not self.layout.whole:
+    def _check_whole(self) -> None:
+        if not self.whole:
             known = "one with those of the instruments with regressors and response only"
             remedy = "Make the products of all columns: moments(problem, whole=True) of an assembler."
-            raise UsageError(f"a table with the products {part}", known, remedy)
+            raise UsageError("a table with the products of all columns", known, remedy)
 
     # -- totals -------------------------------------------------------------------------------------------
 
@@ -112,24 +99,18 @@ class Products:
     @property
     def equations_only(self) -> Products:
         """The same with the products of psi with [phi y] only."""
-        return replace(self, sums=self.equations, layout=replace(self.layout, whole=False))
+        return replace(self, sums=self.equations)
 
     # -- operations ---------------------------------------------------------------------------------------
 
     def __add__(self, other: Products) -> Products:
         """Blocks of both, one after the other."""
-        if self.layout != other.layout:
-            expected = f"products of {_words(self.layout)}"
-            remedy = "Add the products of one problem."
-            raise UsageError(expected, f"products of {_words(other.layout)}", remedy)
+        sizes = [(item.tested, *item.sums.shape[1:]) for item in (self, other)]
+        if sizes[0] != sizes[1]:
+            expected, received = (f"products of {p} instruments, {m} by {n}" for p, m, n in sizes)
+            raise UsageError(expected, received, "Add the products of one problem.")
         counts, sums = np.concatenate([self.counts, other.counts]), np.concatenate([self.sums, other.sums])
         return replace(self, counts=counts, sums=sums)
-
-    def grouped(self, edges: Sequence[int] | Int[np.ndarray, " groups_plus_1"]) -> Products:
-        """Sums over groups of successive blocks."""
-        ends = list(pairwise(edges))
-        counts = np.array([self.counts[a:b].sum() for a, b in ends])
-        return replace(self, counts=counts, sums=np.stack([self.sums[a:b].sum(axis=0) for a, b in ends]))
 
     def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
         """One block, with the rows of the blocks that were drawn, each as often as it was."""
@@ -143,18 +124,10 @@ class Products:
 
     def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:
         """The same with the residual y - Phi theta in the response's place."""
-        n, first = self.layout.regressors, self.layout.first_right
         turned = np.eye(self.sums.shape[2])
-        turned[first : first + n, -1] = -theta
+        turned[-1 - theta.size : -1, -1] = -theta
         sums = self.sums @ turned
-        if self.layout.whole:
-            sums = turned.T @ sums
-        return replace(self, sums=sums)
-
-
-def _words(layout: ProductLayout) -> str:
-    extent = "all columns" if layout.whole else "the instruments with the others"
-    return f"{layout.instruments} instruments and {layout.regressors} regressors, {extent}"
+        return replace(self, sums=turned.T @ sums if self.whole else sums)
 
 
 def block_edges(rows: int, blocks: int) -> Int[np.ndarray, " blocks_plus_1"]:
@@ -171,16 +144,15 @@ def products_of_rows(
     whole: bool = True,
 ) -> Products:
     """Products of rows in arrays. Performs no checks."""
-    layout = ProductLayout(instruments.shape[1], regressors.shape[1], whole)
-    right = (regressors, response[:, None])
-    counts = np.diff(edges)
-    sums = np.zeros((counts.size, *layout.shape))
+    p, right, counts = instruments.shape[1], (regressors, response[:, None]), np.diff(edges)
+    width = p + regressors.shape[1] + 1
+    sums = np.zeros((counts.size, width, width) if whole else (counts.size, p, width - p))
     if counts.size and counts.mean() < SHORT_BLOCK:
         columns = np.column_stack([instruments, *right])
         left = columns if whole else instruments
-        others = columns if whole else columns[:, layout.instruments :]
+        others = columns if whole else columns[:, p:]
         _sum_short_blocks(left, others, edges, sums)
-        return Products(counts.astype(np.float64), sums, layout)
+        return Products(counts.astype(np.float64), sums, p)
     for k, ends in enumerate(pairwise(edges.tolist())):
         for stretch in row_blocks(*ends, MULTIPLIED_ROWS):
             here = slice(*stretch)
@@ -190,7 +162,7 @@ def products_of_rows(
             else:
                 sums[k, :, :-1] += instruments[here].T @ regressors[here]
                 sums[k, :, -1] += instruments[here].T @ response[here]
-    return Products(counts.astype(np.float64), sums, layout)
+    return Products(counts.astype(np.float64), sums, p)
 
 
 def _sum_short_blocks(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -157,10 +157,11 @@ class SampleRows(RowLayout):
     """Rows are time samples of one axis, in their order."""
 
     flight_of_row: Int[np.ndarray, " rows"]
-    axis_of_row: Int[np.ndarray, " rows"] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "axis_of_row", np.zeros(self.flight_of_row.size, dtype=np.int64))
+    @property
+    def axis_of_row(self) -> Int[np.ndarray, " rows"]:  # type: ignore[override]
+        """Zero for every row."""
+        return np.zeros(self.flight_of_row.size, dtype=np.int64)
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]

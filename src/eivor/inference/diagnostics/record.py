@@ -264,4 +264,4 @@ def equation_products(
     products = products_of_rows(instruments, jacobian, residual, edges=block_edges(rows, blocks))
     shared = np.zeros((p, n)) if shared is None else shared
     constant = np.zeros(p) if constant is None else constant
-    return EquationProducts(products.counts, products.sums, products.layout, shared, constant)
+    return EquationProducts(products.counts, products.sums, products.tested, shared, constant)
