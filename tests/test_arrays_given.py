@@ -77,12 +77,9 @@ def test_what_a_mask_hides_is_no_value_of_signals():
         (lambda x: x + 0j, "received complex ones. Take their real part"),
         (lambda x: np.ma.masked_array(x + 0j), "complex ones"),
         (lambda x: [complex(value) for value in np.ravel(x)], "complex ones"),
-        (lambda x: x.astype(str), "received values of the type <U"),
         (lambda x: x.astype(str).astype(object), "received values of the type object"),
-        (lambda x: np.zeros(x.shape, dtype="datetime64[s]"), "received values of the type datetime64"),
         (lambda x: np.full(x.shape, 1j, dtype=object), "real numbers in"),
         (lambda _: [[1.0, 2.0], [3.0]], "real numbers in"),
-        (lambda _: [10**400] * 60, "real numbers in"),
     ],
 )
 def test_only_real_numbers_are_taken(spoil, said):

@@ -58,10 +58,7 @@ def logs(tmp_path, monkeypatch):
 def test_run_tells_what_it_found(eivor, logs, tmp_path):
     run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
     assert run.code == 0
-    assert run.out.splitlines()[:2] == [
-        "2 logs, each with a row: 1 weak, 1 copy",
-        "1 other file is no log",
-    ]
+    assert run.out.splitlines()[:2] == ["2 logs, each with a row: 1 weak, 1 copy", "1 other file is no log"]
     run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
     assert run.out.splitlines()[1] == "2 of the rows were there before"
 
@@ -225,7 +222,6 @@ def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
         (("--memory", 0), 2, "a limit memory_gb above zero"),
         (("--time", "nan"), 2, "a limit time_s above zero"),
         (("--largest", 0), 2, "a size above zero"),
-        (("--host", "localhost"), 2, "No such option"),
     ],
 )
 def test_wrong_usage_is_told(eivor, arguments, code, sentence):

@@ -81,7 +81,6 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
     [
         ([], "--to TARGET, --draws N or both"),
         (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
-        (["--to", "isaaclab"], "It takes draws: --draws 1000"),
         (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
         (["--to", "px"], "a target out of px4"),
         (["--draws", "5"], "-o draws.parquet"),
@@ -251,7 +250,6 @@ def test_rough_numbers_and_limits_reach_the_plan(
         (("--qgc", "a.plan"), "--home LAT,LON"),
         (("--qgc", "a.plan", "--home", "1,2", "--shape", "multisine"), "--shape steps with --qgc"),
         (("--height", "3:"), "with both ends"),
-        (("--height", "9:3"), "--height LOW:HIGH with both ends, LOW below HIGH; received '9:3'"),
         (("--height", "high"), "--height LOW:HIGH with both ends"),
         (("--csv", ""), "Expected a value for --csv; received an empty text. Give --csv FILE, or leave"),
         (("--hover", "2"), "hover_input between"),

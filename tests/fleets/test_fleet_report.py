@@ -232,7 +232,6 @@ def test_covariates_of_any_name_are_taken_out() -> None:
         ("name,mass\na,heavy\n", "columns of numbers"),
         ("name,mass\na,1\na,2\n", "every flight once"),
         ("name,mass\nnone,1\n", "covariates of flights of the fleet"),
-        ("name,verdict\nv0000-0000.ulg,1\n", "names of covariates"),
         ("name,input_gain.value\nv0000-0000.ulg,1\n", "names of covariates"),
     ],
 )

@@ -584,8 +584,6 @@ def test_a_log_without_descriptions_says_what_is_missing(read_dataflash, sound_d
         ("ATT", "QccC", (0, "na", 1, "na", 3, "na")),
         ("MODE", "QMB", (0, "na", 2, "na")),
         ("RCOU", "QHHHH", (0, "na", 1, "na")),
-        ("PSCD", "Qff", (0, "na", 1, "na")),
-        ("FMTU", "QBNN", (1, "na", 2, "fa", 3, "fa")),
         ("MSG", "QZ", (0, "na", 1, "fa")),
     ],
 )

@@ -111,26 +111,21 @@ def test_calendar_stamps_start_at_zero(tmp_path):
     ("text", "error", "words"),
     [
         ("time,velocity_z\n", EmptyLogError, "header only"),
-        ("time,velocity_z", EmptyLogError, "header only"),
         ("0,1\n0.1,2\n", UnknownFormatError, "numbers only"),
         ("time,velocity_z\n0,1\n1\n2,3\n", CorruptLogError, "line 3 has 1 fields where the header has 2"),
-        ("time,velocity_z\n0,1\n1,2,3\n", CorruptLogError, "line 3 has 3 fields"),
         (b"time,velocity_z\n0,1\n\x00\x00\n", CorruptLogError, "NUL bytes in line 3"),
         ("time,velocity_z\n0,a\n1,b\n", EmptyLogError, "every mapped column is empty"),
         ("time,velocity_z\na,0\nb,1\n", EmptyLogError, "'time', in which it holds no number|holds no number"),
-        ("time,speed\n0,1\n", ChannelMapError, "'time', 'speed'"),
         ("velocity_z,speed\n0,1\n", ChannelMapError, "canonical column names"),
         ("time,velocity_z,velocity_z\n0,1,2\n", ChannelMapError, "two columns called 'velocity_z'"),
         (",".join(f"c{i}" for i in range(5000)) + "\n1\n", CorruptLogError, "5000 columns"),
         ("time,velocity_z\n0," + "1" * (2 << 20) + "\n", CorruptLogError, "longer than"),
         ('time,velocity_z,n\n0,1,"a"\n1,2,b" c\n', CorruptLogError, "line 3 has a quote inside a cell"),
-        ('time,velocity_z,n\n0,1,b" c\n1,2,"a"\n', CorruptLogError, "line 2 has a quote inside a cell"),
         (
             'time,velocity_z,n\n0,1,"a\n1,2,b\n2,3,c\n',
             CorruptLogError,
             "line 2 opens a quote that is not clo",
         ),
-        ('time,velocity_z,n\n0,1,"' + "1,2,b\n" * 200_000, CorruptLogError, "line 2 opens a quote"),
         (b"time,velocity_z\n" + b"0,1\n" * 20000 + b"\xff\xfe,2\n", CorruptLogError, "UTF-8"),
     ],
 )
@@ -171,7 +166,7 @@ def test_a_file_cut_inside_a_quoted_cell(tmp_path, end):
 
 
 @pytest.mark.parametrize(
-    "cell", ["=1+1", "=cmd|' /C calc'!A0", "{0.__class__}", "[red]x[/red]", "%s%n", "<b>", "$(id)"]
+    "cell", ["=1+1", "=cmd|' /C calc'!A0", "{0.__class__}", "[red]x[/red]", "%s%n", "<b>"]
 )
 def test_contents_are_never_interpreted(tmp_path, cell):
     r = csv(tmp_path, f'time,velocity_z,"{cell}"\n0,1,1\n0.1,"{cell}",1\n0.2,2,1\n')
@@ -436,11 +431,8 @@ def test_from_columns(make):
     ("columns", "error", "words"),
     [
         ({"velocity_z": [1.0]}, UsageError, "a column 'time'"),
-        ({"time": [1.0]}, UsageError, "at least one channel"),
         ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean 'velocity_z'"),
-        ({"time": [1.0], 3: [1.0]}, UsageError, "canonical names"),
         ({"time": [1.0, 2.0], "velocity_z": [1.0]}, ShapeError, "length of 'time', 2"),
-        ({"time": [1.0, 2.0], "velocity_z": [[1.0], [1.0]]}, ShapeError, "shape"),
         ({"time": [1.0, 2.0], "velocity_z": ["a", "b"]}, DataError, "numbers in column 'velocity_z'"),
         ({"time": [], "velocity_z": []}, EmptyLogError, "length 0"),
         ({"time": [1.0], "velocity_z": [np.nan]}, EmptyLogError, "empty"),

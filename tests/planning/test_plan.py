@@ -191,7 +191,6 @@ def test_a_vehicle_is_read_from_a_file(tmp_path):
         (lambda: FlightLimits(height_m=(3.0, 3.2)), "half a metre or more"),
         (lambda: FlightLimits(speed=0.0), "speed between"),
         (lambda: FlightLimits(duration_s=5.0), "duration_s between"),
-        (lambda: VehicleGuess(lag_s=1.0), "lag_s between"),
         (lambda: ev.plan(VehicleGuess(), target="drag"), "one of friction, gain, lag"),
         (lambda: ev.plan(VehicleGuess(), shape="chirp"), "one of multisine, steps"),
     ],

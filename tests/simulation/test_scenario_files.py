@@ -183,64 +183,34 @@ def test_every_kind_simulates(read, section, body, route):
 CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
 WRONG = [
     ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
-    (
-        "viscous_frction = 0.3\ninput_gain = 1",
-        "unknown key 'viscous_frction'. Did you mean 'viscous_friction'",
-    ),
-    (TRUTH + "sample = 5", "the unknown key 'sample'. Did you mean 'samples'"),
-    (TRUTH + 'samples = "many"', "a whole number at samples of one.toml; received 'many'"),
-    (TRUTH + "samples = 4.5", "a whole number at samples"),
     (TRUTH + "samples = 1", "samples of 2 or more.*received 1"),
     (TRUTH + "samples = 99_000_000", "50000000 samples or fewer at samples"),
-    (TRUTH + "rate_hz = true", "a finite number at rate_hz of one.toml; received True"),
     (TRUTH + "rate_hz = nan", "a finite number at rate_hz"),
-    (TRUTH + "rate_hz = -5", "rate_hz above zero.*received -5.0"),
     (TRUTH + 'route = "wind"', "one of equation, dynamics at route of one.toml; received 'wind'"),
-    (TRUTH + 'kind = "lateral"', "one of vertical at kind"),
     (TRUTH + "noise = 3", r"a table \[noise\]"),
-    (TRUTH + "[noise.velocity]\nkind='white'\nstd=1", "unknown key 'velocity'. Did you mean 'velocity_z'"),
     (
         TRUTH + "[noise.specific_force_z]\nkind='white'\nstd=1",
         "velocity_z, acceleration_z, .*at noise of .*'specific_force_z'. A scenario moves about hover",
     ),
     (TRUTH + "[noise.input]\nkind='white'", "std or ratio_to_signal at noise.input.*received neither"),
-    (TRUTH + "[noise.input]\nkind='white'\nstd=1\nratio_to_signal=1", "noise.input.*received both"),
     (TRUTH + "[noise.input]\nkind='white'\nstd=-1", "zero or more at noise.input.*received std=-1"),
     (
         TRUTH + "[noise.input]\nkind='white'\nratio_to_signal=-1",
         "a finite number >= 0.0 at noise.input.ratio_to_signal",
     ),
     (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
-    (TRUTH + "[noise.input]\nkind='fractional'\nstd=1", "finite number at noise.input.order.*nothing"),
-    (TRUTH + "[excitation]\nkind='paper'\nvariance=-0.02", "at excitation of.*received variance=-0.02"),
-    (TRUTH + "[noise.input]\nkind='fractal'\nstd=1", "Did you mean 'fractional'"),
-    (TRUTH + "[disturbance]\nkind='garsh'", "one of paper, white.*Did you mean 'garch'"),
-    (TRUTH + "[disturbance]\nstd=1", "one of paper, white, .* at disturbance.kind.*received nothing"),
-    (TRUTH + "[disturbance]\nkind='white'\nstdev=1", "unknown key 'stdev'. Did you mean 'std'"),
-    (TRUTH + "[disturbance]\nkind='white'\nstd=1\ncolor=2", "unknown key 'color'"),
     (TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=[1.5]", "stationary.* at disturbance of"),
-    (
-        TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=0.5",
-        "a list of numbers or a table at disturbance.",
-    ),
     (
         TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=[1,2]",
         "a list of numbers at disturbance.coefficients.1. of one.toml; received 1",
     ),
-    (
-        TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=3",
-        "a list of lists at disturbance.coefficients of one.toml; received 3",
-    ),
     (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
-    (TRUTH + "[disturbance]\nkind='variance_switch'\nseries=1", "a table at disturbance.series"),
     (TRUTH + CONTROL.replace("15", "1e6"), "loop is stable.* at the top of one.toml; received Velocity"),
     (TRUTH + CONTROL.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
     (TRUTH + CONTROL.replace("velocity'", "altitude'"), "finite number at control.altitude_gain.*nothing"),
     (TRUTH + CONTROL + "altitude_gain=1", "the unknown key 'altitude_gain'"),
     (TRUTH + CONTROL.replace("15", "0"), "velocity_integral_gain at control of.*received both zero"),
     (TRUTH + CONTROL.replace("15", "'fast'"), "a finite number at control.velocity_gain.*received 'fast'"),
-    (TRUTH + "control = 'altitude'", "a table at control"),
-    (TRUTH + "velocity_gain = 15", "the unknown key 'velocity_gain'"),
     (
         TRUTH + CONTROL + "[noise.position_z]\nkind='white'\nstd=1",
         "received noise of 'position_z'.*under altitude control only",
@@ -370,16 +340,10 @@ def test_column_is_the_input(series, tmp_path, name):
     [
         ("none.csv", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
         ("../mine.csv", "beside the scenario or in a folder below it"),
-        ("below/../../mine.csv", "beside the scenario or in a folder below it"),
-        ("{absolute}", "beside the scenario or in a folder below it"),
-        ("link.csv", "beside the scenario or in a folder below it.*received 'link.csv'"),
         ("loop.csv", "beside the scenario or in a folder below it|a file that exists"),
         ("below", "ends in .csv or .parquet"),
-        ("folder.csv", "a file that exists"),
-        ("mine.xlsx", "ends in .csv or .parquet"),
         ("broken.parquet", "a table as PARQUET.*'broken.parquet', which is not"),
         ("empty.csv", "a table as CSV.*'empty.csv', which is not"),
-        ("ragged.csv", "a table as CSV.*'ragged.csv', which is not"),
     ],
 )
 def test_files_that_are_refused(series, tmp_path, file, said):
@@ -541,7 +505,6 @@ def test_everything_is_read(file):
     ("right", "wrong", "message"),
     [
         ("mass = 0.5", "mas = 0.5", r"at vehicle of mine\.toml.*unknown key 'mas'. Did you mean 'mass'"),
-        ("mass = 0.5", "mass = 0.5\ncolour = 1", r"the unknown key 'colour'"),
         (
             "spins = [1, -1, 1, -1]",
             "spins = [1, -1, 1, 0.5]",
@@ -551,12 +514,10 @@ def test_everything_is_read(file):
         ("lag_up = 0.02", "lag_up = -0.02", r"lag_up above zero at vehicle\.rotors"),
         ("inertia = [3.65e-3,", "inertia = [-3.65e-3,", r"positive definite at vehicle"),
         ("duration = 0.2", 'duration = 0.2\ntrajectory = "jump"', r"one of steps, .* at trajectory"),
-        ("duration = 0.2", "duration = 0.2\nseed = 1", r"the unknown key 'seed'"),
         ("duration = 0.2", "duration = 0.2\nrate_hz = 700.0", r"rate_hz of the controller"),
         ("duration = 0.2", "duration = 3600.0\nrate_hz = 1e4", r"2000000 steps or fewer at duration"),
         ("[wind]", "[wind]\nx = 1.0", r"a table at wind\.x"),
         ('kind = "dryden"', 'kind = "dry"', r"one of paper, .* at wind\.z\.kind"),
-        ('kind = "rigid-body"', 'kind = "flight"', r"one of rigid-body at kind"),
     ],
 )
 def test_wrong_files_are_told(file, right, wrong, message):

@@ -139,18 +139,13 @@ def test_identity():
         (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
         (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
         (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
-        (lambda: small_study(methods=()), "received labels of no method"),
-        (lambda: small_study(methods=METHODS[:1] * 2), "labels least_squares, least_squares"),
         (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
-        (lambda: MethodChoice("generalised_iv", (0, 3)), "Did you mean 'generalized_iv'"),
         (
             lambda: MethodChoice("generalized_iv"),
             r"lags = \[first, last\] for .* received 'generalized_iv' with none",
         ),
-        (lambda: MethodChoice("least_squares", (0, 1)), r"received 'least_squares' with \[0, 1\]"),
         (lambda: MethodChoice("extended_iv", (3, 1)), "Expected first <= last"),
         (lambda: MethodChoice("extended_iv", (-1, 1)), "a lag of zero or more samples"),
-        (lambda: MethodChoice("extended_iv", (1, 2), weighting="two_step"), "Did you mean 'two_ste?p?_?.*'"),
         (
             lambda: MethodChoice("extended_iv_tls", (1, 2), weighting="two_stage"),
             "for extended_iv or generalized_iv only",
@@ -227,8 +222,6 @@ def test_a_disturbance_moves_the_machine():
         ({"input_coefficients": ()}, "at least one input coefficient; received none"),
         ({"input_coefficients": (float("nan"),)}, "finite coefficients; received nan"),
         ({"delay": -1}, "a delay of zero or more samples; received -1"),
-        ({"samples": 2}, "samples of 3 or more for 2 unknowns; received 2"),
-        ({"rate_hz": 0.0}, "rate_hz above zero; received 0.0"),
         ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
         (
             {"noise": {"velocity_z": WhiteNoise(1.0)}},

@@ -141,7 +141,6 @@ def test_a_study_of_a_suite(module, part, text, rows, tmp_path, capsys):
         ("real_logs.study", ["--from", "none.parquet"], "a table of the study"),
         ("real_logs.study", ["--folder", "none", "--tables"], "a folder with finished tasks"),
         ("rigid_body.study", ["--folder", "none", "--tables"], "a folder with finished tasks"),
-        ("rates.study", ["--kept", "kept.jsonl", "--grid", "none.toml"], "a grid of the study"),
     ],
 )
 def test_a_wrong_call_is_a_sentence(module, arguments, message, tmp_path, monkeypatch, capsys):

@@ -298,7 +298,6 @@ def test_specification_is_checked(change, message):
         (lambda: FlightController(quickness=3.0), "quickness between"),
         (lambda: Sensor(delay_s=-1.0), "delay_s between"),
         (lambda: Sensor(bias=float("nan")), "a finite bias"),
-        (lambda: Sensors(attitude=Sensor(cutoff_hz=20.0)), "an attitude without a filter"),
         (lambda: Sensors(attitude=Sensor(averaged_s=0.01)), "averaged part by part"),
         (lambda: Wind((1.0, 2.0)), "three speeds"),
         (lambda: Logged(setpoint_hz=-1.0), "setpoint_hz between"),
