@@ -12,8 +12,8 @@ import numpy as np
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
 from eivor.inference.distributions import normal_quantile
-from eivor.motions.rigid_body.inertia import Combinations, yaw_inertia
-from eivor.motions.rigid_body.physical_parameters import Formula, physical_parameters, sought
+from eivor.motions.rigid_body.inertia import Combinations
+from eivor.motions.rigid_body.physical_parameters import physical_parameters
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
@@ -273,17 +273,13 @@ def _parts(
         known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
         identified = _identified(fitted)
         rows = physical_parameters(identified, known, LEVEL)
-        formulas = {
-            item.name: item.formulas[0]
-            for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
-        }
         for name in PHYSICAL:
             row = rows[name]
             if row.estimate is not None and row.estimate.value > 0.0:
                 number = Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}")
-                parts[name] = SimulatorNumber(number, _by_rows(formulas[name]))
+                parts[name] = SimulatorNumber(number, row.formula.expression.evaluate)
             else:
-                lacking = (item for item in formulas[name].needed if not fitted.is_identified(item))
+                lacking = (item for item in row.formula.needed if not fitted.is_identified(item))
                 missing[name] = " ".join(map(fitted.why_not, lacking)) or row.sentence
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
@@ -302,16 +298,6 @@ def _identified(fitted: Fitted) -> Combinations:
         return Combinations((), ())
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))
     return Combinations(fitted.names, fitted.candidates).only(names)
-
-
-def _by_rows(formula: Formula) -> Callable[[Columns], Column]:
-    names = (*formula.needed, *formula.supplied)
-
-    def column(columns: Columns) -> Column:
-        rows = zip(*(columns[name] for name in names), strict=True)
-        return np.array([formula.formula(dict(zip(names, row, strict=True))) for row in rows])
-
-    return column
 
 
 # -- Quad x --

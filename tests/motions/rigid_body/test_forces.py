@@ -16,7 +16,8 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
+from eivor.motions.rigid_body.inertia import Formula
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
 from eivor.motions.rigid_body.regression import (
     FROM_HZ,
@@ -31,12 +32,14 @@ from eivor.motions.rigid_body.vehicle import (
     GYROSCOPIC_MOMENT,
     LIFT_MOMENT,
     PITCH_EQUATION,
+    PITCH_OVER_ROLL,
     REACTION,
     ROLL_EQUATION,
     YAW_EQUATION,
-    InertiaRatios,
+    YAW_OVER_ROLL,
     KnownVehicle,
     Vehicle,
+    inertia_ratios,
 )
 from eivor.motions.rigid_body.verdict import (
     identified_ratios,
@@ -267,8 +270,16 @@ def told(vehicle=SPINNING) -> dict[str, float]:
     return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
 
 
+def test_ratios_are_those_of_the_inertias():
+    values = told()
+    expected = {PITCH_OVER_ROLL: SECOND / FIRST, **dict.fromkeys(YAW_OVER_ROLL, THIRD / FIRST)}
+    for formula, ratio in expected.items():
+        assert Formula(formula).expression.evaluate(values) == pytest.approx(ratio)
+    assert inertia_ratios(values) == pytest.approx((THIRD / FIRST, THIRD / SECOND))
+
+
 def test_columns_are_sums_of_those_that_they_replace(problem):
-    ratios = InertiaRatios(1.7, 1.5)
+    ratios = (1.7, 1.5)
     problem.bins(AT)  # remembers spectra, which the other problem takes
     linked = with_common_rotor_inertia(problem, ratios)
     anew = replace(linked)  # remembers nothing

@@ -1,11 +1,11 @@
-"""Inertia from couplings and gains: combinations, yaw inertia and checks."""
+"""Combinations that flights identify, formulas over them, ways to the yaw inertia and contradictions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -14,13 +14,52 @@ from eivor.errors import ShapeError
 from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from
 from eivor.estimation.estimate import Estimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
+from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.tools import Float, Int
 
-# -- Combinations --
+# -- Formulas --
 
-FormulaFunction = Callable[[Mapping[str, float]], float]
+#: What may be supplied, and what stands in sentences for it.
+SUPPLIED = {
+    "mass": "the mass",
+    "arm_scale": "the arm length",
+    "speed_scale": "the rotor speed per unit of command",
+    "torque_ratio": "the torque ratio",
+    "yaw_inertia_ratio": "a ratio of Izz to the mean of Ixx and Iyy",
+}
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A number by what flights identify and what may be supplied, such as ``mass * drag_x``."""
+
+    text: str
+    symbol: str = ""
+    unit: str = ""
+
+    @cached_property
+    def expression(self) -> Expression:
+        """The formula, to evaluate."""
+        return parse_expression(self.text, "a formula")
+
+    @cached_property
+    def needed(self) -> tuple[str, ...]:
+        """Combinations that it takes."""
+        return tuple(name for name in self.expression.columns if name not in SUPPLIED)
+
+    @cached_property
+    def supplied(self) -> tuple[str, ...]:
+        """Numbers that it takes from outside the flight."""
+        return tuple(name for name in self.expression.columns if name in SUPPLIED)
+
+    def missing(self, known: KnownVehicle) -> tuple[str, ...]:
+        """Those of them that a vehicle lacks."""
+        return tuple(name for name in self.supplied if getattr(known, name) is None)
+
+
+# -- Combinations --
 
 
 @dataclass(frozen=True)
@@ -66,60 +105,61 @@ class Combinations:
         return self._at(np.flatnonzero([name in names for name in self.names]))
 
     def _at(self, positions: Int[np.ndarray, " k"]) -> Combinations:
+        def some(candidate: JointEstimate) -> JointEstimate:
+            parts = candidate.covariance.parts
+            kept = (replace(part, matrix=part.matrix[np.ix_(positions, positions)]) for part in parts)
+            return JointEstimate(candidate.values[positions], JointCovariance(tuple(kept)))
+
         return Combinations(
-            tuple(self.names[position] for position in positions),
-            tuple(_some_of(candidate, positions) for candidate in self.candidates),
+            tuple(self.names[position] for position in positions), tuple(map(some, self.candidates))
         )
 
     def has(self, *names: str) -> bool:
         """Whether all of these were identified."""
         return set(names) <= set(self.names)
 
-    def function(
+    def positive(self, *names: str, level: float) -> bool:
+        """Whether all of these were identified, and are above zero."""
+        return self.has(*names) and all(self.interval(name, level)[0] > 0.0 for name in names)
+
+    def interval(self, name: str, level: float) -> tuple[float, float]:
+        """Interval of one combination."""
+        return self.value(name, level).interval
+
+    def value(
         self,
-        formula: FormulaFunction,
-        names: tuple[str, ...],
-        supplied: Mapping[str, KnownNumber],
+        formula: str | Formula,
         level: float,
-        largest_bend: float = LARGEST_BEND,
+        known: KnownVehicle | None = None,
+        largest_bend: float = math.inf,
     ) -> DerivedQuantity:
         """Value of a formula, with an interval that holds the errors of all it is made of."""
-        exact = {name: number.value for name, number in supplied.items() if number.std == 0.0}
-        known = {name: number for name, number in supplied.items() if number.std > 0.0}
-        index = [self.names.index(name) for name in names]
+        formula = Formula(formula) if isinstance(formula, str) else formula
+        numbers: dict[str, KnownNumber] = {name: getattr(known, name) for name in formula.supplied}
+        exact = {name: number.value for name, number in numbers.items() if number.std == 0.0}
+        uncertain = {name: number for name, number in numbers.items() if number.std > 0.0}
+        index = [self.names.index(name) for name in formula.needed]
         best = self.candidates[0]
         errors = np.sqrt(np.maximum(np.diag(best.covariance.matrix), 0.0))
         sizes = np.array(
             [
                 *(float(np.hypot(best.values[item], errors[item])) or 1.0 for item in index),
-                *(number.value for number in known.values()),
+                *(number.value for number in uncertain.values()),
             ]
         )
-        order = (*names, *known)
+        order, evaluate = (*formula.needed, *uncertain), formula.expression.evaluate
 
         def of_vector(values: Float[np.ndarray, " n"]) -> float:
             """In units of the sizes: those of combinations are many powers of ten apart."""
-            return formula(exact | dict(zip(order, (values * sizes).tolist(), strict=True)))
+            return float(evaluate(exact | dict(zip(order, values * sizes, strict=True))))
 
         joint = tuple(
-            _part_of(candidate, index, tuple(known.values()), sizes) for candidate in self.candidates
+            _part_of(candidate, index, tuple(uncertain.values()), sizes) for candidate in self.candidates
         )
         straight = derived_from(of_vector, joint, level, math.inf)
         if straight.bend <= largest_bend:
             return straight
         return _by_logarithm(of_vector, joint, level) or derived_from(of_vector, joint, level, largest_bend)
-
-    def interval(self, name: str, level: float) -> tuple[float, float]:
-        """Interval of one combination."""
-        return self.function(lambda v: v[name], (name,), {}, level).interval
-
-
-def _some_of(joint_estimate: JointEstimate, positions: Int[np.ndarray, " k"]) -> JointEstimate:
-    parts = (
-        replace(part, matrix=part.matrix[np.ix_(positions, positions)])
-        for part in joint_estimate.covariance.parts
-    )
-    return JointEstimate(joint_estimate.values[positions], JointCovariance(tuple(parts)))
 
 
 def _by_logarithm(
@@ -167,8 +207,12 @@ def differs_from_zero(interval: tuple[float, float]) -> bool:
 
 #: Couplings determine Izz when the half-width of its interval is at most this share of it.
 EXCITED_SHARE = 0.25
-TILT_COUPLINGS = ("roll_coupling", "pitch_coupling")
 TILTING = ("roll_gain", "pitch_gain")
+#: Izz over mass, arm and thrust gain: Iyy - beta_1 Ixx, and Ixx + beta_2 Iyy.
+BY_COUPLING = {
+    "roll_coupling": "(1 / pitch_gain - roll_coupling / roll_gain)",
+    "pitch_coupling": "(1 / roll_gain + pitch_coupling / pitch_gain)",
+}
 
 
 @dataclass(frozen=True)
@@ -176,127 +220,83 @@ class YawInertiaRoute:
     """A way to Izz."""
 
     words: str
-    needed: tuple[str, ...]
-    supplied: tuple[str, ...]
-    per_mass: FormulaFunction  # Izz over the mass [m^2]
-    over_thrust: FormulaFunction | None = None
+    per_mass: str  # Izz over the mass [m^2]
+    over_thrust: str = ""  # The same over arm and thrust gain; empty where it does not go with them
+
+    def at_hand(self, combinations: Combinations, known: KnownVehicle, level: float) -> bool:
+        """Whether all is known to compare it with the other inertias."""
+        formula = Formula(f"arm_scale * {self.per_mass}")
+        gains = [name for name in formula.needed if name.endswith("_gain")]
+        usable = combinations.positive("thrust_gain", *TILTING, *gains, level=level)
+        return not formula.missing(known) and usable
+
+
+def _by_arms(words: str, over_thrust: str) -> YawInertiaRoute:
+    return YawInertiaRoute(words, f"arm_scale * thrust_gain * {over_thrust}", over_thrust)
+
+
+_BY_TORQUE_RATIO = YawInertiaRoute(
+    "the torque ratio that was supplied", "torque_ratio * thrust_gain / yaw_gain"
+)
+_BY_ASSUMPTION = _by_arms(
+    "the ratio of Izz to Ixx and Iyy that was supplied, not on the flight",
+    "0.5 * yaw_inertia_ratio * (1 / roll_gain + 1 / pitch_gain)",
+)
 
 
 @dataclass(frozen=True)
 class YawInertia:
     """What there is to be said of Izz."""
 
-    couplings: YawInertiaRoute | None
-    ratio: DerivedQuantity | None  # Izz / Ixx by them
-    routes: tuple[YawInertiaRoute, ...]
-
-    @property
-    def route(self) -> YawInertiaRoute | None:
-        """The one to go."""
-        return self.routes[0] if self.routes else None
+    ratio: DerivedQuantity | None  # Izz / Ixx by the couplings
+    routes: tuple[YawInertiaRoute, ...]  # Those that are open, the one to go first
 
 
 def yaw_inertia(combinations: Combinations, known: KnownVehicle, level: float) -> YawInertia:
     """Ways to Izz that are open; all gains that are taken must be distinguished from zero."""
-    couplings = _by_couplings(combinations, level)
-    ratio = None
-    routes = []
-    if couplings is not None and couplings.over_thrust is not None:
-        over_thrust = couplings.over_thrust
-        ratio = combinations.function(lambda v: v["roll_gain"] * over_thrust(v), couplings.needed, {}, level)
+    tilting = combinations.positive(*TILTING, level=level)
+    ratio, routes = None, []
+    at_hand = [text for name, text in BY_COUPLING.items() if combinations.has(name)]
+    if at_hand and tilting:
+        if len(at_hand) == 2:
+            share = _weight(combinations, level)
+            at_hand = [f"({share!r} * {at_hand[0]} + {1.0 - share!r} * {at_hand[1]})"]
+        ratio = combinations.value(f"roll_gain * {at_hand[0]}", level, largest_bend=LARGEST_BEND)
         low, high = ratio.interval
         if differs_from_zero(ratio.interval) and high - low <= 2.0 * EXCITED_SHARE * ratio.value:
-            routes.append(couplings)
-    if known.torque_ratio is not None and _usable(combinations, ("yaw_gain",), level):
+            routes.append(_by_arms("the gyroscopic couplings of the flight", at_hand[0]))
+    if known.torque_ratio is not None and combinations.positive("yaw_gain", level=level):
         routes.append(_BY_TORQUE_RATIO)
+
+    def relative_width(route: YawInertiaRoute) -> float:
+        function = combinations.value(route.per_mass, level, known)
+        return (function.interval[1] - function.interval[0]) / function.value
+
     if len(routes) == 2 and known.arm_scale is not None:
-        routes.sort(key=lambda route: _relative_width(route, combinations, known, level))
-    if not routes and known.yaw_inertia_ratio is not None and _usable(combinations, TILTING, level):
+        routes.sort(key=relative_width)
+    if not routes and known.yaw_inertia_ratio is not None and tilting:
         routes.append(_BY_ASSUMPTION)
-    return YawInertia(couplings, ratio, tuple(routes))
+    return YawInertia(ratio, tuple(routes))
 
 
-def _relative_width(
-    route: YawInertiaRoute, combinations: Combinations, known: KnownVehicle, level: float
-) -> float:
-    supplied = {name: getattr(known, name) for name in route.supplied}
-    function = combinations.function(
-        route.per_mass, ("thrust_gain", *route.needed), supplied, level, math.inf
-    )
-    return (function.interval[1] - function.interval[0]) / function.value
-
-
-def _usable(combinations: Combinations, names: tuple[str, ...], level: float) -> bool:
-    return combinations.has(*names) and all(combinations.interval(name, level)[0] > 0.0 for name in names)
-
-
-def _by_couplings(combinations: Combinations, level: float) -> YawInertiaRoute | None:
-    at_hand = tuple(name for name in TILT_COUPLINGS if combinations.has(name))
-    if not at_hand or not _usable(combinations, TILTING, level):
-        return None
-    names, over_thrust = (
-        (*TILTING, *at_hand),
-        {"roll_coupling": _by_roll, "pitch_coupling": _by_pitch}[at_hand[0]],
-    )
-    if len(at_hand) == 2:
-        over_thrust = partial(_weighted, _weight(combinations, names, level))
-    words = "the gyroscopic couplings of the flight"
-    return YawInertiaRoute(words, names, ("arm_scale",), _with_arm(over_thrust), over_thrust)
-
-
-def _by_roll(v: Mapping[str, float]) -> float:
-    """Izz = Iyy - beta_1 Ixx."""
-    return 1.0 / v["pitch_gain"] - v["roll_coupling"] / v["roll_gain"]
-
-
-def _by_pitch(v: Mapping[str, float]) -> float:
-    """Izz = Ixx + beta_2 Iyy."""
-    return 1.0 / v["roll_gain"] + v["pitch_coupling"] / v["pitch_gain"]
-
-
-def _weighted(share: float, v: Mapping[str, float]) -> float:
-    return share * _by_roll(v) + (1.0 - share) * _by_pitch(v)
-
-
-def _weight(combinations: Combinations, names: tuple[str, ...], level: float) -> float:
-    """Weight of the first of both in their combination of least variance."""
+def _weight(combinations: Combinations, level: float) -> float:
+    """Weight of the first coupling in the combination of both of least variance."""
+    first, second = BY_COUPLING.values()
     variance, other, separated = (
-        combinations.function(formula, names, {}, level, math.inf).std_error ** 2
-        for formula in (_by_roll, _by_pitch, lambda v: _by_roll(v) - _by_pitch(v))
+        combinations.value(text, level).std_error ** 2 for text in (first, second, f"{first} - {second}")
     )
     return min(max(0.5 * (other - variance + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
 
 
-def _with_arm(over_thrust: FormulaFunction) -> FormulaFunction:
-    return lambda v: v["arm_scale"] * v["thrust_gain"] * over_thrust(v)
-
-
-def _assumed(v: Mapping[str, float]) -> float:
-    return 0.5 * v["yaw_inertia_ratio"] * (1.0 / v["roll_gain"] + 1.0 / v["pitch_gain"])
-
-
-_BY_TORQUE_RATIO = YawInertiaRoute(
-    "the torque ratio that was supplied",
-    ("yaw_gain",),
-    ("torque_ratio",),
-    lambda v: v["torque_ratio"] * v["thrust_gain"] / v["yaw_gain"],
-)
-_BY_ASSUMPTION = YawInertiaRoute(
-    "the ratio of Izz to Ixx and Iyy that was supplied, not on the flight",
-    TILTING,
-    ("arm_scale", "yaw_inertia_ratio"),
-    _with_arm(_assumed),
-    _assumed,
-)
-
-
-# -- Inertia checks --
+# -- Contradictions --
 
 COUPLING_TEXTS = {
     "roll_coupling": "(Iyy - Izz) / Ixx",
     "pitch_coupling": "(Izz - Ixx) / Iyy",
     "yaw_coupling": "(Ixx - Iyy) / Izz",
 }
+#: Zero for couplings of one body.
+IDENTITY = "roll_coupling + pitch_coupling + yaw_coupling + roll_coupling * pitch_coupling * yaw_coupling"
 AXES = ("Ixx", "Iyy", "Izz")
 #: Pure numbers are equal within rounding.
 ROUNDING = 1e-9
@@ -310,15 +310,22 @@ GYRATION = (0.02, 1.5)
 
 def contradictions(
     combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
-) -> tuple[str, ...]:
+) -> Iterator[str]:
     """Sentences about what no rigid body has, and about what is supplied and does not fit."""
     level = max(level, SURE)
-    return (
-        *_of_couplings(combinations, level),
-        *_of_lengths(combinations, known, level),
-        *_of_inertias(combinations, known, yaw, level),
-        *_of_routes(combinations, known, yaw, level),
-    )
+    yield from _of_couplings(combinations, level)
+    if known.arm_scale is not None:
+        yield from _of_lengths(combinations, known, known.arm_scale.value * known.arm, level)
+    for route in yaw.routes[:1]:
+        if route.at_hand(combinations, known, level):
+            yield from _of_inertias(combinations, known, route, level)
+    for item, other in pairwise(yaw.routes):
+        if not all(route.at_hand(combinations, known, level) for route in (item, other)):
+            continue
+        function = combinations.value(f"{other.per_mass} / ({item.per_mass}) - 1", level, known)
+        if differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
+            low, high = (100.0 * end for end in function.interval)
+            yield f"Izz by {other.words} is {low:+.3g} to {high:+.3g} % off that by {item.words}."
 
 
 def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
@@ -327,7 +334,7 @@ def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
         if low > 1.0 + NO_BODY_UNCERTAINTY or high < -1.0 - NO_BODY_UNCERTAINTY:
             yield f"{name} = {words} is between {low:.3g} and {high:.3g}: no body has one beyond -1 or 1."
     if combinations.has(*COUPLING_TEXTS):
-        low, high = combinations.function(_identity, tuple(COUPLING_TEXTS), {}, level, math.inf).interval
+        low, high = combinations.value(IDENTITY, level).interval
         if differs_from_zero((low, high)) and min(abs(low), abs(high)) > ROUNDING:
             yield (
                 f"The gyroscopic couplings are not those of one body: beta_1 + beta_2 + beta_3 + beta_1 "
@@ -335,28 +342,20 @@ def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
             )
 
 
-def _identity(v: Mapping[str, float]) -> float:
-    first, second, third = (v[name] for name in COUPLING_TEXTS)
-    return first + second + third + first * second * third
-
-
-def _of_lengths(combinations: Combinations, known: KnownVehicle, level: float) -> Iterator[str]:
+def _of_lengths(combinations: Combinations, known: KnownVehicle, arm_m: float, level: float) -> Iterator[str]:
     """Mass and inertias that the rotors' distances make those of no vehicle: a wrong unit, most likely."""
-    if known.arm_scale is None:
-        return
     low, high = WEIGHT_OVER_ARMS
     if known.mass is not None:
-        loading = known.mass.value * GRAVITY / (known.arm_scale.value * known.arm) ** 2
+        loading = known.mass.value * GRAVITY / arm_m**2
         if not low <= loading <= high:
             yield (
                 f"With mass and arms as supplied, the weight over the square of an arm would be "
                 f"{loading:.2g} N/m^2, where vehicles have {low:g} to {high:g}: check the units of both."
             )
     for turning in ("roll", "pitch"):
-        names = ("thrust_gain", f"{turning}_gain")
-        if _usable(combinations, names, level):
-            formula, supplied = _gyration(names[1], known.arm), {"arm_scale": known.arm_scale}
-            ratio = combinations.function(formula, names, supplied, level, math.inf)
+        if combinations.positive("thrust_gain", f"{turning}_gain", level=level):
+            gyration = f"arm_scale * thrust_gain / {turning}_gain / {known.arm**2!r}"
+            ratio = combinations.value(gyration, level, known)
             if ratio.interval[1] < GYRATION[0] or ratio.interval[0] > GYRATION[1]:
                 yield (
                     f"With the rotors' distances as supplied the inertia in {turning} would be "
@@ -365,58 +364,13 @@ def _of_lengths(combinations: Combinations, known: KnownVehicle, level: float) -
                 )
 
 
-def _gyration(gain: str, arm: float) -> FormulaFunction:
-    return lambda v: v["arm_scale"] * v["thrust_gain"] / v[gain] / arm**2
-
-
 def _of_inertias(
-    combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
+    combinations: Combinations, known: KnownVehicle, route: YawInertiaRoute, level: float
 ) -> Iterator[str]:
     """Any two inertias are together at least the third."""
-    route = yaw.route
-    if route is None or not _at_hand(route, combinations, known, level):
-        return
-    names = tuple(dict.fromkeys(("thrust_gain", *TILTING, *route.needed)))
-    supplied = {name: getattr(known, name) for name in ("arm_scale", *route.supplied)}
-    for largest, symbol in enumerate(AXES):
-        slack = combinations.function(_slack(route, largest), names, supplied, level, math.inf)
-        if slack.interval[1] < -NO_BODY_UNCERTAINTY:
+    per_mass = [f"arm_scale * thrust_gain / {gain}" for gain in TILTING] + [route.per_mass]
+    for symbol, largest in zip(AXES, per_mass, strict=True):
+        share = f"({' + '.join(per_mass)} - 2 * ({largest})) / ({per_mass[0]})"  # of Ixx
+        if combinations.value(share, level, known).interval[1] < -NO_BODY_UNCERTAINTY:
             others = " and ".join(item for item in AXES if item != symbol)
             yield f"{symbol} is more than {others} together, which no body has; Izz rests on {route.words}."
-
-
-def _slack(route: YawInertiaRoute, largest: int) -> FormulaFunction:
-    """Share of Ixx by which the sum of the other two is above one of them."""
-
-    def slack(v: Mapping[str, float]) -> float:
-        of_gain = v["arm_scale"] * v["thrust_gain"]
-        inertias = (of_gain / v["roll_gain"], of_gain / v["pitch_gain"], route.per_mass(v))
-        return (sum(inertias) - 2.0 * inertias[largest]) / inertias[0]
-
-    return slack
-
-
-def _of_routes(
-    combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
-) -> Iterator[str]:
-    """Two ways to Izz that exclude each other."""
-    for item, other in pairwise(yaw.routes):
-        if not all(_at_hand(route, combinations, known, level) for route in (item, other)):
-            continue
-        names = tuple(dict.fromkeys(("thrust_gain", *item.needed, *other.needed)))
-        supplied = {name: getattr(known, name) for name in (*item.supplied, *other.supplied)}
-        separated = partial(_relative_difference, item.per_mass, other.per_mass)
-        function = combinations.function(separated, names, supplied, level, math.inf)
-        if differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
-            low, high = (100.0 * end for end in function.interval)
-            yield f"Izz by {other.words} is {low:+.3g} to {high:+.3g} % off that by {item.words}."
-
-
-def _relative_difference(formula: FormulaFunction, other: FormulaFunction, v: Mapping[str, float]) -> float:
-    return other(v) / formula(v) - 1.0
-
-
-def _at_hand(route: YawInertiaRoute, combinations: Combinations, known: KnownVehicle, level: float) -> bool:
-    gains = ("thrust_gain", *TILTING, *(name for name in route.needed if name.endswith("_gain")))
-    supplied = all(getattr(known, name) is not None for name in ("arm_scale", *route.supplied))
-    return supplied and _usable(combinations, gains, level)

@@ -2,42 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+from eivor.estimation.derived import LARGEST_BEND
 from eivor.inference.distributions import check_level
 from eivor.motions.rigid_body.inertia import (
+    SUPPLIED,
     Combinations,
-    FormulaFunction,
+    Formula,
     YawInertia,
-    YawInertiaRoute,
     contradictions,
     yaw_inertia,
 )
-from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
 
 # -- Formulas of physical parameters --
 
-#: What stands in sentences for a number that may be supplied.
-SUPPLIED = {
-    "mass": "the mass",
-    "arm_scale": "the arm length",
-    "speed_scale": "the rotor speed per unit of command",
-    "torque_ratio": "the torque ratio",
-    "yaw_inertia_ratio": "a ratio of Izz to the mean of Ixx and Iyy",
-}
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A formula for a parameter, or for what is left of it without what it needs."""
-
-    symbol: str
-    unit: str
-    needed: tuple[str, ...]
-    supplied: tuple[str, ...]
-    formula: FormulaFunction
+#: Units of torques against rates, with the mass and without.
+TORQUE_UNITS = ("N m/(rad/s)", "m^2/s")
+#: The same of inertias, and of what goes with the speed and its square.
+INERTIA_UNITS = ("kg m^2", "m^2")
+LINEAR_UNITS, QUADRATIC_UNITS = ("N/(m/s)", "1/s"), ("N/(m/s)^2", "1/m")
+_NO_YAW_INERTIA = "Izz is not identified."
 
 
 @dataclass(frozen=True)
@@ -46,87 +34,79 @@ class PhysicalParameter:
 
     name: str
     words: str
-    formulas: tuple[Formula, ...]
+    formulas: tuple[Formula, ...]  # The parameter's, then those of what is left without what it needs
     remark: str = ""
     refusal: str = ""
     helps: tuple[str, ...] = ()  # Names in `SUPPLIED` of which each would help against that
 
 
-def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
-    """Every physical parameter that a flight may identify."""
-    return (
-        _tilting_inertia("xx", "roll"),
-        _tilting_inertia("yy", "pitch"),
-        _yaw_inertia(yaw),
-        *_thrust(thrust_map),
-        _torque_ratio(yaw),
-        _offset("forward", "x", "pitch", 1.0),
-        _offset("left", "y", "roll", -1.0),
-        *(
-            _per_kilogram(f"{kind}drag_{axis}", f"{words} along {axis}", f"{letter}_{axis}", *units)
-            for kind, words, letter, *units in (
-                ("", "drag", "D", "N/(m/s)", "1/s"),
-                ("quadratic_", "quadratic drag", "C", "N/(m/s)^2", "1/m"),
-            )
-            for axis in "xyz"
-        ),
-        _per_kilogram("translational_lift", "thrust per squared speed across it", "H", "N/(m/s)^2", "1/m"),
-        _tilting_drag("roll", "x"),
-        _tilting_drag("pitch", "y"),
-        _yaw_drag(yaw.route),
-        _rotor_inertia(yaw.route),
-    )
-
-
-def _by_mass(
-    symbol: str,
-    units: tuple[str, str],
-    needed: tuple[str, ...],
-    supplied: tuple[str, ...],
-    per_mass: FormulaFunction,
-) -> tuple[Formula, Formula]:
+def _by_mass(symbol: str, units: tuple[str, str], per_mass: str) -> tuple[Formula, Formula]:
     """A parameter, and what is left of it without the mass."""
     whole, left = units
-    return (
-        Formula(symbol, whole, needed, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
-        Formula(f"{symbol}/m", left, needed, supplied, per_mass),
+    return Formula(f"mass * {per_mass}", symbol, whole), Formula(per_mass, f"{symbol}/m", left)
+
+
+def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]:
+    """Every physical parameter that a flight may identify."""
+    formulas: tuple[Formula, ...]
+    for axis, turning in (("x", "roll"), ("y", "pitch")):
+        symbol, over_gain = f"I{axis}{axis}", f"thrust_gain / {turning}_gain"
+        whole, left = _by_mass(symbol, INERTIA_UNITS, f"arm_scale * {over_gain}")
+        formulas = (whole, left, Formula(over_gain, f"{symbol}/(m l)", "m"))
+        yield PhysicalParameter(f"inertia_{axis}{axis}", f"inertia in {turning}", formulas)
+    yield _yaw_inertia(yaw)
+    yield from _thrust(thrust_map)
+    yield _torque_ratio(yaw)
+    for words, axis, over_gain in (
+        ("forward", "x", "pitch_offset / pitch_gain"),
+        ("left", "y", "-roll_offset / roll_gain"),
+    ):
+        formulas = Formula(f"arm_scale * {over_gain}", f"{axis}_c", "m"), Formula(over_gain, f"{axis}_c/l")
+        words_of = f"centre of mass, {words} of the rotors' middle"
+        yield PhysicalParameter(f"centre_of_mass_{words}", words_of, formulas)
+    for kind, words, letter, units in (
+        ("drag", "drag", "D", LINEAR_UNITS),
+        ("quadratic_drag", "quadratic drag", "C", QUADRATIC_UNITS),
+    ):
+        for axis in "xyz":
+            formulas = _by_mass(f"{letter}_{axis}", units, f"{kind}_{axis}")
+            yield PhysicalParameter(f"{kind}_{axis}", f"{words} along {axis}", formulas)
+    yield PhysicalParameter(
+        "translational_lift",
+        "thrust per squared speed across it",
+        _by_mass("H", QUADRATIC_UNITS, "translational_lift"),
     )
-
-
-def _tilting_inertia(axes: str, turning: str) -> PhysicalParameter:
-    gain, symbol, units = f"{turning}_gain", f"I{axes}", ("kg m^2", "m^2")
-    needed = ("thrust_gain", gain)
-
-    def per_mass(v: Mapping[str, float]) -> float:
-        return v["arm_scale"] * v["thrust_gain"] / v[gain]
-
-    formulas = (
-        *_by_mass(symbol, units, needed, ("arm_scale",), per_mass),
-        Formula(f"{symbol}/(m l)", "m", needed, (), lambda v: v["thrust_gain"] / v[gain]),
+    yaw_inertia = yaw.routes[0].per_mass if yaw.routes else ""
+    for axis, turning, inertia in (
+        ("x", "roll", "arm_scale * thrust_gain / roll_gain"),
+        ("y", "pitch", "arm_scale * thrust_gain / pitch_gain"),
+        ("z", "yaw", yaw_inertia),
+    ):
+        damping, refusal = f"{turning}_damping", "" if inertia else _NO_YAW_INERTIA
+        by_mass = _by_mass(f"B_{axis}", TORQUE_UNITS, f"{inertia} * {damping}") if inertia else ()
+        formulas = (*by_mass, Formula(damping, f"B_{axis}/I{axis}{axis}", "1/s"))
+        words = f"torque against {turning}ing"
+        yield PhysicalParameter(f"{turning}_drag", words, formulas, refusal=refusal)
+    per_mass = f"1 / speed_scale * {yaw_inertia} * rotor_reaction"
+    by_mass = _by_mass("J", INERTIA_UNITS, per_mass) if yaw_inertia else ()
+    by_inertia = (
+        Formula("rotor_reaction / speed_scale", "J/Izz"),
+        Formula("rotor_reaction", "J/Izz", "(rad/s)/command"),
     )
-    return PhysicalParameter(f"inertia_{axes}", f"inertia in {turning}", formulas)
+    refusal = "" if yaw_inertia else _NO_YAW_INERTIA
+    yield PhysicalParameter("rotor_inertia", "inertia of a rotor", (*by_mass, *by_inertia), refusal=refusal)
 
 
 def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
-    name, words, route = "inertia_zz", "inertia in yaw", yaw.route
-    if route is None:
-        gains = ("thrust_gain", "yaw_gain")
-        left = Formula("Izz/(m kappa)", "1/m", gains, (), lambda v: v["thrust_gain"] / v["yaw_gain"])
+    name, words = "inertia_zz", "inertia in yaw"
+    if not yaw.routes:
+        left = Formula("thrust_gain / yaw_gain", "Izz/(m kappa)", "1/m")
         helps = ("torque_ratio", "yaw_inertia_ratio")
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
-    needed, units = ("thrust_gain", *route.needed), ("kg m^2", "m^2")
-    formulas = _by_mass("Izz", units, needed, route.supplied, route.per_mass)
-    over_thrust = route.over_thrust
-    if over_thrust is not None:
-        ratio = Formula(
-            "Izz/Ixx",
-            "",
-            ("roll_gain", *route.needed),
-            tuple(item for item in route.supplied if item != "arm_scale"),
-            lambda v: v["roll_gain"] * over_thrust(v),
-        )
-        return PhysicalParameter(name, words, (*formulas, ratio), f"It rests on {route.words}.")
-    return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
+    route = yaw.routes[0]
+    formulas = _by_mass("Izz", INERTIA_UNITS, route.per_mass)
+    ratio = (Formula(f"roll_gain * {route.over_thrust}", "Izz/Ixx"),) if route.over_thrust else ()
+    return PhysicalParameter(name, words, (*formulas, *ratio), f"It rests on {route.words}.")
 
 
 def _unexcited(yaw: YawInertia) -> str:
@@ -137,7 +117,7 @@ def _unexcited(yaw: YawInertia) -> str:
     return f"{text}; yaw torque alone determines only its ratio to the torque ratio."
 
 
-def _thrust(thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
+def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
     """Constant of each power of the rotor speed in the thrust."""
     match thrust_map:
         case Mixed(share):
@@ -146,117 +126,31 @@ def _thrust(thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
             terms = [(exponent, 1.0)]
         case _:  # no other map is made by name
             terms = []
-    return tuple(_thrust_term(power, share) for power, share in terms if share > 0.0)
-
-
-def _thrust_term(power: float, share: float) -> PhysicalParameter:
-    name, words = {
-        1.0: ("thrust_linear", "thrust per rotor speed"),
-        2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
-    }.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
-    exponent = "" if power == 1.0 else f"^{power:g}"
-    speed, command = f"(rad/s){exponent}", f"command{exponent}"
-
-    def per_command(v: Mapping[str, float]) -> float:
-        return share * v["thrust_gain"]
-
-    def per_speed(v: Mapping[str, float]) -> float:
-        return per_command(v) / v["speed_scale"] ** power
-
-    needed = ("thrust_gain",)
-    of_speed = _by_mass("k", (f"N/{speed}", f"m/s^2/{speed}"), needed, ("speed_scale",), per_speed)
-    of_command = _by_mass("k", (f"N/{command}", f"m/s^2/{command}"), needed, (), per_command)
-    formulas = tuple(formula for pair in zip(of_speed, of_command, strict=True) for formula in pair)
-    return PhysicalParameter(name, words, formulas)
+    for power, share in terms:
+        if not share > 0.0:
+            continue
+        name, words = {
+            1.0: ("thrust_linear", "thrust per rotor speed"),
+            2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
+        }.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
+        exponent = "" if power == 1.0 else f"^{power:g}"
+        per_command = f"{share!r} * thrust_gain"
+        of_speed = f"{per_command} / pow(speed_scale, {power!r})"
+        by_speed = _by_mass("k", (f"N/(rad/s){exponent}", f"m/s^2/(rad/s){exponent}"), of_speed)
+        by_command = _by_mass("k", (f"N/command{exponent}", f"m/s^2/command{exponent}"), per_command)
+        formulas = (by_speed[0], by_command[0], by_speed[1], by_command[1])
+        yield PhysicalParameter(name, words, formulas)
 
 
 def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
     name, words = "torque_ratio", "reaction torque over thrust"
-    route = next((item for item in yaw.routes if item.over_thrust is not None), None)
-    if route is None or route.over_thrust is None:
-        gains = ("yaw_gain", "thrust_gain")
-        left = Formula("kappa m/Izz", "1/m", gains, (), lambda v: v["yaw_gain"] / v["thrust_gain"])
+    route = next((item for item in yaw.routes if item.over_thrust), None)
+    if route is None:
+        left = Formula("yaw_gain / thrust_gain", "kappa m/Izz", "1/m")
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
-    over_thrust, needed = route.over_thrust, ("yaw_gain", *route.needed)
-    scaled = tuple(item for item in route.supplied if item != "arm_scale")
-    formulas = (
-        Formula(
-            "kappa", "m", needed, route.supplied, lambda v: v["arm_scale"] * v["yaw_gain"] * over_thrust(v)
-        ),
-        Formula("kappa/l", "", needed, scaled, lambda v: v["yaw_gain"] * over_thrust(v)),
-    )
+    text = f"yaw_gain * {route.over_thrust}"
+    formulas = Formula(f"arm_scale * {text}", "kappa", "m"), Formula(text, "kappa/l")
     return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
-
-
-def _offset(words: str, axis: str, turning: str, sign: float) -> PhysicalParameter:
-    needed = (f"{turning}_offset", f"{turning}_gain")
-
-    def per_arm(v: Mapping[str, float]) -> float:
-        offset, gain = (v[name] for name in needed)
-        return sign * offset / gain
-
-    formulas = (
-        Formula(f"{axis}_c", "m", needed, ("arm_scale",), lambda v: v["arm_scale"] * per_arm(v)),
-        Formula(f"{axis}_c/l", "", needed, (), per_arm),
-    )
-    name = f"centre_of_mass_{words}"
-    return PhysicalParameter(name, f"centre of mass, {words} of the rotors' middle", formulas)
-
-
-def _per_kilogram(name: str, words: str, symbol: str, *units: str) -> PhysicalParameter:
-    whole, left = units
-    return PhysicalParameter(name, words, _by_mass(symbol, (whole, left), (name,), (), lambda v: v[name]))
-
-
-def _tilting_drag(turning: str, axis: str) -> PhysicalParameter:
-    gain, damping = f"{turning}_gain", f"{turning}_damping"
-
-    def per_mass(v: Mapping[str, float]) -> float:
-        return v["arm_scale"] * v[damping] * v["thrust_gain"] / v[gain]
-
-    by_mass = _by_mass(f"B_{axis}", DRAG_UNITS, ("thrust_gain", gain, damping), ("arm_scale",), per_mass)
-    return PhysicalParameter(
-        f"{turning}_drag", f"torque against {turning}ing", (*by_mass, _over_inertia(damping, axis))
-    )
-
-
-def _yaw_drag(route: YawInertiaRoute | None) -> PhysicalParameter:
-    name, words, left = "yaw_drag", "torque against yawing", _over_inertia("yaw_damping", "z")
-    if route is None:
-        return PhysicalParameter(name, words, (left,), refusal=_NO_YAW_INERTIA)
-
-    def per_mass(v: Mapping[str, float]) -> float:
-        return v["yaw_damping"] * route.per_mass(v)
-
-    needed = ("thrust_gain", *route.needed, "yaw_damping")
-    by_mass = _by_mass("B_z", DRAG_UNITS, needed, route.supplied, per_mass)
-    return PhysicalParameter(name, words, (*by_mass, left))
-
-
-def _over_inertia(damping: str, axis: str) -> Formula:
-    return Formula(f"B_{axis}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
-
-
-def _rotor_inertia(route: YawInertiaRoute | None) -> PhysicalParameter:
-    name, words, reaction = "rotor_inertia", "inertia of a rotor", "rotor_reaction"
-    left = (
-        Formula("J/Izz", "", (reaction,), ("speed_scale",), lambda v: v[reaction] / v["speed_scale"]),
-        Formula("J/Izz", "(rad/s)/command", (reaction,), (), lambda v: v[reaction]),
-    )
-    if route is None:
-        return PhysicalParameter(name, words, left, refusal=_NO_YAW_INERTIA)
-
-    def per_mass(v: Mapping[str, float]) -> float:
-        return v[reaction] * route.per_mass(v) / v["speed_scale"]
-
-    needed, supplied = ("thrust_gain", *route.needed, reaction), ("speed_scale", *route.supplied)
-    by_mass = _by_mass("J", ("kg m^2", "m^2"), needed, supplied, per_mass)
-    return PhysicalParameter(name, words, (*by_mass, *left))
-
-
-#: Units of torques against rates, with the mass and without.
-DRAG_UNITS = ("N m/(rad/s)", "m^2/s")
-_NO_YAW_INERTIA = "Izz is not identified."
 
 
 # -- Physical --
@@ -286,6 +180,7 @@ class PhysicalEstimateRow:
 
     name: str
     words: str
+    formula: Formula  # The parameter's
     estimate: PhysicalEstimate | None
     instead: PhysicalEstimate | None
     sentence: str
@@ -310,38 +205,33 @@ def physical_parameters(
     combinations = combinations.finite()
     yaw = yaw_inertia(combinations, known, level)
     rows = tuple(_row(item, combinations, known, level) for item in sought(yaw, input_map(known.thrust_map)))
-    return PhysicalParameters(rows, contradictions(combinations, known, yaw, level))
+    return PhysicalParameters(rows, tuple(contradictions(combinations, known, yaw, level)))
 
 
 def _row(
     parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
 ) -> PhysicalEstimateRow:
     fullest, number = parameter.formulas[0], None
-    reason, missing = _why_not_identified(fullest, combinations, level), _missing(fullest.supplied, known)
+    reason, missing = _why_not_identified(fullest, combinations, level), fullest.missing(known)
     for formula in parameter.formulas:
-        if not _missing(formula.supplied, known) and not _why_not_identified(formula, combinations, level):
-            supplied: dict[str, KnownNumber] = {name: getattr(known, name) for name in formula.supplied}
-            result = combinations.function(formula.formula, formula.needed, supplied, level)
+        if not formula.missing(known) and not _why_not_identified(formula, combinations, level):
+            result = combinations.value(formula, level, known, LARGEST_BEND)
             numbers = result.value, result.std_error, result.interval
             number = PhysicalEstimate(formula.symbol, formula.unit, *numbers)
             if formula is fullest and not parameter.refusal:
                 basis = _basis(parameter, number, fullest)
-                return PhysicalEstimateRow(parameter.name, parameter.words, number, None, basis)
+                return PhysicalEstimateRow(parameter.name, parameter.words, fullest, number, None, basis)
             break
     left = "" if number is None else f"{number} is all that the flight gives"
     if parameter.refusal:
-        helps = _remedy(_missing(parameter.helps, known), " or ")
-        selected = [parameter.refusal, f"{left}." if left else reason, helps]
+        helps = tuple(name for name in parameter.helps if getattr(known, name) is None)
+        selected = [parameter.refusal, f"{left}." if left else reason, _remedy(helps, " or ")]
     elif reason:
         selected = [reason, f"{left}." if left else ""]
     else:
         selected = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
     sentence = " ".join(part for part in selected if part)
-    return PhysicalEstimateRow(parameter.name, parameter.words, None, number, sentence)
-
-
-def _missing(names: tuple[str, ...], known: KnownVehicle) -> tuple[str, ...]:
-    return tuple(name for name in names if getattr(known, name) is None)
+    return PhysicalEstimateRow(parameter.name, parameter.words, fullest, None, number, sentence)
 
 
 def _why_not_identified(formula: Formula, combinations: Combinations, level: float) -> str:

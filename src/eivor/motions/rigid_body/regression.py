@@ -51,7 +51,6 @@ from eivor.motions.rigid_body.vehicle import (
     ROLL_EQUATION,
     THRUST,
     YAW_EQUATION,
-    InertiaRatios,
     KnownNumber,
     KnownVehicle,
     RotorLayout,
@@ -483,7 +482,7 @@ class RotorColumns:
     axis: int  # Number of the equation
     moving: tuple[Parameter, ...]  # Parameters of all moving columns
     usual: float
-    common_rotor_inertia: InertiaRatios | None = None
+    common_rotor_inertia: tuple[float, float] | None = None
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
@@ -537,7 +536,7 @@ class RotorColumns:
         """What rotors that spin turn about roll or pitch, by the parameter that it goes with."""
         if self.common_rotor_inertia is None:
             return {GYROSCOPIC_MOMENT[self.axis]: spinning}
-        return {REACTION: self.common_rotor_inertia.of_axis(self.axis) * spinning}
+        return {REACTION: self.common_rotor_inertia[self.axis] * spinning}
 
     def _rotor_moments(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
         """What drag beside the centre of mass turns: the means of the velocities at the rotors."""

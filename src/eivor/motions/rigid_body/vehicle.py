@@ -72,41 +72,18 @@ MOVING = (
 
 # -- Inertia ratios --
 
-#: Parameters that identify them.
+#: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
 TELLING = tuple(item.name for item in (*GAIN[:YAW_EQUATION], *COUPLING[:YAW_EQUATION]))
+PITCH_OVER_ROLL = "roll_gain / pitch_gain"
+YAW_OVER_ROLL = (f"{PITCH_OVER_ROLL} - roll_coupling", f"1 + pitch_coupling * {PITCH_OVER_ROLL}")
 
 
-@dataclass(frozen=True, slots=True)
-class InertiaRatios:
-    """Ratios of a body's inertias."""
-
-    roll: float
-    pitch: float
-
-    @classmethod
-    def of_values(cls, values: Mapping[str, float]) -> InertiaRatios:
-        """Those of gains and couplings that were identified, by name; of both couplings the mean."""
-        over_roll = 0.5 * (by_roll_coupling(values) + by_pitch_coupling(values))
-        return cls(over_roll, over_roll / pitch_over_roll(values))
-
-    def of_axis(self, axis: int) -> float:
-        """That of ROLL or PITCH."""
-        return self.roll if axis == ROLL_EQUATION else self.pitch
-
-
-def pitch_over_roll(values: Mapping[str, float]) -> float:
-    """Iyy / Ixx."""
-    return values[GAIN[ROLL_EQUATION].name] / values[GAIN[PITCH_EQUATION].name]
-
-
-def by_roll_coupling(values: Mapping[str, float]) -> float:
-    """Izz / Ixx by beta_1."""
-    return pitch_over_roll(values) - values[COUPLING[ROLL_EQUATION].name]
-
-
-def by_pitch_coupling(values: Mapping[str, float]) -> float:
-    """Izz / Ixx by beta_2."""
-    return 1.0 + values[COUPLING[PITCH_EQUATION].name] * pitch_over_roll(values)
+def inertia_ratios(values: Mapping[str, float]) -> tuple[float, float]:
+    """Izz / Ixx and Izz / Iyy by gains and couplings, by name; of both couplings the mean."""
+    roll_gain, pitch_gain, roll_coupling, pitch_coupling = (values[name] for name in TELLING)
+    pitch_over_roll = roll_gain / pitch_gain
+    over_roll = 0.5 * (pitch_over_roll - roll_coupling + 1.0 + pitch_coupling * pitch_over_roll)
+    return over_roll, over_roll / pitch_over_roll
 
 
 # -- Parameter ranges --

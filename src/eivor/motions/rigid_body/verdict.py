@@ -6,7 +6,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import reduce
 from itertools import combinations, permutations
 
 import numpy as np
@@ -50,16 +50,16 @@ from eivor.motions.rigid_body.vehicle import (
     GYROSCOPIC_MOMENT,
     LIFT,
     PITCH_EQUATION,
+    PITCH_OVER_ROLL,
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
     TELLING,
     THRUST,
     YAW_EQUATION,
-    InertiaRatios,
+    YAW_OVER_ROLL,
     RotorLayout,
-    by_pitch_coupling,
-    by_roll_coupling,
+    inertia_ratios,
 )
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
@@ -156,7 +156,7 @@ def refined_rotor_inertia(
     return linked, estimated(linked)
 
 
-def identified_ratios(estimate: Estimate) -> InertiaRatios | None:
+def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     """Ratios of the inertias; None where they are not identified, or the three columns are not."""
     finite = Combinations.of_estimate(estimate).finite()
     if not finite.has(*TELLING, *_SPINS):
@@ -164,33 +164,29 @@ def identified_ratios(estimate: Estimate) -> InertiaRatios | None:
     values = dict(zip(finite.names, finite.candidates[0].values.tolist(), strict=True))
     if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
         return None
-    for ratio in (by_roll_coupling, by_pitch_coupling):
-        low, high = finite.function(ratio, TELLING, {}, LEVEL, math.inf).interval
-        if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * ratio(values)):
+    for ratio in YAW_OVER_ROLL:
+        of_all = finite.value(ratio, LEVEL)
+        low, high = of_all.interval
+        if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * of_all.value):
             return None
-    for axis in (ROLL_EQUATION, PITCH_EQUATION):
-        formula, needed = partial(_differs, axis), (*TELLING, *_SPINS)
-        low, high = finite.function(formula, needed, {}, CONSISTENCY_LEVEL, math.inf).interval
+    # what each column says beside one inertia
+    mean = f"0.5 * ({' + '.join(YAW_OVER_ROLL)}) * rotor_reaction"
+    for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({PITCH_OVER_ROLL})"):
+        low, high = finite.value(differs, CONSISTENCY_LEVEL).interval
         if not low <= 0.0 <= high:
             return None
-    return InertiaRatios.of_values(values)
-
-
-def _differs(axis: int, values: Mapping[str, float]) -> float:
-    """What the column of ROLL or PITCH says beside one inertia."""
-    of_all = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
-    return values[GYROSCOPIC_MOMENT[axis].name] - of_all
+    return inertia_ratios(values)
 
 
 def with_common_rotor_inertia(
-    problem: LaggedRuns, ratios: InertiaRatios, free: Estimate | None = None
+    problem: LaggedRuns, ratios: tuple[float, float], free: Estimate | None = None
 ) -> LaggedRuns:
     """The same problem whose columns of rotors that spin go with J / Izz alone."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
     kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
     combination = np.array([[float(item == other) for other in kept] for item in moving])
     for axis, entry in enumerate(GYROSCOPIC_MOMENT):
-        combination[moving.index(entry), kept.index(REACTION)] = ratios.of_axis(axis)
+        combination[moving.index(entry), kept.index(REACTION)] = ratios[axis]
     columns = []
     for column in problem.columns:
         if isinstance(column.moving, RotorColumns):
@@ -206,7 +202,7 @@ def with_common_rotor_inertia(
     return problem.combined(tuple(columns), kept, combination, noisier=noisier, begun=started)
 
 
-def rotor_inertia_ratios(problem: LaggedRuns) -> InertiaRatios | None:
+def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
     """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
     moving = problem.columns[0].moving
     return moving.common_rotor_inertia if isinstance(moving, RotorColumns) else None
@@ -219,7 +215,7 @@ def gyroscopic_moments(
     ratios, of_all = rotor_inertia_ratios(problem), joint.get(REACTION.name)
     if ratios is None or of_all is None:
         return {}
-    return {item.name: of_all.times(ratios.of_axis(axis)) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
+    return {item.name: of_all.times(ratios[axis]) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
 
 
 def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
@@ -227,10 +223,10 @@ def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict
     values = models[fit].values
     if not {REACTION.name, *TELLING} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
-    ratios, results = InertiaRatios.of_values(values), {}
+    ratios, results = inertia_ratios(values), {}
     for name, model in models.items():
         of_all = model.values.get(REACTION.name, 0.0)
-        moments = {item.name: ratios.of_axis(axis) * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)}
+        moments = {item.name: ratios[axis] * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)}
         results[name] = replace(model, values={**model.values, **moments})
     return results
 
