@@ -17,18 +17,24 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band
-from eivor.motions.rigid_body.regression import FORCE_BAND_HZ, TURNING_BAND_HZ, OnboardFilter, as_logged
-from eivor.motions.rigid_body.vehicle import (
+from eivor.motions.rigid_body.regression import (
+    FORCE_BAND_HZ,
+    TURNING_BAND_HZ,
+    OnboardFilter,
+    as_logged,
+    mean_over_step,
+    rigid_body_problem,
+)
+from eivor.motions.rigid_body.terms import (
     DAMPING,
     DRAG,
-    FORCE_Z_EQUATION,
     GAIN,
     OFFSET,
     PITCH_EQUATION,
+    TERMS,
     THRUST,
-    KnownNumber,
-    KnownVehicle,
 )
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.rigid_body.verdict import (
     FILTERS,
     FiltersNotPassed,
@@ -102,17 +108,12 @@ def test_what_is_more_than_a_delay_is_left():
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     sensor = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
-    turning = as_logged(
-        dict.fromkeys((GAIN[PITCH_EQUATION], OFFSET[PITCH_EQUATION], DAMPING[PITCH_EQUATION]), sine(5.0)),
-        PITCH_EQUATION,
-        sensor,
-    )
-    np.testing.assert_allclose(turning[GAIN[PITCH_EQUATION]], late)
-    np.testing.assert_allclose(turning[OFFSET[PITCH_EQUATION]], late)
-    np.testing.assert_allclose(turning[DAMPING[PITCH_EQUATION]], sine(5.0))
-    forces = as_logged(dict.fromkeys((THRUST, DRAG[2]), sine(5.0)), FORCE_Z_EQUATION, sensor)
-    np.testing.assert_allclose(forces[DRAG[2]], late)
-    np.testing.assert_allclose(as_logged({THRUST: sine(5.0)}, FORCE_Z_EQUATION, None)[THRUST], sine(5.0))
+    terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in TERMS}
+    for parameter in (GAIN[PITCH_EQUATION], OFFSET[PITCH_EQUATION], DRAG[2]):
+        np.testing.assert_allclose(as_logged(terms[parameter], sine(5.0), sensor), late)
+    damping = as_logged(terms[DAMPING[PITCH_EQUATION]], sine(5.0), sensor)
+    np.testing.assert_allclose(damping, mean_over_step(sine(5.0)))
+    np.testing.assert_allclose(as_logged(terms[THRUST], sine(5.0), None), sine(5.0))
 
 
 # -- The whole band: where it reaches, and what it is worth in air that turns the vehicle --

@@ -23,19 +23,23 @@ from eivor.motions.rigid_body.regression import (
     FROM_HZ,
     body_velocity,
     force_by_velocity,
-    gyroscopic_moment,
     inferred_velocity,
 )
-from eivor.motions.rigid_body.vehicle import (
+from eivor.motions.rigid_body.terms import (
     DRAG_MOMENT,
     FORCE_Z_EQUATION,
     GYROSCOPIC_MOMENT,
     LIFT_MOMENT,
     PITCH_EQUATION,
-    PITCH_OVER_ROLL,
     REACTION,
     ROLL_EQUATION,
+    TERMS,
     YAW_EQUATION,
+    BodyMotion,
+    RotorSums,
+)
+from eivor.motions.rigid_body.vehicle import (
+    PITCH_OVER_ROLL,
     YAW_OVER_ROLL,
     KnownVehicle,
     Vehicle,
@@ -54,8 +58,27 @@ from eivor.simulation.rigid_body_spec import Sensors
 
 LIFT = 2e-4
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
+HOVER = SPEC.vehicle.hover_speed
 LIFTED = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, translational_lift=LIFT))
 KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.positions), LIFTED.rotors.spins)
+
+
+def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
+    """Column of a parameter for rotors at some speeds."""
+    layout = RotorLayout(KNOWN)
+    sums = layout.sums @ np.array(speeds)[:, None]
+    velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
+    of = BodyMotion(layout, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
+    return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
+
+
+def test_lift_turns_as_in_the_simulator():
+    air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
+    turned = [wrench(coefficients_of(item), air, rates, speeds)[1] for item in (LIFTED, SPEC.vehicle)]
+    moments = np.array([column_of(parameter, air, rates) for parameter in LIFT_MOMENT])
+    expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
+    assert LIFT * moments == pytest.approx(expected, rel=1e-9)
+    assert np.abs(expected).min() > 1e-7
 
 
 def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
@@ -72,7 +95,7 @@ def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
 # -- What drag off the centre of mass and spinning rotors turn, against the simulated rotors an --
 
 BESIDE_SPEC = shipped_rigid_body_flight("crazyflie")
-STILL, HOVER = (0.0, 0.0, 0.0), BESIDE_SPEC.vehicle.hover_speed
+STILL = (0.0, 0.0, 0.0)
 INERTIA_OF_A_ROTOR, HEIGHT_M = 2e-8, 0.006
 
 
@@ -80,6 +103,27 @@ def moved(by: tuple[float, float, float], vehicle: Vehicle = BESIDE_SPEC.vehicle
     """Vehicle whose rotors all stand elsewhere from its centre of mass."""
     positions = tuple(tuple(np.add(position, by).tolist()) for position in vehicle.rotors.positions)
     return replace(vehicle, rotors=replace(vehicle.rotors, positions=positions))
+
+
+@pytest.mark.parametrize("by", [(0.01, 0.0, 0.0), (0.0, -0.02, 0.0), (0.0, 0.0, 0.015)])
+def test_drag_beside_the_centre_of_mass_turns_by_the_velocities_along_the_other_axes(by):
+    """The simulator's torques at equal speeds, velocity by velocity."""
+    coefficients = coefficients_of(moved(by))
+    speeds = [HOVER] * 4
+    resting = np.array(wrench(coefficients, STILL, STILL, speeds)[1])
+    of_velocity = np.column_stack(
+        [
+            np.array(wrench(coefficients, tuple(item), STILL, speeds)[1]) - resting
+            for item in np.eye(3).tolist()
+        ]
+    )
+    assert np.abs(of_velocity).max() > 1e-6
+    velocity = np.array([1.3, -0.7, 0.4])
+    torque = np.array(wrench(coefficients, tuple(velocity.tolist()), STILL, speeds)[1]) - resting
+    for axis in range(3):
+        others = [along for along in range(3) if along != axis]
+        columns = [column_of(parameter, velocity, STILL) for parameter in DRAG_MOMENT[axis]]
+        assert of_velocity[axis, others] @ columns == pytest.approx(torque[axis], abs=1e-12)
 
 
 def test_rotors_that_spin_turn_as_in_the_simulator():
@@ -92,15 +136,11 @@ def test_rotors_that_spin_turn_as_in_the_simulator():
         np.array(body_derivative(coefficients_of(item), body, speeds, [0.0] * 4, STILL, STILL)[10:12])
         for item in (spinning, BESIDE_SPEC.vehicle)
     ]
-    spin = np.array([np.dot(speeds, BESIDE_SPEC.vehicle.rotors.spins)])
     for axis in (0, 1):
-        expected = (
-            INERTIA_OF_A_ROTOR
-            / BESIDE_SPEC.vehicle.inertia[axis]
-            * gyroscopic_moment(axis, np.array(rates)[:, None], spin)
-        )
-        assert turned[0][axis] - turned[1][axis] == pytest.approx(expected[0], rel=1e-9)
-        assert abs(expected[0]) > 1e-3
+        column = column_of(GYROSCOPIC_MOMENT[axis], STILL, rates, speeds)
+        expected = INERTIA_OF_A_ROTOR / BESIDE_SPEC.vehicle.inertia[axis] * column
+        assert turned[0][axis] - turned[1][axis] == pytest.approx(expected, rel=1e-9)
+        assert abs(expected) > 1e-3
 
 
 def known(vehicle: Vehicle) -> KnownVehicle:

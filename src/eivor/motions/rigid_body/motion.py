@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -39,7 +39,6 @@ from eivor.flights.quantity import (
 from eivor.inference.verdict import Status
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
-from eivor.models.regression import Parameter
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import active, rate_panel, rates_std
@@ -55,12 +54,12 @@ from eivor.motions.rigid_body.regression import (
     rigid_body_problem,
 )
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
-from eivor.motions.rigid_body.vehicle import (
+from eivor.motions.rigid_body.terms import (
+    ALL_DRAG_MOMENTS,
     ALONG,
     COUPLING,
     DAMPING,
     DRAG,
-    DRAG_MOMENT,
     DRIVING,
     FORCE_X_EQUATION,
     FORCE_Z_EQUATION,
@@ -72,8 +71,12 @@ from eivor.motions.rigid_body.vehicle import (
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
+    TERMS,
     THRUST,
     TURNING,
+    RigidTerm,
+)
+from eivor.motions.rigid_body.vehicle import (
     KnownVehicle,
     RotorLayout,
     load_vehicle,
@@ -153,7 +156,7 @@ def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
     gain = joint[THRUST.name].value * columns.states.layout.count
     if not gain > 0.0:
         return 1.0
-    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.usual
+    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
 
 
 # -- Full-band fit --
@@ -218,73 +221,39 @@ EQUATION = (
     "s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b",
     "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
 )
-_RATES = "pqr"
+_HEADLINE = (THRUST, *GAIN[:2])
 
 
-def _specs(
-    parameters: Iterable[Parameter],
-    words: Iterable[str],
-    symbols: Iterable[str],
-    *,
-    optional: bool = True,
-    headline: bool = False,
-) -> dict[str, QuantitySpec]:
-    """How parameters of several axes are called; those that need more than rates and rotors are optional."""
-    return {
-        item.name: QuantitySpec(
-            text,
-            symbol,
-            item.unit,
-            shown_unit=item.unit.replace("^2", "²").replace("^3", "³"),
-            optional=optional,
-            headline=headline,
-            in_rows=headline,
-        )
-        for item, text, symbol in zip(parameters, words, symbols, strict=False)
-    }
+def _spec(term: RigidTerm) -> QuantitySpec:
+    """How a parameter is called; those that need more than rates and rotors are optional."""
+    unit, headline = term.parameter.unit, term.parameter in _HEADLINE
+    return QuantitySpec(
+        term.words,
+        term.symbol,
+        unit,
+        shown_unit=unit.replace("^2", "²").replace("^3", "³"),
+        optional=term.by_velocity or term.equation >= FORCE_X_EQUATION,
+        headline=headline,
+        in_rows=headline,
+    )
 
 
-def _of_axes(text: str) -> list[str]:
-    return [text.format(name) for name in TURNING]
-
-
-def _along(text: str) -> list[str]:
-    return [text.format(axis) for axis in ALONG]
-
-
-QUANTITIES = QuantityTable(
-    {
-        **_specs([THRUST], ["thrust gain"], ["α_z"], headline=True),
-        **_specs(GAIN[:2], _of_axes("{} gain"), ["α_p", "α_q"], optional=False, headline=True),
-        **_specs(GAIN[2:], ["yaw gain"], ["α_r"], optional=False),
-        EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
-        **_specs(COUPLING, _of_axes("{} coupling"), ["β_1", "β_2", "β_3"], optional=False),
-        **_specs(DAMPING, _of_axes("{} damping"), [f"d_{rate}" for rate in _RATES], optional=False),
-        **_specs(DRAG, _along("drag along {}"), _along("d_{}")),
-        **_specs(QUADRATIC_DRAG, _along("quadratic drag along {}"), _along("c_{}")),
-        FRICTION.name: QuantitySpec(
-            "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
-        ),
-        **_specs([LIFT], ["translational lift"], ["h"]),
-        **_specs(LIFT_MOMENT, _of_axes("{} by lift"), [f"h_{rate}" for rate in _RATES]),
-        **{
-            name: spec
-            for turning, letter, pair, axes in zip(
-                TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True
-            )
-            for name, spec in _specs(
-                pair,
-                [f"{turning} by drag along {axis}" for axis in axes],
-                [f"{letter}_{axis}" for axis in axes],
-            ).items()
-        },
-        **_specs(GYROSCOPIC_MOMENT, _of_axes("{} by spin"), [f"j_{rate}" for rate in _RATES], optional=False),
-        **_specs([REACTION], ["rotor reaction"], ["j"], optional=False),
-        **_specs(OFFSET, _of_axes("{} offset"), [f"o_{rate}" for rate in _RATES], optional=False),
-        ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
-        DELAY.name: LAG_QUANTITIES[DELAY.name],
-    }
+_SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
+    **LAG_QUANTITIES,
+    EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
+    FRICTION.name: QuantitySpec(
+        "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
+    ),
+}
+_PARAMETERS = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, FRICTION, LIFT, *LIFT_MOMENT, *ALL_DRAG_MOMENTS)
+_ORDER = (
+    *(item.name for item in (THRUST, *GAIN)),
+    EFFECTIVE_LAG,
+    *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
+    ACTUATOR_LAG.name,
+    DELAY.name,
 )
+QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 _MANOEUVRES = (
     "Calm air, at least 3 m above the ground.",
     "60 s: steps of roll and pitch of about 15°, of yaw of about 45°, and of height of 1 m, at uneven times, "

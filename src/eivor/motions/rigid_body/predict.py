@@ -26,33 +26,25 @@ from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
-from eivor.motions.rigid_body.regression import (
+from eivor.motions.rigid_body.regression import RotorStates, usual_state
+from eivor.motions.rigid_body.terms import (
     ALL_DRAG_MOMENTS,
-    RotorStates,
-    RotorSums,
-    drag_moments,
-    dragged_by,
-    gyroscopic_moment,
-    lift_moments,
-    usual_state,
-)
-from eivor.motions.rigid_body.vehicle import (
     COUPLING,
     DAMPING,
     DRAG,
-    DRAG_MOMENT,
     GAIN,
     GYROSCOPIC_MOMENT,
     LIFT,
     LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
-    REACTION,
+    TERMS,
     THRUST,
     TURNING,
-    YAW_EQUATION,
-    RotorLayout,
+    BodyMotion,
+    RotorSums,
 )
+from eivor.motions.rigid_body.vehicle import RotorLayout
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
@@ -122,10 +114,9 @@ class LoggedState:
 class StatePropagator:
     """Rates of change of a body's state at the samples of a flight."""
 
-    flight: PreparedFlight  # With the rotors' commands, or their speeds
+    logged: LoggedState  # With the rotors' commands, or their speeds
     layout: RotorLayout
     values: Values  # Parameters and nuisances
-    logged: LoggedState
     starts: Starts
     turns: tuple[bool, ...]  # Axes that the rotors turn
     lifts: bool
@@ -136,123 +127,60 @@ class StatePropagator:
         """Rate of change of states side by side at samples, driven by what the rotors do there."""
         w, x, y, z, p, q, r = body[6:BODY]
         rows = rotation(w, x, y, z)
-        turning, force = self._of_axes(body, rows, self._states[:, now])
-        driven = self._forces[:, now]
+        rotors = RotorSums(self._states[:, now], self._states[:, now], r)  # of what answers no thrust counts
+        force = self._of_terms(self._motion(body, rows, rotors), driving=False) + self._forces[:, now]
         change = np.zeros_like(body)
         change[0:3] = body[3:6]
         if self.lifts and self.logged.moves:
-            fx, fy, fz = (item + driven[3 + along] for along, item in enumerate(force))
             for row, (a, b, c) in enumerate(rows):
-                change[3 + row] = a * fx + b * fy + c * fz
+                change[3 + row] = a * force[3] + b * force[4] + c * force[5]
             change[5] -= GRAVITY
         change[6] = -0.5 * (x * p + y * q + z * r)
         change[7] = 0.5 * (w * p + y * r - z * q)
         change[8] = 0.5 * (w * q + z * p - x * r)
         change[9] = 0.5 * (w * r + x * q - y * p)
-        for axis, turned in enumerate(self.turns):
-            if turned:
-                change[10 + axis] = turning[axis] + driven[axis]
+        change[10:13] = force[:3] * np.array(self.turns)[:, None]
         return change
 
-    def _of_axes(
-        self,
-        body: Float[np.ndarray, "13 starts"],
-        rows: tuple[Triple, Triple, Triple],
-        sums: Float[np.ndarray, "7 starts"],
-    ) -> tuple[Triple, Triple]:
-        """What coupling and damping do to the rates, drag and lift to the velocity."""
-        p, q, r = body[10:13]
-        velocity = np.zeros_like(body[3:6])
-        if self.logged.moves:
-            velocity[:] = into_body(rows, body[3], body[4], body[5])
-        shares, rates = enumerate(self._dragging), body[10:13]
-        dragged = [-share * dragged_by(axis, sums, velocity, rates) for axis, share in shares]
-        products = (q * r, p * r, p * q)
-        neighbours = self._rotor_moments(velocity, rates, sums[6])
-        turning = [
-            self._value(item.name) * product + drag + moment
-            for item, product, drag, moment in zip(COUPLING, products, dragged[:3], neighbours, strict=True)
-        ]
-        u, v, _ = velocity
-        x, y = -self.layout.pitch, self.layout.roll
-        around = r * r * float(np.mean(x * x + y * y)) + 2.0 * r * (v * float(x.mean()) - u * float(y.mean()))
-        lift = self._value(LIFT.name) * (u * u + v * v + around)
-        swiftness = np.sqrt((velocity * velocity).sum(axis=0))
-        fx, fy, fz = (
-            drag - self._value(item.name) * swiftness * along
-            for drag, item, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
-        )
-        return (turning[0], turning[1], turning[2]), (fx, fy, fz + lift)
+    def _motion(
+        self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple], rotors: RotorSums
+    ) -> BodyMotion:
+        velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
+        return BodyMotion(self.layout, self._rotors.usual, rotors, velocity, body[10:13])
 
-    def _rotor_moments(
-        self,
-        velocity: Float[np.ndarray, "3 starts"],
-        rates: Float[np.ndarray, "3 starts"],
-        spin: Float[np.ndarray, " starts"],
-    ) -> list[Float[np.ndarray, " starts"]]:
-        """What drag beside the centre of mass, lift and rotors that spin do to the rates."""
-        results = [
-            sum(self._value(item.name) * part for item, part in zip(pair, parts, strict=True))
-            for pair, parts in ((pair, drag_moments(axis, velocity)) for axis, pair in enumerate(DRAG_MOMENT))
-        ]
-        lifted = lift_moments(self.layout, velocity, rates[YAW_EQUATION])
-        for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, GYROSCOPIC_MOMENT, strict=True)):
-            moment = gyroscopic_moment(axis, rates, spin)
-            lifting = results[axis] + self._value(lift.name) * lifted[axis]
-            results[axis] = lifting + self._value(spinning.name) * moment
+    def _of_terms(self, of: BodyMotion, *, driving: bool) -> Float[np.ndarray, "6 n"]:
+        """Sums of the terms of each equation, of those that the rotors drive or of the others."""
+        results = np.zeros((6, of.rates.shape[1]))
+        for term in TERMS:
+            value = self.values.get(term.parameter.name, 0.0)
+            if value and term.driving is driving:
+                results[term.equation] += value * term.column(of)
         return results
 
     @cached_property
-    def _dragging(self) -> tuple[float, ...]:
-        """Damping and drag for rotors whose state is 1."""
-        count, _, _, xx, _, yy, _ = self.layout.sums.sum(axis=1).tolist()
-        squares, usual = (yy, xx, xx + yy, count, count, count), usual_state((self.flight,))
-        return tuple(
-            self._value(item.name) / (usual * square)
-            for item, square in zip((*DAMPING, *DRAG), squares, strict=True)
-        )
-
-    def _value(self, name: str) -> float:
-        return self.values.get(name, 0.0)
-
-    @cached_property
-    def _rotors(self) -> RotorSums:
+    def _rotors(self) -> BodyMotion:
+        flight = self.logged.flight
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
-        return RotorStates(self.flight, self.layout).sums_at(lag_s, delay_s)
+        return RotorStates(flight, self.layout, usual_state((flight,))).at(lag_s, delay_s)[0]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
-        return self.starts.over_step(self._rotors.state)
+        return self.starts.over_step(self._rotors.rotors.state)
 
     @cached_property
     def _forces(self) -> Float[np.ndarray, "6 n"]:
-        """What the rotors do to each axis over each step."""
-        return self.starts.over_step(self._driven)
-
-    @cached_property
-    def _driven(self) -> Float[np.ndarray, "6 n"]:
-        """What the rotors do to each axis, with the trims of the runs."""
-        step_s = self.flight.signals.step_s
-        state, thrust = self._rotors.state, self._rotors.thrust
-        driven = np.zeros((6, state.shape[1]))
-        for axis, arms in enumerate((thrust[2], -thrust[1], thrust[6])):
-            driven[axis] = self._value(GAIN[axis].name) * arms
-        for axis, offset in enumerate(OFFSET):
-            driven[axis] += self._value(offset.name) * thrust[0]
-        driven[2] += self._value(REACTION.name) * time_derivative(state[6], step_s)
-        driven[5] = self._value(THRUST.name) * thrust[0]
-        body = self.logged.body
-        rows = rotation(body[6], body[7], body[8], body[9])
-        turning, force = self._of_axes(body, rows, state)
-        for axis, item in enumerate(AXES):
-            slope = time_derivative(self.flight.signals.channel(item.rate), step_s)
-            driven[axis] += trim(self.flight, slope - turning[axis] - driven[axis])
+        """What the rotors do to each axis over each step, with the trims of the runs."""
+        flight, body = self.logged.flight, self.logged.body
+        rows, step_s = rotation(*body[6:10]), flight.signals.step_s
+        of = self._motion(body, rows, self._rotors.rotors)
+        driven = self._of_terms(of, driving=True)
+        change = np.stack([time_derivative(entry, step_s) for entry in (*body[10:13], *body[3:6])])
         if self.logged.moves:
-            world = np.stack([time_derivative(entry, step_s) for entry in body[3:6]])
-            felt = into_body(rows, world[0], world[1], world[2] + GRAVITY)
-            for along in range(3):
-                driven[3 + along] += trim(self.flight, felt[along] - force[along] - driven[3 + along])
-        return driven
+            change[3:] = into_body(rows, change[3], change[4], change[5] + GRAVITY)
+        left = change - self._of_terms(of, driving=False) - driven
+        for axis in range(6 if self.logged.moves else 3):
+            driven[axis] += trim(flight, left[axis])
+        return self.starts.over_step(driven)
 
 
 # -- Multi-step prediction --
@@ -380,7 +308,7 @@ def _of_flight(
     started = logged.body[:, starts.samples]
     states: dict[str, tuple[str, Float[np.ndarray, "horizons 13 starts"]]] = {}
     for name, model in models.items():
-        body = StatePropagator(logged.flight, layout, model.values, logged, starts, what.turns, what.lifts)
+        body = StatePropagator(logged, layout, model.values, starts, what.turns, what.lifts)
         states[name] = model.words, starts.propagate(started, body)
     states[UNCHANGED] = (STAYS, _unchanged(started, starts))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 
@@ -30,78 +31,32 @@ from eivor.models.separable import (
 )
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.verdict import AXES, PITCH, ROLL
-from eivor.motions.rigid_body.vehicle import (
+from eivor.motions.rigid_body.dynamics import into_body, rotation
+from eivor.motions.rigid_body.terms import (
+    ALL_DRAG_MOMENTS,
     ALONG,
+    ALONG_OTHERS,
     COUPLING,
-    DAMPING,
-    DRAG,
-    DRAG_MOMENT,
-    DRIVING,
     FORCE_X_EQUATION,
     FORCE_Z_EQUATION,
-    GAIN,
     GYROSCOPIC_MOMENT,
-    LIFT,
     LIFT_MOMENT,
-    MOVING,
-    OFFSET,
     PITCH_EQUATION,
-    QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
-    THRUST,
+    TERMS,
     YAW_EQUATION,
-    KnownNumber,
-    KnownVehicle,
-    RotorLayout,
+    BodyMotion,
+    RigidTerm,
+    RotorSums,
 )
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, RotorLayout
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, low_passed, shifted_by, time_derivative
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
-
-# -- Translational lift --
-
-
-def squares_across(
-    layout: RotorLayout, velocity: Float[np.ndarray, "3 n"], yaw_rate: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "rotors n"]:
-    """Square of the velocity across each rotor [(m/s)^2], of a body's velocity on its own axes."""
-    x, y = -layout.pitch, layout.roll
-    forward, left = velocity[0] - np.outer(y, yaw_rate), velocity[1] + np.outer(x, yaw_rate)
-    return forward**2 + left**2
-
-
-def lift_moments(
-    layout: RotorLayout, velocity: Float[np.ndarray, "3 n"], yaw_rate: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "2 n"]:
-    """Moments of these squares about x and y: what lift turns, but for a constant."""
-    return np.stack([layout.roll, layout.pitch]) @ squares_across(layout, velocity, yaw_rate)
-
-
-# -- Rotor moments --
-
-#: Axes along which a velocity turns the vehicle about each axis.
-ALONG_OTHERS = ((1, 2), (0, 2), (0, 1))
-
-
-def drag_moments(axis: int, velocity: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "2 n"]:
-    """What drag beside the centre of mass turns about an axis, but for the two constants."""
-    return velocity[list(ALONG_OTHERS[axis])]
-
-
-def gyroscopic_moment(
-    axis: int, rates: Float[np.ndarray, "3 n"], spin: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """What rotors that spin turn about x or y, but for their inertia over the body's."""
-    return rates[PITCH_EQUATION] * spin if axis == ROLL_EQUATION else -rates[ROLL_EQUATION] * spin
-
-
-#: Parameters of these moments, side by side.
-ALL_DRAG_MOMENTS = tuple(item for pair in DRAG_MOMENT for item in pair)
-
 
 # -- Body velocity --
 
@@ -130,20 +85,8 @@ def on_body_axes(
 ) -> Float[np.ndarray, "n 3"]:
     """A vector of the world, turned into the body's axes."""
     w, x, y, z = (signals.channel(f"attitude_{part}") for part in "wxyz")
-    length = np.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = (part / np.where(length > 0.0, length, 1.0) for part in (w, x, y, z))
-    return np.column_stack(
-        [
-            (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y + w * z) * v + 2.0 * (x * z - w * y) * s,
-            2.0 * (x * y - w * z) * u + (1.0 - 2.0 * (x * x + z * z)) * v + 2.0 * (y * z + w * x) * s,
-            2.0 * (x * z + w * y) * u + 2.0 * (y * z - w * x) * v + (1.0 - 2.0 * (x * x + y * y)) * s,
-        ]
-    )
-
-
-def swift_velocity(velocity: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Velocity times its size, what a body's own drag goes with."""
-    return np.linalg.norm(velocity, axis=1)[:, None] * velocity
+    w = np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0)
+    return np.column_stack(into_body(rotation(w, x, y, z), u, v, s))
 
 
 # -- Inferred velocity --
@@ -277,12 +220,13 @@ class AxisInstruments:
             return self.rule.columns(DrivenSignals(signals, level))
         if axis < FORCE_X_EQUATION:
             return self._turning(axis, columns_of(self._predicted))
-        says = Predictors(self.flight, self.rule)
-        if axis == FORCE_Z_EQUATION:
-            across = self._velocity[:, 0] ** 2 + self._velocity[:, 1] ** 2
-            return np.column_stack([says.of_axis(FORCE_Z_EQUATION, HEIGHT), across, self._swift[:, 2]])
+        says, velocity = Predictors(self.flight, self.rule), self._motion.velocity
         along = axis - FORCE_X_EQUATION
-        return np.column_stack([says.of_axis(TILTED[along], SLOW), self._swift[:, along]])
+        quadratic = np.linalg.norm(velocity, axis=0) * velocity[along]
+        if axis == FORCE_Z_EQUATION:
+            across = velocity[0] ** 2 + velocity[1] ** 2
+            return np.column_stack([says.of_axis(FORCE_Z_EQUATION, HEIGHT), across, quadratic])
+        return np.column_stack([says.of_axis(TILTED[along], SLOW), quadratic])
 
     @cached_property
     def _predicted(self) -> PreparedFlight:
@@ -290,43 +234,28 @@ class AxisInstruments:
             return self.flight
         return predicted_flight(self.flight, self.layout, self.rule)
 
+    @cached_property
+    def _motion(self) -> BodyMotion:
+        """The predicted flight with what is commanded in place of states; no velocity where none is known."""
+        signals = self._predicted.signals
+        rates = np.stack([signals.channel(item.rate) for item in AXES])
+        known = body_velocity(signals)
+        velocity = np.zeros_like(rates) if known is None else known.T
+        commands = self.layout.sums @ signals.family(self.flight.input.name).T
+        sums = RotorSums(commands, commands, np.zeros(signals.sample_count))
+        return BodyMotion(self.layout, 1.0, sums, velocity, rates)
+
     def _turning(self, axis: int, moving: Columns) -> Float[np.ndarray, "n p"]:
-        """Columns for several lags, and the product of the other two rates."""
+        """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
         nodes = [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
         if self.flight.input.measured:
             nodes = [(0.0, delay) for delay in INSTRUMENT_DELAYS_S]
         columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
-        first, second = (self._predicted.signals.channel(AXES[(axis + n) % 3].rate) for n in (1, 2))
-        return np.column_stack([*columns, first * second, *self._spun(axis), *self._moments(axis)])
-
-    def _spun(self, axis: int) -> list[Float[np.ndarray, " n"]]:
-        """What rotors that spin turn in the predicted flight."""
-        if axis == YAW_EQUATION:
-            return []
-        signals = self._predicted.signals
-        rates = np.stack([signals.channel(item.rate) for item in AXES])
-        return [gyroscopic_moment(axis, rates, signals.family(self.flight.input.name) @ self.layout.yaw)]
-
-    def _moments(self, axis: int) -> list[Float[np.ndarray, " n"]]:
-        """What drag and lift turn in the predicted flight, where velocity is known."""
-        signals = self._predicted.signals
-        if body_velocity(signals) is None:
-            return []
-        dragged = [*drag_moments(axis, self._velocity.T)]
-        if axis == YAW_EQUATION:
-            return dragged
-        lifted = lift_moments(self.layout, self._velocity.T, signals.channel(AXES[YAW_EQUATION].rate))
-        return [*dragged, lifted[axis]]
-
-    @cached_property
-    def _velocity(self) -> Float[np.ndarray, "n 3"]:
-        """Predicted velocity on the body's axes; zero where it is not known."""
-        velocity = body_velocity(self._predicted.signals)
-        return np.zeros((self.flight.signals.sample_count, 3)) if velocity is None else velocity
-
-    @cached_property
-    def _swift(self) -> Float[np.ndarray, "n 3"]:
-        return swift_velocity(self._velocity)
+        of, known = self._motion, set(NEEDED) <= set(self._predicted.signals.channels)
+        beside = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
+        turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in beside]
+        dragged = of.velocity[list(ALONG_OTHERS[axis])] if known else ()
+        return np.column_stack([*columns, *turned, *dragged])
 
 
 # -- Onboard filters --
@@ -358,18 +287,6 @@ def onboard_filter(flight: PreparedFlight, vehicle: KnownVehicle, axis: int) -> 
     return OnboardFilter(flight.signals.step_s, cutoff_hz, flight.recording.channel(name).delay_s)
 
 
-def as_logged(
-    columns: Mapping[Parameter, Float[np.ndarray, " n"]], axis: int, sensor: OnboardFilter | None
-) -> dict[Parameter, Float[np.ndarray, " n"]]:
-    """Columns of an equation, those behind its sensor's filter that are not made of filtered rates."""
-    if sensor is None:
-        return dict(columns)
-    return {
-        name: sensor(values) if axis >= FORCE_X_EQUATION or name in DRIVING else values
-        for name, values in columns.items()
-    }
-
-
 # -- Finite differences --
 
 
@@ -386,6 +303,20 @@ def mean_over_step(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "
 def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Float[np.ndarray, "*parts n"]:
     """Mean of the derivative over the step that ends at each sample, exactly."""
     return (values - before(values)) / step_s
+
+
+# -- Columns --
+
+
+def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Float[np.ndarray, " n"]:
+    """Column of a term behind its sensor's filter, where it is not made of filtered rates.
+
+    Equations of turning hold over the step that ends at each sample: what drives them is a mean already.
+    """
+    column = term.column(of)
+    if term.equation < FORCE_X_EQUATION and not term.driving:
+        return mean_over_step(column)
+    return column if sensor is None else sensor(column)
 
 
 # -- Flights --
@@ -413,39 +344,29 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, 
     return lag, replace(delay, tolerance=TOLERANCE_S)
 
 
-@dataclass(frozen=True, slots=True)
-class RotorSums:
-    """Sums over a flight's rotors, see `RotorLayout.sums`."""
-
-    state: Float[np.ndarray, "7 n"]
-    thrust: Float[np.ndarray, "7 n"]
-    mean_thrust: Float[np.ndarray, "7 n"]  # The latter's mean over the step that ends there
-
-
 @dataclass
 class RotorStates:
     """What all axes ask of a flight's rotors."""
 
     flight: PreparedFlight
     layout: RotorLayout
-    _last: tuple[tuple[float, float], RotorSums] | None = None
+    usual: float  # State of a rotor for which damping and drag are
+    _last: tuple[tuple[float, float], tuple[BodyMotion, BodyMotion]] | None = None
 
-    def sums_at(self, lag_s: float, delay_s: float) -> RotorSums:
-        """Sums over the rotors at a lag and a delay."""
+    def at(self, lag_s: float, delay_s: float) -> tuple[BodyMotion, BodyMotion]:
+        """What columns are made of at a lag and a delay; the same with means over steps of what drives."""
         if self._last is None or self._last[0] != (lag_s, delay_s):
             thrust_of, weights = input_map(self.flight.input_map), self.layout.sums
-            half_s = 0.5 * self.flight.signals.step_s
-            state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, half_s))
+            step_s = self.flight.signals.step_s
+            state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, 0.5 * step_s))
             thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
-            mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
-            self._last = (lag_s, delay_s), RotorSums(weights @ state.T, thrust, mean)
+            mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
+            now = RotorSums(states, thrust, time_derivative(states[6], step_s))
+            means = RotorSums(states, mean, change_over_step(states[6], step_s))
+            of = BodyMotion(self.layout, self.usual, now, self.velocity, self.rates)
+            self._last = (lag_s, delay_s), (of, replace(of, rotors=means))
         return self._last[1]
-
-    @cached_property
-    def across(self) -> Float[np.ndarray, " n"]:
-        """Square of the velocity across the rotors, its mean over them."""
-        return squares_across(self.layout, self.velocity, self.rates[2]).mean(axis=0)
 
     @cached_property
     def rates(self) -> Float[np.ndarray, "3 n"]:
@@ -481,209 +402,103 @@ class RotorColumns:
     states: RotorStates
     axis: int  # Number of the equation
     moving: tuple[Parameter, ...]  # Parameters of all moving columns
-    usual: float
     common_rotor_inertia: tuple[float, float] | None = None
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
-        lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-        axis = self._of_axis(self.states.sums_at(lag_s, delay_s))
-        selected = {self.moving[index]: axis[self.moving[index]] for index in self.indices}
-        return np.stack(list(as_logged(selected, self.axis, self._sensor).values())).T
+        now, means = self.states.at(nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name])
+        of = means if self.axis < FORCE_X_EQUATION else now
+        sensor = onboard_filter(self.states.flight, self.states.layout.vehicle, self.axis)
+        return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms()]).T
 
-    @cached_property
+    @property
     def indices(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        moving_here = {*MOVING[self.axis]}
-        if self.common_rotor_inertia is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION):
-            moving_here.add(REACTION)
-        return tuple(index for index, item in enumerate(self.moving) if item in moving_here)
+        return tuple(index for index, *_ in self._terms())
 
-    @cached_property
-    def _sensor(self) -> OnboardFilter | None:
-        return onboard_filter(self.states.flight, self.states.layout.vehicle, self.axis)
-
-    def _of_axis(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
-        axis, (count, _, _, xx, _, yy, _) = self.axis, self.states.layout.sums.sum(axis=1).tolist()
-        dragged = -dragged_by(axis, sums.state, self.states.velocity, self.states.rates) / self.usual
-        if axis >= FORCE_X_EQUATION:
-            return {
-                DRAG[axis - FORCE_X_EQUATION]: dragged / count,
-                THRUST: sums.thrust[0],
-                LIFT: self.states.across,
-            }
-        damped, mean = mean_over_step(dragged), sums.mean_thrust
-        neighbours = self._rotor_moments(sums)
-        if axis == YAW_EQUATION:
-            spinning = change_over_step(sums.state[6], self.states.flight.signals.step_s)
-            return {
-                GAIN[YAW_EQUATION]: mean[6],
-                REACTION: spinning,
-                DAMPING[YAW_EQUATION]: damped / (xx + yy),
-                **neighbours,
-            }
-        arms, square = ((mean[2], yy), (-mean[1], xx))[axis]
-        spinning = mean_over_step(gyroscopic_moment(axis, self.states.rates, sums.state[6]))
-        return {
-            GAIN[axis]: arms,
-            OFFSET[axis]: mean[0],
-            DAMPING[axis]: damped / square,
-            **self._spun(spinning),
-            **neighbours,
-        }
-
-    def _spun(self, spinning: Float[np.ndarray, " n"]) -> dict[Parameter, Float[np.ndarray, " n"]]:
-        """What rotors that spin turn about roll or pitch, by the parameter that it goes with."""
-        if self.common_rotor_inertia is None:
-            return {GYROSCOPIC_MOMENT[self.axis]: spinning}
-        return {REACTION: self.common_rotor_inertia[self.axis] * spinning}
-
-    def _rotor_moments(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
-        """What drag beside the centre of mass turns: the means of the velocities at the rotors."""
-        states, results = self.states, {}
-        for parameter, along in zip(DRAG_MOMENT[self.axis], ALONG_OTHERS[self.axis], strict=True):
-            dragged = dragged_by(FORCE_X_EQUATION + along, sums.state, states.velocity, states.rates)
-            results[parameter] = mean_over_step(dragged) / (states.layout.count * self.usual)
-        return results
-
-
-def dragged_by(
-    axis: int,
-    state: Float[np.ndarray, "7 n"],
-    velocity: Float[np.ndarray, "3 n"],
-    rates: Float[np.ndarray, "3 n"],
-) -> Float[np.ndarray, " n"]:
-    """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one."""
-    total, x, y, xx, xy, yy, _ = state
-    (u, v, w), (p, q, r) = velocity, rates
-    if axis == ROLL_EQUATION:
-        return w * y + p * yy - q * xy
-    if axis == PITCH_EQUATION:
-        return q * xx - p * xy - w * x
-    if axis == YAW_EQUATION:
-        return v * x - u * y + r * (xx + yy)
-    if axis == FORCE_Z_EQUATION:
-        return w * total + p * y - q * x
-    return u * total - r * y if axis == FORCE_X_EQUATION else v * total + r * x
+    def _terms(self) -> list[tuple[int, float, RigidTerm]]:
+        """Place of the parameter, factor and term of each column."""
+        results = []
+        for term in TERMS:
+            parameter, share = term.parameter, 1.0
+            if self.common_rotor_inertia is not None and parameter in GYROSCOPIC_MOMENT:
+                parameter, share = REACTION, self.common_rotor_inertia[term.index]
+            if term.equation == self.axis and parameter in self.moving:
+                results.append((self.moving.index(parameter), share, term))
+        return sorted(results, key=itemgetter(0))
 
 
 def rigid_body_problem(
     flights: tuple[PreparedFlight, ...], layout: RotorLayout, rule: InstrumentRule
 ) -> LaggedRuns:
     """Regressions of the flights for each lag and delay."""
-    terms, usual = _terms(flights), usual_state(flights)
+    known = set.intersection(*(set(flight.signals.channels) for flight in flights))
+    usual = usual_state(flights)
+    velocity = set(NEEDED) <= known
+    forces = {
+        FORCE_X_EQUATION + along
+        for along, name in enumerate(ALONG)
+        if f"specific_force_body_{name}" in known and (velocity or along == 2)
+    }
+    equations = {*range(FORCE_X_EQUATION), *forces}
+    terms = [term for term in TERMS if term.equation in equations and (velocity or not term.by_velocity)]
     columns = tuple(
         item
         for number, flight in enumerate(flights)
-        for item in _flight(number, flight, layout, rule, terms, usual)
+        for item in _flight(number, flight, RotorStates(flight, layout, usual), rule, terms)
     )
     measured = all(flight.input.measured for flight in flights)
     nuisances = measured_state() if measured else searched_lag_and_delay(layout.vehicle.delay)
-    return LaggedRuns(columns, (*terms.fixed, *terms.moving), nuisances)
-
-
-@dataclass(frozen=True)
-class Terms:
-    """What the equations of flights have, given what all of them logged."""
-
-    forces: tuple[int, ...]  # Axes along which the specific force is known, from 0
-    velocity: bool  # The velocity on the body's axes is known
-
-    @property
-    def fixed(self) -> tuple[Parameter, ...]:
-        """Parameters of the columns that stay."""
-        body = tuple(QUADRATIC_DRAG[along] for along in self.forces) if self.velocity else ()
-        return (*COUPLING, *body, *(LIFT_MOMENT if self.velocity else ()))
-
-    @property
-    def moving(self) -> tuple[Parameter, ...]:
-        """Parameters of the columns that move with lag and delay."""
-        drag = tuple(DRAG[along] for along in self.forces)
-        lift = (LIFT,) if self.velocity and 2 in self.forces else ()
-        thrust = (THRUST,) if 2 in self.forces else ()
-        neighbours = (*GYROSCOPIC_MOMENT, *(ALL_DRAG_MOMENTS if self.velocity else ()))
-        return (*GAIN, *DAMPING, *OFFSET, REACTION, *neighbours, *thrust, *drag, *lift)
-
-    @property
-    def lagged_instruments(self) -> tuple[Parameter, ...]:
-        """Those of them whose columns are instruments at several lags."""
-        return tuple(item for item in self.moving if item not in {*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS})
-
-
-def _terms(flights: tuple[PreparedFlight, ...]) -> Terms:
-    known = set.intersection(*(set(flight.signals.channels) for flight in flights))
-    velocity = set(NEEDED) <= known
-    forces = tuple(
-        along
-        for along, name in enumerate(ALONG)
-        if f"specific_force_body_{name}" in known and (velocity or along == 2)
-    )
-    return Terms(forces, velocity)
+    parameters = (term.parameter for moves in (False, True) for term in terms if term.moves is moves)
+    return LaggedRuns(columns, tuple(parameters), nuisances)
 
 
 def _flight(
-    number: int, flight: PreparedFlight, layout: RotorLayout, rule: InstrumentRule, terms: Terms, usual: float
-) -> list[AxisColumns]:
-    signals = flight.signals
-    states, instruments = RotorStates(flight, layout), AxisInstruments(flight, layout, rule)
+    number: int, flight: PreparedFlight, states: RotorStates, rule: InstrumentRule, terms: list[RigidTerm]
+) -> Iterator[AxisColumns]:
+    """Every equation of a flight."""
+    signals, layout = flight.signals, states.layout
+    instruments, still = AxisInstruments(flight, layout, rule), states.at(0.0, 0.0)[0]
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
+    changes = change_over_step(states.rates, signals.step_s)
+    by_velocity = force_by_velocity(signals) if any(term.by_velocity for term in terms) else None
+    steady = [term for term in terms if not term.moves]
+    moving = tuple(term.parameter for term in terms if term.moves)
+    lagged = tuple(item for item in moving if item not in {*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS})
+    for axis in sorted({term.equation for term in terms}):
+        sensor = onboard_filter(flight, layout.vehicle, axis)
+        if axis < FORCE_X_EQUATION:
+            (low, high), responses = TURNING_BAND_HZ, [changes[axis]]
+        else:
+            along, (low, high) = axis - FORCE_X_EQUATION, FORCE_BAND_HZ
+            responses = [signals.channel(f"specific_force_body_{ALONG[along]}")]
+            if by_velocity is None:
+                low = FROM_HZ
+            else:
+                derived = by_velocity[:, along]
+                responses.append(derived if sensor is None else sensor(derived))
+        fixed = np.zeros((signals.sample_count, len(steady)))
+        for index, term in enumerate(steady):
+            if term.equation == axis:
+                fixed[:, index] = as_logged(term, still, sensor)
+        columns = RotorColumns(states, axis, moving)
 
-    def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
-        staying = np.zeros((len(responses), len(terms.fixed)))
-        for parameter, item in _staying(axis, terms, states).items():
-            staying[:, terms.fixed.index(parameter)] = item
-        low, high = TURNING_BAND_HZ if axis < FORCE_X_EQUATION else FORCE_BAND_HZ
-        if axis >= FORCE_X_EQUATION and not terms.velocity:
-            low = FROM_HZ
-        moving = RotorColumns(states, axis, terms.moving, usual)
+        def columns_of(other: PreparedFlight, columns: RotorColumns = columns) -> Columns:
+            return replace(columns, states=replace(states, flight=other, _last=None), moving=lagged)
 
-        def columns_of(other: PreparedFlight) -> Columns:
-            return replace(moving, states=RotorStates(other, layout), moving=terms.lagged_instruments)
-
-        return AxisColumns(
+        yield AxisColumns(
             signals.step_s,
             flight.runs,
-            responses,
-            staying,
-            moving,
+            np.column_stack(responses),
+            fixed,
+            columns,
             instruments.of_axis(axis, columns_of),
             number,
             axis,
             (low, min(high, BAND_SHARE * slowest)),
             flight.usable,
-            moving.indices,
+            columns.indices,
         )
-
-    changes = change_over_step(states.rates, signals.step_s)
-    turning = [columns(axis, changes[axis][:, None]) for axis in range(FORCE_X_EQUATION)]
-    by_velocity = force_by_velocity(signals) if terms.velocity else None
-    forces = []
-    for along in terms.forces:
-        measured = [signals.channel(f"specific_force_body_{ALONG[along]}")]
-        if by_velocity is not None:
-            sensor = onboard_filter(flight, layout.vehicle, FORCE_X_EQUATION + along)
-            measured.append(_behind(sensor, by_velocity[:, along]))
-        forces.append(columns(FORCE_X_EQUATION + along, np.column_stack(measured)))
-    return [*turning, *forces]
-
-
-def _staying(axis: int, terms: Terms, states: RotorStates) -> dict[Parameter, Float[np.ndarray, " n"]]:
-    """Columns of an equation that no lag moves."""
-    layout, velocity, rates = states.layout, states.velocity, states.rates
-    if axis >= FORCE_X_EQUATION:
-        if not terms.velocity:
-            return {}
-        swift = -swift_velocity(velocity.T)[:, axis - FORCE_X_EQUATION]
-        sensor = onboard_filter(states.flight, layout.vehicle, axis)
-        return {QUADRATIC_DRAG[axis - FORCE_X_EQUATION]: _behind(sensor, swift)}
-    results = {COUPLING[axis]: rates[(axis + 1) % 3] * rates[(axis + 2) % 3]}
-    if terms.velocity and axis != YAW_EQUATION:
-        results[LIFT_MOMENT[axis]] = lift_moments(layout, velocity, rates[YAW_EQUATION])[axis]
-    return {parameter: mean_over_step(result) for parameter, result in results.items()}
-
-
-def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return column if sensor is None else sensor(column)
 
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:

@@ -18,62 +18,15 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EivorError, InputError, ParameterError, UsageError, did_you_mean
 from eivor.inference.distributions import normal_quantile
-from eivor.models.regression import Parameter
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import TomlTable, read_toml, toml_table
 from eivor.tools import Float
 
-# -- Parameters --
-
-TURNING = ("roll", "pitch", "yaw")
-ALONG = ("x", "y", "z")
-#: Numbers of the equations: turning first, then the specific force along each axis.
-ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION, FORCE_X_EQUATION, FORCE_Y_EQUATION, FORCE_Z_EQUATION = range(6)
-
-COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
-DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
-DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
-#: Of the body, which goes with the size of the velocity, beside what the rotors drag.
-QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
-#: Of the linear and the quadratic drag along z together, at the speeds of a flight.
-FRICTION = Parameter("viscous_friction", "1/s")
-LIFT = Parameter("translational_lift", "1/m")
-#: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
-LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
-#: What drag beside the centre of mass turns: of each axis, by the velocities along the other two.
-DRAG_MOMENT = tuple(
-    tuple(Parameter(f"{name}_by_drag_{along}", "1/(m s)") for along in others)
-    for name, others in zip(TURNING, ("yz", "xz", "xy"), strict=True)
-)
-#: Of rotors that spin: J / Ixx and J / Iyy.
-GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
-GAIN = tuple(
-    Parameter(f"{name}_gain", unit)
-    for name, unit in zip(TURNING, ("rad/s^2/m", "rad/s^2/m", "rad/s^2"), strict=True)
-)
-OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
-REACTION = Parameter("rotor_reaction", "")
-THRUST = Parameter("thrust_gain", "m/s^2")
-
-#: Parameters of what the rotors drive.
-DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)
-
-#: Parameters of each equation that move with lag and delay.
-MOVING = (
-    *(
-        (GAIN[axis], DAMPING[axis], OFFSET[axis], GYROSCOPIC_MOMENT[axis], *DRAG_MOMENT[axis])
-        for axis in (ROLL_EQUATION, PITCH_EQUATION)
-    ),
-    (GAIN[YAW_EQUATION], DAMPING[YAW_EQUATION], REACTION, *DRAG_MOMENT[YAW_EQUATION]),
-    *((DRAG[0],), (DRAG[1],), (THRUST, DRAG[2], LIFT)),
-)
-
-
 # -- Inertia ratios --
 
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
-TELLING = tuple(item.name for item in (*GAIN[:YAW_EQUATION], *COUPLING[:YAW_EQUATION]))
+TELLING = ("roll_gain", "pitch_gain", "roll_coupling", "pitch_coupling")
 PITCH_OVER_ROLL = "roll_gain / pitch_gain"
 YAW_OVER_ROLL = (f"{PITCH_OVER_ROLL} - roll_coupling", f"1 + pitch_coupling * {PITCH_OVER_ROLL}")
 

@@ -39,7 +39,7 @@ from eivor.models.spectral import SpectralRun
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
-from eivor.motions.rigid_body.vehicle import (
+from eivor.motions.rigid_body.terms import (
     COUPLING,
     DAMPING,
     DRAG,
@@ -50,13 +50,15 @@ from eivor.motions.rigid_body.vehicle import (
     GYROSCOPIC_MOMENT,
     LIFT,
     PITCH_EQUATION,
-    PITCH_OVER_ROLL,
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
-    TELLING,
     THRUST,
     YAW_EQUATION,
+)
+from eivor.motions.rigid_body.vehicle import (
+    PITCH_OVER_ROLL,
+    TELLING,
     YAW_OVER_ROLL,
     RotorLayout,
     inertia_ratios,
