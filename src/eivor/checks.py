@@ -50,7 +50,7 @@ def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str
         value = getattr(given, name)
         number(name, value)
         if not low <= value <= high:
-            raise UsageError(f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
+            raise ParameterError(f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
 
 
 def whole(name: str, value: object) -> None:

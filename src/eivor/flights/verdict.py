@@ -378,6 +378,37 @@ CONTRADICTION = 1e-6
 GIVE_LAG = "Or give the lag, where it is known: --lag MS:STD or --lag LOW..HIGH."
 
 
+def record_rules(logged: str, least_hz: float, needs: str, remedy: str, least_s: float) -> tuple[Rule, Rule]:
+    """Rows of commands that are logged slowly, and of few seconds."""
+    return (
+        Rule(
+            (),
+            lambda inputs: inputs.command_rate_hz < least_hz,
+            Status.WEAK,
+            lambda inputs: f"The {logged} are logged at {inputs.command_rate_hz:.0f} Hz; {needs}.",
+            remedy,
+        ),
+        Rule(
+            (),
+            lambda inputs: inputs.used_s < least_s,
+            Status.WEAK,
+            lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {least_s:.0f} s are needed.",
+            "Fly longer, or pool several flights.",
+        ),
+    )
+
+
+def below_zero_rule(name: str, came_out: str, status: Status, why: str, remedy: str) -> Rule:
+    """Row of a quantity below zero; `came_out` has a place for its value."""
+    return Rule(
+        (name,),
+        lambda inputs: inputs.quantities[name].interval[1] < 0.0,
+        status,
+        lambda inputs: f"The {came_out.format(inputs.quantities[name].value)}, below zero: {why}.",
+        remedy,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class FlightWords:
     """How the rules that motions share speak of one of them."""

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.dynamics import Components, Triple, Value, into_body, rotation, stacked, turned
-from eivor.motions.rigid_body.vehicle import Vehicle, within
+from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.tools import Float, Int
@@ -58,7 +59,7 @@ class FlightController:
     hold: float = 0.0
 
     def __post_init__(self) -> None:
-        within(self, CONTROLLER_RANGES, "Correct the controller.")
+        checks.within(self, CONTROLLER_RANGES, "Correct the controller.")
 
 
 #: What each number of a controller may be.
@@ -345,7 +346,7 @@ class Sensor:
     jitter_s: float = 0.0  # Standard deviation of the stamps' error [s]
 
     def __post_init__(self) -> None:
-        within(self, SENSOR_RANGES, "Correct the sensor.")
+        checks.within(self, SENSOR_RANGES, "Correct the sensor.")
         if not np.isfinite(self.bias):
             raise ParameterError("a finite bias", f"{self.bias}", "Correct the sensor.")
 

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.dynamics import (
     Body,
@@ -19,7 +20,7 @@ from eivor.motions.rigid_body.dynamics import (
     body_derivative,
     speed_derivative,
 )
-from eivor.motions.rigid_body.vehicle import Rotors, Vehicle, within
+from eivor.motions.rigid_body.vehicle import Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind, altitude_reference
@@ -185,7 +186,7 @@ class Logged:
 
     def __post_init__(self) -> None:
         rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")
-        within(self, dict.fromkeys(rates, (0.0, 1e5)), "Correct it.")
+        checks.within(self, dict.fromkeys(rates, (0.0, 1e5)), "Correct it.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +211,7 @@ class RigidBodyFlightSpec:
     seed: int = 0  # Of the random streams
 
     def __post_init__(self) -> None:
-        within(self, SPEC_RANGES, "Correct the flight's description.")
+        checks.within(self, SPEC_RANGES, "Correct the flight's description.")
         for name in ("rate_hz", "attitude_hz", "height_hz"):
             self._whole(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
         self._whole("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)

@@ -17,7 +17,7 @@ from eivor.flights.quantity import SimpleModel
 from eivor.lab.disturbances import Arma
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
-from eivor.motions.rates.verdict import AXES
+from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit

@@ -41,8 +41,7 @@ from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
-from eivor.motions.rates.motion import active, rate_panel, rates_std
-from eivor.motions.rates.verdict import AXES
+from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std
 from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.physical_parameters import PhysicalEstimateRow, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction

@@ -133,11 +133,11 @@ def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
             1.0: ("thrust_linear", "thrust per rotor speed"),
             2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
         }.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
-        exponent = "" if power == 1.0 else f"^{power:g}"
+        raised = "" if power == 1.0 else f"^{power:g}"
         per_command = f"{share!r} * thrust_gain"
         of_speed = f"{per_command} / pow(speed_scale, {power!r})"
-        by_speed = _by_mass("k", (f"N/(rad/s){exponent}", f"m/s^2/(rad/s){exponent}"), of_speed)
-        by_command = _by_mass("k", (f"N/command{exponent}", f"m/s^2/command{exponent}"), per_command)
+        by_speed = _by_mass("k", (f"N/(rad/s){raised}", f"m/s^2/(rad/s){raised}"), of_speed)
+        by_command = _by_mass("k", (f"N/command{raised}", f"m/s^2/command{raised}"), per_command)
         formulas = (by_speed[0], by_command[0], by_speed[1], by_command[1])
         yield PhysicalParameter(name, words, formulas)
 

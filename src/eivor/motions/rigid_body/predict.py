@@ -24,7 +24,7 @@ from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
-from eivor.motions.rates.verdict import AXES
+from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
 from eivor.motions.rigid_body.regression import RotorStates, usual_state
 from eivor.motions.rigid_body.terms import (

@@ -30,7 +30,7 @@ from eivor.models.separable import (
     Values,
 )
 from eivor.models.signal_regression import cross_fitted
-from eivor.motions.rates.verdict import AXES, PITCH, ROLL
+from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import into_body, rotation
 from eivor.motions.rigid_body.terms import (
     ALL_DRAG_MOMENTS,

@@ -11,8 +11,7 @@ from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, Selection
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.motions.rates.motion import multirotor_input, refuse_degrees
-from eivor.motions.rates.verdict import AXES
+from eivor.motions.rates.motion import AXES, multirotor_input, refuse_degrees
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.vehicle import RotorLayout
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES

@@ -57,14 +57,6 @@ def triple(name: str, values: Sized) -> None:
         raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)
 
 
-def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
-    """Refuse attributes that are out of their ranges."""
-    for name, (low, high) in ranges.items():
-        value = getattr(given, name)
-        if not low <= value <= high:
-            raise ParameterError(f"{name} between {low:g} and {high:g}", f"{value}", remedy)
-
-
 # -- Known number --
 
 
@@ -85,8 +77,9 @@ class KnownNumber:
         half = normal_quantile(0.95) * self.std
         return self.value - half, self.value + half
 
-    def check(self, name: str, low: float, high: float, unit: str) -> None:
+    def check(self, name: str) -> None:
         """Refuse what cannot be such a number, or is not distinguished from zero by its own uncertainty."""
+        low, high, unit = RANGES[name]
         if not low <= self.value <= high:
             raise ParameterError(
                 f"a {name} between {low:g} and {high:g}{unit}",
@@ -123,58 +116,24 @@ class Rotors:
         n'     = (command(t - delay) - n) / lag
 
     The drag terms are those of the simulator RotorPy.
-
-    Parameters
-    ----------
-    positions : tuple of tuple of float
-        Of each rotor from the centre of mass, forward, left, up [m].
-    spins : tuple of int
-        Of each rotor: +1 where its reaction torque on the body points up, which turns clockwise as seen from
-        above, and else -1.
-    highest_speed : float
-        Commands above it are cut off [rad/s].
-    thrust_quadratic : float
-        c2 [N/(rad/s)^2].
-    thrust_linear : float
-        c1 [N/(rad/s)].
-    torque_ratio : float
-        kappa, reaction torque over thrust [m].
-    inertia : float
-        J of one rotor with what turns of its motor, about its axis [kg m^2].
-    lag_up, lag_down : float
-        Time constants towards a higher and towards a lower speed [s].
-    delay : float
-        From a command to its first effect on the speed [s].
-    lowest_speed : float
-        Commands below it are raised to it [rad/s].
-    drag, inflow : float
-        k_d across the axis and k_z along it [N/(m/s) per rad/s].
-    translational_lift : float
-        k_h [N/(m/s)^2].
-    flapping : float
-        Torque -k n (l_y, -l_x) on the hub [N m/(m/s) per rad/s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of its range, or positions and spins do not fit.
     """
 
-    positions: tuple[tuple[float, ...], ...]
+    positions: tuple[tuple[float, ...], ...]  # From the centre of mass, forward, left, up [m]
+    #: +1 where the reaction torque on the body points up: it turns clockwise as seen from above; else -1
     spins: tuple[int, ...]
-    highest_speed: float
-    thrust_quadratic: float
-    torque_ratio: float
-    lag_up: float
-    lag_down: float
-    thrust_linear: float = 0.0
-    inertia: float = 0.0
-    delay: float = 0.0
-    lowest_speed: float = 0.0
-    drag: float = 0.0
-    inflow: float = 0.0
-    translational_lift: float = 0.0
-    flapping: float = 0.0
+    highest_speed: float  # Commands above it are cut off [rad/s]
+    thrust_quadratic: float  # c2 [N/(rad/s)^2]
+    torque_ratio: float  # kappa, reaction torque over thrust [m]
+    lag_up: float  # Time constant towards a higher speed [s]
+    lag_down: float  # And towards a lower one [s]
+    thrust_linear: float = 0.0  # c1 [N/(rad/s)]
+    inertia: float = 0.0  # J of a rotor with what turns of its motor, about its axis [kg m^2]
+    delay: float = 0.0  # From a command to its first effect on the speed [s]
+    lowest_speed: float = 0.0  # Commands below it are raised to it [rad/s]
+    drag: float = 0.0  # k_d across the axis [N/(m/s) per rad/s]
+    inflow: float = 0.0  # k_z along it [N/(m/s) per rad/s]
+    translational_lift: float = 0.0  # k_h [N/(m/s)^2]
+    flapping: float = 0.0  # Torque -k n (l_y, -l_x) on the hub [N m/(m/s) per rad/s]
 
     def __post_init__(self) -> None:
         _check_places(self.positions, self.spins, planar=False)
@@ -242,11 +201,10 @@ RANGES = {
     "torque_ratio": (1e-4, 1.0, " m"),
     "yaw_inertia_ratio": (0.2, 2.0, ""),
     "delay": (0.0, 0.5, " s"),
+    "gyro_cutoff_hz": (1.0, 10_000.0, " Hz"),
+    "accelerometer_cutoff_hz": (1.0, 10_000.0, " Hz"),
+    "rotor_radius": (0.005, 5.0, " m"),
 }
-#: Cutoffs of filters [Hz].
-CUTOFFS_HZ = (1.0, 10_000.0)
-#: Radii of rotors [m].
-RADII = (0.005, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,16 +228,10 @@ class KnownVehicle:
     def __post_init__(self) -> None:
         _check_places(self.positions, self.spins, planar=True)
         _check_turning(self.positions, self.spins)
-        for name, (low, high, unit) in RANGES.items():
-            number: KnownNumber | None = getattr(self, name)
+        for name in RANGES:
+            number: KnownNumber | float | None = getattr(self, name)
             if number is not None:
-                number.check(name, low, high, unit)
-        for name in ("gyro_cutoff_hz", "accelerometer_cutoff_hz"):
-            cutoff: float | None = getattr(self, name)
-            if cutoff is not None:
-                KnownNumber(cutoff).check(name, *CUTOFFS_HZ, " Hz")
-        if self.rotor_radius is not None:
-            KnownNumber(self.rotor_radius).check("rotor_radius", *RADII, " m")
+                (number if isinstance(number, KnownNumber) else KnownNumber(number)).check(name)
         input_map(self.thrust_map)
 
     @property
@@ -396,16 +348,11 @@ LAYOUTS = {
 def vehicle_from_record(record: object) -> KnownVehicle:
     """Vehicle of what `dataclasses.asdict` made of it, and JSON of that."""
     try:
-        if not isinstance(record, Mapping):
-            raise TypeError("there is none")
-        fields = dict(record)
-        for name in RANGES:
-            if fields[name] is not None:
-                fields[name] = KnownNumber(**fields[name])
-        fields["positions"] = tuple(tuple(float(item) for item in entry) for entry in fields["positions"])
-        fields["spins"] = tuple(int(spin) for spin in fields["spins"])
-        return KnownVehicle(**fields)
-    except (KeyError, TypeError, ValueError, EivorError) as error:
+        vehicle, names = msgspec.convert(record, KnownVehicle), {item.name for item in fields(KnownVehicle)}
+        if isinstance(record, Mapping) and record.keys() != names:
+            raise ValueError(f"other keys: {', '.join(sorted(record.keys() ^ names))}")
+        return vehicle
+    except (ValueError, EivorError) as error:
         raise InputError(
             "a result that says what flies, under prediction.vehicle",
             f"one that does not ({error})",
@@ -571,26 +518,11 @@ def _known(number: float | _Number | None, unit: float = 1.0) -> KnownNumber | N
 
 @dataclass(frozen=True, slots=True)
 class BodyDrag:
-    """What the air does to the body without its rotors, along and about the body's axes.
+    """What the air does to the body without its rotors, along and about the body's axes."""
 
-    Parameters
-    ----------
-    linear : tuple of float
-        Force against the air speed on each axis [N/(m/s)].
-    quadratic : tuple of float
-        Force per product of the air's speed and its component on each axis [N/(m/s)^2].
-    rotational : tuple of float
-        Torque against the rate about each axis [N m/(rad/s)].
-
-    Raises
-    ------
-    ParameterError
-        When one of them is no triple of numbers of zero or more.
-    """
-
-    linear: tuple[float, ...] = (0.0, 0.0, 0.0)
-    quadratic: tuple[float, ...] = (0.0, 0.0, 0.0)
-    rotational: tuple[float, ...] = (0.0, 0.0, 0.0)
+    linear: tuple[float, ...] = (0.0, 0.0, 0.0)  # Against the air speed on each axis [N/(m/s)]
+    quadratic: tuple[float, ...] = (0.0, 0.0, 0.0)  # Per product of speed and component [N/(m/s)^2]
+    rotational: tuple[float, ...] = (0.0, 0.0, 0.0)  # Against the rate about each axis [N m/(rad/s)]
 
     def __post_init__(self) -> None:
         for name in ("linear", "quadratic", "rotational"):
@@ -600,27 +532,10 @@ class BodyDrag:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A rigid body that flies on rotors.
+    """A rigid body that flies on rotors."""
 
-    Parameters
-    ----------
-    mass : float
-        With everything on board [kg].
-    inertia : tuple of float
-        About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz of the inertia matrix, or these and
-        its elements Ixy, Ixz, Iyz (minus the products of inertia).
-    rotors : Rotors
-        What drives it.
-    drag : BodyDrag
-        What the air does to the body.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of its range, or the inertia matrix is not positive definite.
-    """
-
-    mass: float
+    mass: float  # With everything on board [kg]
+    #: About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz, and Ixy, Ixz, Iyz of the matrix
     inertia: tuple[float, ...]
     rotors: Rotors
     drag: BodyDrag = field(default_factory=BodyDrag)

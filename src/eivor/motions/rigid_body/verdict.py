@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import combinations, permutations
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,11 @@ from eivor.flights.verdict import (
     Rule,
     SystematicPart,
     VerdictInputs,
+    below_zero_rule,
     clock_part,
     disagreement_part,
     flight_rules,
+    record_rules,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.distributions import chi_square_tail
@@ -36,7 +39,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.models.spectral import SpectralRun
-from eivor.motions.rates.verdict import AXES
+from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
 from eivor.motions.rigid_body.terms import (
@@ -453,6 +456,11 @@ class Order:
         )
 
     @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return CORRECT_ROTORS
+
+    @property
     def _which(self) -> str:
         moved = [rotor for rotor, item in enumerate(self.acts_as, start=1) if abs(item) != rotor]
         turned = [abs(item) for item in self.acts_as if item < 0]
@@ -738,52 +746,13 @@ PARTS = (
 
 def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
     """Rows of every quantity of the rigid body."""
+    rotors = f"{COMMAND_RATE_HZ:.0f} Hz are needed"
     rules = [
-        Rule(
-            (),
-            lambda inputs: inputs.command_rate_hz < COMMAND_RATE_HZ,
-            Status.WEAK,
-            lambda inputs: (
-                f"The rotors are logged at {inputs.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz are "
-                "needed."
-            ),
-            "Log them at 100 Hz or more.",
-        ),
-        Rule(
-            (),
-            lambda inputs: inputs.used_s < LEAST_S,
-            Status.WEAK,
-            lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {LEAST_S:.0f} s are needed.",
-            "Fly longer, or pool several flights.",
-        ),
-        Rule(
-            (),
-            lambda inputs: inputs.checks.order is not None,
-            Status.REFUSED,
-            lambda inputs: inputs.checks.order.sentence,
-            CORRECT_ROTORS,
-        ),
-        Rule(
-            (),
-            lambda inputs: inputs.checks.lags is not None,
-            Status.WEAK,
-            lambda inputs: inputs.checks.lags.sentence,
-            lambda inputs: inputs.checks.lags.remedy,
-        ),
-        Rule(
-            (),
-            lambda inputs: inputs.checks.filters is not None,
-            Status.WEAK,
-            lambda inputs: inputs.checks.filters.sentence,
-            lambda inputs: inputs.checks.filters.remedy,
-        ),
-        Rule(
-            ACROSS,
-            lambda inputs: inputs.checks.wind is not None,
-            Status.WEAK,
-            lambda inputs: inputs.checks.wind.sentence,
-            lambda inputs: inputs.checks.wind.remedy,
-        ),
+        *record_rules("rotors", COMMAND_RATE_HZ, rotors, "Log them at 100 Hz or more.", LEAST_S),
+        _check_rule("order", (), Status.REFUSED),
+        _check_rule("lags", (), Status.WEAK),
+        _check_rule("filters", (), Status.WEAK),
+        _check_rule("wind", ACROSS, Status.WEAK),
         *LAG_LIMIT.rules(EFFECTIVE_LAG, wording[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name),
         *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
@@ -794,23 +763,27 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
         stage = THRUST.name if name == FRICTION.name else name
         rules += flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
         if name in _GAINS:
-            rules.append(_sign_rule(name, wording[name]))
+            came_out = f"{wording[name].words} came out at {{:.3g}}"
+            rules.append(
+                below_zero_rule(name, came_out, Status.REFUSED, _what_is_wrong(name), CORRECT_ROTORS)
+            )
         if name in LIMITS:
             rules += LIMITS[name].rules(name, wording[name])
     return tuple(rules)
 
 
-def _sign_rule(name: str, wording: QuantitySpec) -> Rule:
-    """Row of a gain below zero."""
+def _check_rule(check: str, quantities: tuple[str, ...], status: Status) -> Rule:
+    """Row of what a check finds out."""
+
+    def finding(inputs: VerdictInputs) -> Any:
+        return getattr(inputs.checks, check)
+
     return Rule(
-        (name,),
-        lambda inputs: inputs.quantities[name].interval[1] < 0.0,
-        Status.REFUSED,
-        lambda inputs: (
-            f"The {wording.words} came out at {inputs.quantities[name].value:.3g}, below zero: "
-            f"{_what_is_wrong(name)}."
-        ),
-        CORRECT_ROTORS,
+        quantities,
+        lambda inputs: finding(inputs) is not None,
+        status,
+        lambda inputs: finding(inputs).sentence,
+        lambda inputs: finding(inputs).remedy,
     )
 
 
