@@ -12,7 +12,7 @@ from flight_logs import LAG_S, changed, flown, prepare_vertical
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
 from eivor.flights.estimate import SENSORS_APART_S, FlightState, estimated, lags_from_rates
-from eivor.flights.lag_prior import LagMeasurement, LagPrior
+from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.verdict import Status
@@ -196,13 +196,13 @@ def slow() -> Recording:
     return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
 
 
-def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagMeasurement:
+def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagPrior:
     interval = (value - half_width, value + half_width)
     lag = QuantityEstimate(value, "s", 0.5 * half_width, interval)
-    return LagMeasurement(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
+    return LagPrior.by_measurement(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
 
 
-def estimate(log: Recording, *lag_measurement: LagMeasurement, options: FlightOptions | None = None):
+def estimate(log: Recording, *lag_measurement: LagPrior, options: FlightOptions | None = None):
     chosen = options or FlightOptions()
     return estimated(
         FlightState(Vertical(), (prepare_vertical(log, chosen),), chosen, lambda: lag_measurement)
@@ -229,14 +229,14 @@ def test_the_lag_by_turning_is_used_and_said(slow, turning):
 
 @pytest.mark.thorough
 def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
-    def asked() -> tuple[LagMeasurement, ...]:
+    def asked() -> tuple[LagPrior, ...]:
         raise AssertionError("asked")
 
     for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
         options = FlightOptions(lag=lag)
         flights = (prepare_vertical(slow, options),)
         given = estimated(FlightState(Vertical(), flights, options, asked)).fit.lag_prior
-        assert given.by is None
+        assert given.measured is None
         assert given.known == lag
 
 
@@ -254,9 +254,9 @@ def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
 def test_the_closest_that_agrees_serves():
     log = flown(seconds=15.0)[0]
     both = estimate(log, told(half_width=0.02, source="rough"), told(source="close"))
-    assert both.fit.lag_prior.by.source == "close"
+    assert both.fit.lag_prior.source == "close"
     wrong = estimate(log, told(half_width=0.02, source="rough"), told(LAG_S + 0.1, source="wrong"))
-    assert wrong.fit.lag_prior.by.source == "rough"
+    assert wrong.fit.lag_prior.source == "rough"
     assert any(finding.name == "wrong_contradicts" for finding in wrong.findings)
 
 

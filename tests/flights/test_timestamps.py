@@ -13,7 +13,7 @@ from flight_logs import STEP_S as TELEMETRY_STEP_S
 
 import eivor as ev
 from eivor.flights.grid import Grid, command_on_grid
-from eivor.flights.lag_prior import OWN_DELAY_S, LagMeasurement, LagPrior, telemetry_lag
+from eivor.flights.lag_prior import OWN_DELAY_S, LagPrior, telemetry_lag
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.references import jumps
@@ -319,7 +319,7 @@ def with_telemetry(
     return changed(log, **results)
 
 
-def told(log: Recording) -> LagMeasurement | None:
+def told(log: Recording) -> LagPrior | None:
     return telemetry_lag((prepare_vertical(log, FlightOptions()),), ("rotor_speed",))
 
 
@@ -334,8 +334,8 @@ def test_telemetry_in_any_unit_tells_lag_and_its_own_delay(log, how):
     low, high = result.measured.interval
     assert low < truth < high
     assert high - low < 0.015
-    assert result.prior.mean == result.measured.value
-    assert OWN_DELAY_S < result.prior.std < 0.025
+    assert result.known.mean == result.measured.value
+    assert OWN_DELAY_S < result.known.std < 0.025
 
 
 @pytest.mark.thorough
@@ -363,7 +363,7 @@ def test_the_lag_by_telemetry_is_used_and_said(log):
     assert given["alone"] == alone.quantities["effective_lag"].value
     # what a user knows comes first
     typed = ev.identify_flight(with_telemetry(log), lag=ev.Prior(LAG_S, 0.01))
-    assert typed.fit.lag_prior.by is None
+    assert typed.fit.lag_prior.measured is None
 
 
 @pytest.mark.thorough

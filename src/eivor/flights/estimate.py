@@ -28,7 +28,6 @@ from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
     LAG_SUMS,
-    LagMeasurement,
     LagPrior,
     lag_quantities,
     lag_searched,
@@ -146,7 +145,7 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 TOTAL_LEAST_SQUARES = "total_least_squares"
 
 #: What other motions say of the lag, when it is requested.
-LagMeasurements = Callable[[], tuple[LagMeasurement, ...]]
+LagMeasurements = Callable[[], tuple[LagPrior, ...]]
 
 
 @dataclass(frozen=True)
@@ -338,7 +337,7 @@ def known_lag(
                 "Leave out what is known of the lag, or name the command with --input.",
             )
         if alone is None:
-            return LagPrior(options.lag, QuantityEstimate(NAN, "s", NAN, NO_INTERVAL), slack_s), ()
+            return LagPrior(options.lag, slack_s=slack_s), ()
         strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
         own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
         return LagPrior(options.lag, own, slack_s, strong=strong), ()
@@ -348,10 +347,10 @@ def known_lag(
     measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
     own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
     noticed: list[Finding] = []
-    for item in sorted(measurements, key=lambda entry: entry.prior.std):
+    for item in sorted(measurements, key=lambda entry: entry.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
-        result = LagPrior(item.prior, own, 0.0 if item is by_telemetry else slack_s, by=item)
-        if result.p_value >= SIGNIFICANT:
+        result = replace(item, alone=own, slack_s=0.0 if item is by_telemetry else slack_s)
+        if result.agrees:
             return result, tuple(noticed)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
         noticed.append(Finding(f"{item.source}_contradicts", sentence))
@@ -519,18 +518,18 @@ LEAST_SHARE = 0.5
 
 def lags_from_rates(
     motions: tuple[Motion[Any], ...], log: Recording, window: tuple[float, float] | None
-) -> tuple[LagMeasurement, ...]:
+) -> tuple[LagPrior, ...]:
     """Lags that other motions identify, each where its own verdict on the lag is identified."""
     options = FlightOptions(window=window)
     results = (_lag_by(motion, log, options) for motion in motions)
     return tuple(result for result in results if result is not None)
 
 
-def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagMeasurement | None:
+def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
     """What a motion's result says of the lag; None where that is not to be trusted."""
     if lag.verdict is not Status.IDENTIFIED:
         return None
-    return LagMeasurement(
+    return LagPrior.by_measurement(
         motion.name,
         f"{motion.words.title.lower()} (--model {motion.name})",
         QuantityEstimate(lag.value, lag.unit, lag.std_error, lag.interval),
@@ -539,7 +538,7 @@ def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagMeasurement | None
     )
 
 
-def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagMeasurement | None:
+def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagPrior | None:
     """Lag by one motion; None where it cannot be identified, or not be trusted."""
     try:
         log = part_to_read(upward(log), options.window)

@@ -10,7 +10,7 @@ from typing import Any
 from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_measured_by, lags_from_rates
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LagMeasurement
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior
 from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
@@ -27,7 +27,7 @@ def identified(
     options: FlightOptions,
     windows: Sequence[Window],
     others: tuple[Motion[Any], ...] = (),
-    lag_measurements: tuple[LagMeasurement, ...] = (),
+    lag_measurements: tuple[LagPrior, ...] = (),
     progress: Progress = no_stage_callback,
 ) -> FlightEstimate:
     """Identify a motion from the logs of one or several flights of one vehicle."""

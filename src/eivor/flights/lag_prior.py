@@ -101,41 +101,11 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
 
-# -- Measured lag --
-
-
-@dataclass(frozen=True)
-class LagMeasurement:
-    """The effective lag that telemetry, or another motion of the same flight, determines."""
-
-    source: str  # "telemetry", or the name of the motion
-    who: str  # The same in words
-    #: Lag and delay together, as they were estimated, systematic parts included [s]
-    measured: QuantityEstimate
-    apart_s: float
-    why_not_used: str  # The reason of that in words, after "with"
-
-    @property
-    def prior(self) -> Prior:
-        """The same as what is known of the lag: half a 95 % interval is two standard errors at most."""
-        std_error = max(0.5 * self.measured.half_width, self.measured.std_error)
-        return Prior(self.measured.value, hypot(std_error, self.apart_s))
-
-    @property
-    def sentence(self) -> str:
-        """What it says, with its interval, and what is added to that."""
-        known = self.prior
-        low, high = (1e3 * max(end, 0.0) for end in self.measured.interval)
-        return (
-            f"{1e3 * known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with {self.why_not_used} "
-            f"± {1e3 * known.std:.2g} ms (one standard deviation)"
-        )
-
-
-# -- Lag from the user --
+# -- Lag from elsewhere --
 
 #: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)
+NO_LAG_OF_ITS_OWN = QuantityEstimate(NAN, "s", NAN, NO_INTERVAL)
 #: Standard error of a lag that is known exactly [s].
 EXACT_S = 1e-4
 #: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
@@ -149,19 +119,40 @@ class LagPrior:
     """A lag that is known beside the flight, and the flight's own."""
 
     known: Prior | Bounds  # [s]
-    alone: QuantityEstimate  # [s]; NaN where the instruments are too few for a lag
+    #: [s]; NaN where the instruments are too few for a lag
+    alone: QuantityEstimate = NO_LAG_OF_ITS_OWN
     slack_s: float = 0.0
-    by: LagMeasurement | None = None
     strong: bool = False  # The flight's own interval holds: its instruments are strong
+    source: str = ""  # "telemetry", or the name of a motion; empty where a user gave it
+    who: str = ""  # The same in words
+    #: By the source: lag and delay together, as they were estimated, systematic parts included [s]
+    measured: QuantityEstimate | None = None
+    why_wider: str = ""  # Why more is not known, after "with"
+
+    @classmethod
+    def by_measurement(
+        cls, source: str, who: str, measured: QuantityEstimate, apart_s: float, why_wider: str
+    ) -> LagPrior:
+        """What telemetry or another motion says: half a 95 % interval is two standard errors at most."""
+        std_error = max(0.5 * measured.half_width, measured.std_error)
+        known = Prior(measured.value, hypot(std_error, apart_s))
+        return cls(known, source=source, who=who, measured=measured, why_wider=why_wider)
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of what is known [s], with the command's lateness."""
+        known = self.known
+        own = known.std if isinstance(known, Prior) else EVEN_STD * 0.5 * (known.high - known.low)
+        return hypot(own, self.slack_s * EVEN_STD)
 
     @property
     def for_the_log(self) -> Prior | Bounds:
         """What is known of the lag that makes up for the command's lateness, too."""
-        known, slack = self.known, self.slack_s
+        known = self.known
         if known == NO_LAG:
             return known
         if isinstance(known, Prior):
-            return replace(known, std=float(np.hypot(known.std, slack * EVEN_STD)))
+            return replace(known, std=self.std)
         low, high = self._ends(known)
         own_low, own_high = self.alone.interval if self.strong else (low, high)
         within = max(low, own_low), min(high, own_high)
@@ -202,8 +193,7 @@ class LagPrior:
         if self.contradicted or known == NO_LAG:
             return interval
         if isinstance(known, Prior):
-            std = float(np.hypot(known.std, self.slack_s * EVEN_STD))
-            low, high = known.mean - NORMAL * std, known.mean + NORMAL * std
+            low, high = known.mean - NORMAL * self.std, known.mean + NORMAL * self.std
         else:  # the flight's own interval is no such end: it has no systematic parts
             low, high = self._ends(known)
         return max(interval[0], min(low, value)), min(interval[1], max(high, value))
@@ -211,10 +201,13 @@ class LagPrior:
     @property
     def given(self) -> str:
         """What was given, in words."""
-        if self.by is not None:
-            return self.by.sentence
         if isinstance(self.known, Prior):
-            return f"{1e3 * self.known.mean:.3g} ± {1e3 * self.known.std:.2g} ms (one standard deviation)"
+            value = f"{1e3 * self.known.mean:.3g}"
+            std = f"± {1e3 * self.known.std:.2g} ms (one standard deviation)"
+            if self.measured is None:
+                return f"{value} {std}"
+            low, high = (1e3 * max(end, 0.0) for end in self.measured.interval)
+            return f"{value} [{low:.3g}, {high:.3g}] ms, with {self.why_wider} {std}"
         if self.known == NO_LAG:
             return "neither lag nor delay"
         if self.known.low == self.known.high:
@@ -224,7 +217,7 @@ class LagPrior:
     @property
     def sentence(self) -> str:
         """What was given, what the flight says, and whether they agree."""
-        who = "given" if self.by is None else f"{self.by.who} says"
+        who = f"{self.who} says" if self.who else "given"
         if math.isnan(self.alone.value):
             return f"{who} {self.given}; the flight alone has too few instruments for a lag"
         low, high = self.alone.interval
@@ -271,14 +264,23 @@ LARGEST_SHARE_LEFT = 0.5
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
 
 
-def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagMeasurement | None:
-    """Lag of the actuators by the telemetry of flights that have it: the first family that the log has."""
-    columns: list[AxisColumns] = []
-    for number, flight in enumerate(flights):
-        channels = next(filter(None, map(flight.recording.family, families)), [])
-        quick = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
-        if channels and quick and not flight.input.measured:
-            columns.append(_columns(number, flight.shortened, channels))
+def _lagged_parabola(
+    flight: PreparedFlight, time_s: Float[np.ndarray, " n"], nuisance_values: Values
+) -> Float[np.ndarray, "n 2"]:
+    """Mean state of the actuators about the mean command, and its square, at the stamps of telemetry."""
+    commands, step_s = flight.signals.family(flight.input.name), flight.signals.step_s
+    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+    state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
+    away = np.interp(time_s, flight.grid.time_s, state) - commands.mean()
+    return np.column_stack([away, away**2])
+
+
+def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagPrior | None:
+    """Lag of the actuators by the telemetry of flights that have it."""
+    logged = [[] if flight.input.measured else _telemetry(flight, families) for flight in flights]
+    columns = tuple(
+        _columns(number, flights[number], channels) for number, channels in enumerate(logged) if channels
+    )
     if not any(column.runs for column in columns):
         return None
     problem = LaggedRuns(tuple(columns), (SLOPE, CURVATURE), lag_and_delay())
@@ -292,8 +294,9 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
-    own_delay_s = hypot(OWN_DELAY_S, max(column.step_s for column in columns) / sqrt(12.0))
-    return LagMeasurement(
+    slowest = min(channel.rate_hz for channels in logged for channel in channels)
+    own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
+    return LagPrior.by_measurement(
         TELEMETRY, "telemetry of the actuators", lag_quantity, own_delay_s, "a delay of its own"
     )
 

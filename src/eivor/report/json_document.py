@@ -355,17 +355,16 @@ def _prediction(result: FlightEstimate, fit: Fit) -> JsonPrediction:
 
 
 def _lag_prior(given: LagPrior) -> Json:
-    by = given.by
-    interval = None if by is None else by.measured.interval
+    interval = None if given.measured is None else given.measured.interval
     return {
         # a prior has the first two, bounds the others
         **{name: getattr(given.known, name, None) for name in ("mean", "std", "low", "high")},
         "alone": given.alone.value,
         "alone_interval": given.alone.interval,
         "p_value": given.p_value,
-        "told_by": None if by is None else by.source,
+        "told_by": given.source or None,
         "told_interval": interval,
-        "telemetry_interval": interval if by is not None and by.source == TELEMETRY else None,
+        "telemetry_interval": interval if given.source == TELEMETRY else None,
     }
 
 
