@@ -12,8 +12,7 @@ import numpy as np
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
 from eivor.inference.distributions import normal_quantile
-from eivor.motions.rigid_body.inertia import Combinations
-from eivor.motions.rigid_body.physical_parameters import physical_parameters
+from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap

@@ -17,8 +17,8 @@ from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
-from eivor.motions.rigid_body.inertia import Formula
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
+from eivor.motions.rigid_body.physical_parameters import Formula
 from eivor.motions.rigid_body.regression import (
     FROM_HZ,
     body_velocity,

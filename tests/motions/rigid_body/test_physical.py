@@ -15,8 +15,7 @@ from eivor.motions.rigid_body.dynamics import (
     effective_parameters,
     specific_force,
 )
-from eivor.motions.rigid_body.inertia import Combinations
-from eivor.motions.rigid_body.physical_parameters import physical_parameters
+from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
 
 AXES = "xyz"

@@ -42,8 +42,11 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRun
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std
-from eivor.motions.rigid_body.inertia import Combinations
-from eivor.motions.rigid_body.physical_parameters import PhysicalEstimateRow, physical_parameters
+from eivor.motions.rigid_body.physical_parameters import (
+    Combinations,
+    PhysicalEstimateRow,
+    physical_parameters,
+)
 from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
     BAND_SHARE,

@@ -40,7 +40,7 @@ from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.models.spectral import SpectralRun
 from eivor.motions.rates.motion import AXES
-from eivor.motions.rigid_body.inertia import Combinations
+from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
 from eivor.motions.rigid_body.terms import (
     COUPLING,
