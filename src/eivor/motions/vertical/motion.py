@@ -65,7 +65,6 @@ from eivor.motions.vertical.model import (
     CURVE_PARAMETERS,
     DECLARE,
     GRAVITY,
-    INPUT_GAIN,
     AutopilotParameter,
     Interval,
     VerticalMotion,
@@ -83,17 +82,12 @@ from eivor.motions.vertical.regression import (
     VerticalFlight,
     VerticalFlights,
     apparent_gravity,
-    balance,
     balance_sums,
     check_flights,
     check_terms,
-    hover_mapped,
     hover_of_sums,
     input_variance,
-    intercepts_by_run,
     mean_voltage,
-    secant_balance,
-    thrust_drift,
     vertical_problem,
     with_surroundings,
 )
@@ -109,7 +103,6 @@ from eivor.motions.vertical.select import (
 )
 from eivor.motions.vertical.thrust_curve import (
     curve_quantities,
-    linear_intercept,
     linear_quantity,
     refined_curve,
 )
@@ -205,18 +198,14 @@ SET_LEVEL = 0.95
 LEAST_HALF_WIDTH = 1e-9
 
 
-def map_checks(problem: VerticalFlights, estimate: Estimate, omitted: OmittedTerms) -> VerticalChecks:
+def map_checks(of: Balance, omitted: OmittedTerms) -> VerticalChecks:
     """P-value of the test that the input map fits; exponents at hover of thrust, m K_u U_h / g, and map."""
-    value, gradient, variance = linear_intercept(estimate, balance(problem, estimate))
-    half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
-    linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, estimate.nuisances).items()}
-    mapped, chosen = hover_of_sums(linear, sums), problem.motion.input_map
-    hover = chosen.inverse(mapped)
-    of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
+    (value, gradient, variance), chosen = of.intercept, of.problem.motion.input_map
+    half = of.estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
+    of_map, of_thrust = of.exponents
     return VerticalChecks(
         fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
-        thrust_exponent=of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
+        thrust_exponent=of_thrust,
         map_exponent=of_map,
         thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
     )
@@ -246,20 +235,19 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 ROUGH_GAIN = 0.25
 
 
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balance) -> QuantityEstimate:
+def _hover(of: Balance) -> QuantityEstimate:
     """Hover input: the interval of U_h through the input map's inverse; by the secant without a gain."""
-    chosen = problem.motion.input_map
+    problem, estimate, chosen = of.problem, of.estimate, of.problem.motion.input_map
     gain, direction = float(estimate.theta[1]), estimate.direction("input_gain")
     rough = not estimate.joint_covariance.half_width(direction) < ROUGH_GAIN * gain
     if (rough or estimate.first_stage[1] < STRONG_FIRST_STAGE) and not problem.terms:
-        value, std_error, bound = secant_balance(problem, terms, estimate.nuisances)
+        value, std_error, bound = of.secant
         half, hover = normal_quantile(SET_LEVEL) * std_error + bound, chosen.inverse(value)
         slope = chosen.slope(hover)
         if value > half and slope > 0.0:
             ends = chosen.inverse(value - half), chosen.inverse(value + half)
             return QuantityEstimate(hover, "", std_error / slope, ends)
-    variance = terms.residual_variance / float(estimate.theta[1]) ** 2
-    item = linear_quantity(estimate, (*hover_mapped(estimate, terms), variance), "")
+    item = linear_quantity(estimate, of.hover, "")
     value, (low, high) = chosen.inverse(item.value), item.interval
     slope = chosen.slope(value)
     std_error = item.std_error / slope if slope > 0.0 else NAN
@@ -508,34 +496,34 @@ class Vertical(Motion[VerticalFlights]):
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant."""
-        terms, joint = balance(problem, estimate), joint_quantities(estimate)
-        by_run = tuple(intercepts_by_run(estimate, terms).tolist())
-        intercept = linear_quantity(estimate, linear_intercept(estimate, terms), "m/s^2")
+        of, joint = Balance(problem, estimate), joint_quantities(estimate)
+        by_run = of.intercepts_by_run
+        intercept = linear_quantity(estimate, of.intercept, "m/s^2")
         results = {
             **{name: joint[name] for name in ("viscous_friction", "input_gain")},
             "intercept": replace(intercept, by_run=by_run),
             **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
             **lag_quantities(problem, estimate),
-            "hover_input": _hover(problem, estimate, terms),
+            "hover_input": _hover(of),
             "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
         }
         if problem.curve is None:
             return results
-        moved = curve_quantities(problem, estimate, problem.curve)
+        moved = curve_quantities(of, problem.curve)
         moved["intercept"] = replace(moved["intercept"], by_run=by_run)
         return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
     def checks(self, problem: VerticalFlights, estimate: Estimate, flights: Flights) -> VerticalChecks:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
-        omitted = omitted_terms(problem, estimate, flights)
-        checks = map_checks(problem, estimate, omitted)
+        omitted, of = omitted_terms(problem, estimate, flights), Balance(problem, estimate)
+        checks = map_checks(of, omitted)
         return replace(
             checks,
             apparent_gravity=apparent_gravity(problem),
             sideways_speed=sideways_speed(flights),
             near_ground=near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
             omitted=omitted,
-            drift=thrust_drift(problem, estimate, checks.thrust_exponent),
+            drift=of.drift,
             sensitivities=sensitivities(problem, estimate, flights),
             velocity=velocity_spectrum(problem),
         )

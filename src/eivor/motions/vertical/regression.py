@@ -413,54 +413,124 @@ def vertical_problem(
 DRIFT, HOVER_DRIFT = "thrust_drift", "hover_drift"
 
 
+#: A quantity that is linear in an estimate: value, gradient by the joint vector, and variance besides.
+Linear = tuple[float, Float[np.ndarray, " n"], float]
+#: Half of what the friction of a multirotor may be at most [1/s].
+MIDDLE_FRICTION = 0.4
+
+
 @dataclass(frozen=True)
 class Balance:
-    """Means over the runs of every term of the equation of motion, at one estimate."""
+    """Means over the runs of the terms of the equation of motion, at an estimate."""
 
-    derivative: float  # [m/s^2]
-    velocity: float  # [m/s^2]
-    mapped: float  # [m/s^2]
-    mapped_slopes: Float[np.ndarray, " q"]  # By the nuisances that are searched for
-    terms: Float[np.ndarray, " terms"]  # [m/s^2 per unit of their parameters]
-    residual_variance: float  # Autocorrelation-robust variance of the mean residual [m^2/s^4]
-    by_run: Float[np.ndarray, "runs m"]  # Means of z'', z', U and the columns of terms in each run
+    problem: VerticalFlights
+    estimate: Estimate
+
+    @cached_property
+    def columns(self) -> list[Float[np.ndarray, "_ m"]]:
+        """z'', z', U and the columns of terms, of every run."""
+        return _columns(self.problem, self.estimate.nuisances)
+
+    @cached_property
+    def means(self) -> Float[np.ndarray, " m"]:
+        """Means of the columns."""
+        return np.concatenate(self.columns).mean(axis=0)
+
+    @property
+    def coefficients(self) -> Float[np.ndarray, " m"]:
+        """What the columns are multiplied by to add up to the residual."""
+        K, K_u = self.estimate.theta[:2]
+        return np.array([1.0, K, -K_u, *-self.estimate.theta[2:]])
+
+    @cached_property
+    def intercept(self) -> Linear:
+        """B = g + mean z'' + K mean z' - K_u mean U less the terms; its variance is robust [m/s^2]."""
+
+        def mapped_mean(nuisance_values: Values) -> float:
+            return float(np.concatenate(_columns(self.problem, nuisance_values))[:, 2].mean())
+
+        searched = [nuisance for nuisance in self.problem.nuisances if nuisance.searched]
+        slopes = [nuisance.derivative(mapped_mean, self.estimate.nuisances) for nuisance in searched]
+        _, by_friction, *by_others = self.means.tolist()
+        gain = float(self.estimate.theta[1])
+        gradient = [by_friction, *(-mean for mean in by_others), *(-gain * slope for slope in slopes)]
+        residual = np.concatenate(self.columns) @ self.coefficients
+        value = GRAVITY + float(self.means @ self.coefficients)
+        return value, np.array(gradient), _variance_of_mean(self.problem, residual)
+
+    @property
+    def intercepts_by_run(self) -> tuple[float, ...]:
+        """The same of each run."""
+        return tuple(GRAVITY + float(run.mean(axis=0) @ self.coefficients) for run in self.columns)
+
+    @property
+    def hover(self) -> Linear:
+        """U_h = (g - b) / K_u."""
+        (b, gradient, variance), gain = self.intercept, float(self.estimate.theta[1])
+        value, by_joint = (GRAVITY - b) / gain, -gradient / gain
+        by_joint[1] -= value / gain
+        return value, by_joint, variance / gain**2
+
+    @property
+    def hover_input(self) -> Linear:
+        """The same through the inverse of the input map."""
+        (mapped, gradient, variance), chosen = self.hover, self.problem.motion.input_map
+        hover = chosen.inverse(mapped)
+        slope = chosen.slope(hover)
+        return hover, gradient / slope, variance / slope**2
+
+    @property
+    def exponents(self) -> tuple[float, float]:
+        """Near hover, of the input map and of thrust; NaN where the numbers make none."""
+        mapped, chosen = self.hover[0], self.problem.motion.input_map
+        if not mapped > 0.0:
+            return math.nan, math.nan
+        hover = chosen.inverse(mapped)
+        of_map = hover * chosen.slope(hover) / mapped
+        return of_map, of_map * float(self.estimate.theta[1]) * mapped / GRAVITY
+
+    @property
+    def secant(self) -> tuple[float, float, float]:
+        """U_h with the gain g / U_h: mean of U less its part of (z'' + K z') / g; standard error, bound by K.
+
+        To second order the mean of ln(U / (1 + (z'' + K z') / g)), for any K from 0 to twice the middle.
+        """
+        derivative, velocity, mapped = np.concatenate(self.columns)[:, :3].T
+        driven, mean = (derivative + MIDDLE_FRICTION * velocity) / GRAVITY, float(self.means[2])
+        value = mean * (1.0 - float(driven.mean()))
+        variance = _variance_of_mean(self.problem, mapped / mean - driven)
+        bound = abs(value * MIDDLE_FRICTION * float(self.means[1]) / GRAVITY)
+        return value, abs(value) * math.sqrt(variance), bound
+
+    @property
+    def drift(self) -> ThrustDrift | None:
+        """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
+
+        The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
+        """
+        lines = [item for flight in self.problem.flights for item in flight.lines]
+        line, columns = np.concatenate(lines), np.concatenate(self.columns)
+        squares = float(line @ line)
+        if not squares:
+            return None
+        slopes = line @ columns / squares
+        rate = float(slopes @ self.coefficients)
+        left = (columns - self.means) @ self.coefficients - rate * line
+        variance = long_run_mean_variance(line * left) * (line.size / squares) ** 2
+        gradient = np.zeros(self.estimate.values.size)
+        gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
+        half_width = self.estimate.joint_covariance.half_width(gradient, extra_variance=variance)
+        return ThrustDrift(rate, half_width, sum(map(float, map(np.ptp, lines))), self.exponents[1])
 
 
-def balance(problem: VerticalFlights, estimate: Estimate) -> Balance:
-    """Terms of the equation of motion, averaged over the runs."""
-    columns = _columns(problem, estimate.nuisances)
-    stacked = np.concatenate(columns)
-    residual = stacked @ _signs(estimate)
-    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
-
-    def mapped_mean(nuisance_values: Values) -> float:
-        return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
-
-    means = stacked.mean(axis=0)
-    derivative, velocity, mapped = means[:3].tolist()
-    return Balance(
-        derivative,
-        velocity,
-        mapped,
-        np.array([nuisance.derivative(mapped_mean, estimate.nuisances) for nuisance in searched]),
-        means[3:],
-        long_run_mean_variance(_without_lines(problem, residual - residual.mean())),
-        np.stack([block.mean(axis=0) for block in columns]),
-    )
-
-
-def _signs(estimate: Estimate) -> Float[np.ndarray, " m"]:
-    """Coefficients with which z'', z', U and the columns of terms add up to the residual."""
-    K, K_u = estimate.theta[:2]
-    return np.array([1.0, K, -K_u, *-estimate.theta[2:]])
-
-
-def _without_lines(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """A residual without the line in time that rows of long runs lose: it is no error of the mean."""
+def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> float:
+    """Robust to autocorrelation, without the line in time that rows of long runs lose: that is no error."""
     lines = [line for flight in problem.flights for line in flight.lines]
-    ends = np.cumsum([line.size for line in lines])[:-1]
-    pairs = zip(lines, np.split(residual, ends), strict=True)
-    return np.concatenate([part - line * (line @ part) / (line @ line or 1.0) for line, part in pairs])
+    parts = np.split(residual - residual.mean(), np.cumsum([line.size for line in lines])[:-1])
+    pairs = zip(lines, parts, strict=True)
+    return long_run_mean_variance(
+        np.concatenate([part - line * (line @ part) / (line @ line or 1.0) for line, part in pairs])
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -518,27 +588,6 @@ class ThrustDrift:
         )
 
 
-def thrust_drift(problem: VerticalFlights, estimate: Estimate, exponent: float) -> ThrustDrift | None:
-    """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
-
-    The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
-    """
-    line = np.concatenate([item for flight in problem.flights for item in flight.lines])
-    squares = float(line @ line)
-    if not squares:
-        return None
-    columns = np.concatenate(_columns(problem, estimate.nuisances))
-    slopes = line @ columns / squares
-    rate = float(slopes @ _signs(estimate))
-    left = (columns - columns.mean(axis=0)) @ _signs(estimate) - rate * line
-    variance = long_run_mean_variance(line * left) * (line.size / squares) ** 2
-    gradient = np.zeros(estimate.values.size)
-    gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
-    duration_s = sum(float(np.ptp(item)) for flight in problem.flights for item in flight.lines)
-    half_width = estimate.joint_covariance.half_width(gradient, extra_variance=variance)
-    return ThrustDrift(rate, half_width, duration_s, exponent)
-
-
 def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np.ndarray, "_ m"]]:
     """z'', z', U and the columns of terms, of every run."""
     return [block for flight in problem.flights for block in _of_flight(problem, flight, nuisance_values)]
@@ -549,24 +598,6 @@ def _of_flight(
 ) -> list[Float[np.ndarray, "_ m"]]:
     moving = MovingColumns(flight, problem.motion, problem.terms)(nuisance_values)
     return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
-
-
-#: Half of what the friction of a multirotor may be at most [1/s].
-MIDDLE_FRICTION = 0.4
-
-
-def secant_balance(problem: VerticalFlights, terms: Balance, nuisances: Values) -> tuple[float, float, float]:
-    """U_h with the gain g / U_h: mean of U less its part of (z'' + K z') / g; standard error, and bound by K.
-
-    To second order it is the mean of ln(U / (1 + (z'' + K z') / g)), for any K from 0 to twice the middle.
-    """
-    derivative, velocity, mapped = np.concatenate(_columns(problem, nuisances))[:, :3].T
-    driven = (derivative + MIDDLE_FRICTION * velocity) / GRAVITY
-    value = terms.mapped * (1.0 - float(driven.mean()))
-    residual = mapped / terms.mapped - driven
-    variance = long_run_mean_variance(_without_lines(problem, residual - residual.mean()))
-    bound = abs(value * MIDDLE_FRICTION * terms.velocity / GRAVITY)
-    return value, abs(value) * math.sqrt(variance), bound
 
 
 def balance_sums(
@@ -596,37 +627,6 @@ def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) ->
     of_terms = sum(parameters[name] * sums[name] for name in parameters if name in sums)
     drift = sums["derivative"] + friction * sums["velocity"] - of_terms
     return (sums["mapped"] - drift / gain) / sums["samples"]
-
-
-def hover_mapped(estimate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
-    """U_h and its gradient by the joint vector."""
-    K, K_u = estimate.theta[:2]
-    linear = estimate.theta.size
-    drift = terms.derivative + K * terms.velocity - float(estimate.theta[2:] @ terms.terms)
-    gradient = np.zeros(estimate.values.size)
-    gradient[0] = -terms.velocity / K_u
-    gradient[1] = drift / K_u**2
-    gradient[2:linear] = terms.terms / K_u
-    gradient[linear:] = terms.mapped_slopes
-    return float(terms.mapped - drift / K_u), gradient
-
-
-def intercept(estimate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
-    """B = mean z'' + g + K mean z' - K_u mean U less the terms, and its gradient by the joint vector."""
-    K, K_u = estimate.theta[:2]
-    gradient = np.zeros(estimate.values.size)
-    linear = estimate.theta.size
-    gradient[0], gradient[1], gradient[2:linear] = terms.velocity, -terms.mapped, -terms.terms
-    gradient[linear:] = -K_u * terms.mapped_slopes
-    of_terms = float(estimate.theta[2:] @ terms.terms)
-    return float(terms.derivative + GRAVITY + K * terms.velocity - K_u * terms.mapped - of_terms), gradient
-
-
-def intercepts_by_run(estimate: Estimate, terms: Balance) -> Float[np.ndarray, " runs"]:
-    """B of each run."""
-    K, K_u = estimate.theta[:2]
-    D, V, U = terms.by_run[:, :3].T
-    return np.asarray(D + GRAVITY + K * V - K_u * U - terms.by_run[:, 3:] @ estimate.theta[2:])
 
 
 # -- Surroundings --

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -13,18 +14,10 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.profile_sets import DEGREES
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
-from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
-from eivor.motions.vertical.regression import (
-    Balance,
-    VerticalFlights,
-    balance,
-    hover_mapped,
-    intercept,
-    vertical_problem,
-)
+from eivor.motions.vertical.model import CurveFamily, family_of
+from eivor.motions.vertical.regression import Balance, Linear, VerticalFlights, vertical_problem
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.thrust_map import InputMap
-from eivor.tools import Float
 
 #: The map is found when another round would change its parameter by less than this; so many rounds are made.
 CONVERGED, ROUNDS = 3e-4, 10
@@ -34,25 +27,12 @@ SEARCHES = 3
 STEP = 0.02
 
 Estimated = Callable[[VerticalFlights], Estimate]
-#: A quantity: its value, its gradient by the joint vector, and variance besides.
-Linear = tuple[float, Float[np.ndarray, " n"], float]
 
 
 def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
     """Return the same flights with another input map."""
     motion = replace(problem.motion, input_map=chosen)
     return vertical_problem(problem.flights, motion, problem.rule, problem.nuisances, problem.terms)
-
-
-def hover_and_exponent(problem: VerticalFlights, estimate: Estimate) -> tuple[float, float]:
-    """Command at hover, and the exponent of thrust there; NaN where the numbers make none."""
-    mapped = hover_mapped(estimate, balance(problem, estimate))[0]
-    chosen = problem.motion.input_map
-    if not mapped > 0.0:
-        return NAN, NAN
-    hover = chosen.inverse(mapped)
-    elasticity = hover * chosen.slope(hover) / mapped
-    return hover, elasticity * float(estimate.theta[1]) * mapped / GRAVITY
 
 
 def refined_curve(
@@ -97,7 +77,8 @@ def _at_nuisances(
     known = tuple(nuisance.known_at(best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     for _ in range(ROUNDS):
         before = value
-        hover, exponent = hover_and_exponent(chosen, best)
+        of = Balance(chosen, best)
+        hover, exponent = chosen.motion.input_map.inverse(of.hover[0]), of.exponents[1]
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
         value = family.possible(family.of_exponent(exponent, hover))
@@ -136,48 +117,43 @@ def linear_quantity(estimate: Estimate, linear: Linear, unit: str) -> QuantityEs
     return QuantityEstimate(value, unit, error, (value - half, value + half))
 
 
-#: From flights, an estimate and its balance.
-Of = Callable[[VerticalFlights, Estimate, Balance], Linear]
-
-
-def curve_quantities(
-    problem: VerticalFlights, estimate: Estimate, curve: FittedCurve
-) -> dict[str, QuantityEstimate]:
+def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
+    estimate = of.estimate
     sides = [
-        (flights, item, balance(flights, item))
-        for flights, item in (
-            (with_map(problem, curve.family.map(value)), item) for value, item in (curve.below, curve.above)
-        )
+        Balance(with_map(of.problem, curve.family.map(value)), item)
+        for value, item in (curve.below, curve.above)
     ]
-    here = (problem, estimate, balance(problem, estimate))
     by_curvature = math.isinf(curve.bias_std)
 
-    def slope(of: Of) -> float:
+    def slope(quantity: Callable[[Balance], Linear]) -> float:
         """Derivative of a quantity by the map's parameter."""
-        low, high = (of(*side)[0] for side in sides)
+        low, high = (quantity(side)[0] for side in sides)
         return (high - low) / (curve.above[0] - curve.below[0])
 
-    b, of_b, variance_b = _intercept(*here)
-    by_b = 0.0 if by_curvature else -1.0 / slope(_intercept)
+    b, of_b, variance_b = of.intercept
+    by_b = 0.0 if by_curvature else -1.0 / slope(attrgetter("intercept"))
     of_curve, own = by_b * of_b, variance_b + curve.bias_std**2
 
-    def propagated(of: Of) -> Linear:
+    def propagated(quantity: Callable[[Balance], Linear]) -> Linear:
         """A quantity with the error of the map in its gradient and its variance."""
-        value, gradient, variance = of(*here)
-        by_curve = slope(of)
+        value, gradient, variance = quantity(of)
+        by_curve = slope(quantity)
         if by_curvature:
             error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
             return value, gradient, variance + (by_curve * error) ** 2
         return value, gradient + by_curve * of_curve, variance + (by_curve * by_b) ** 2 * own
 
-    formulas: dict[str, tuple[Of, str]] = {
+    formulas: dict[str, tuple[Callable[[Balance], Linear], str]] = {
         "viscous_friction": (partial(_joint, 0), "1/s"),
         "input_gain": (partial(_joint, 1), "m/s^2"),
-        "intercept": (_intercept, "m/s^2"),
-        "hover_input": (_hover, ""),
+        "intercept": (attrgetter("intercept"), "m/s^2"),
+        "hover_input": (attrgetter("hover_input"), ""),
     }
-    results = {name: linear_quantity(estimate, propagated(of), unit) for name, (of, unit) in formulas.items()}
+    results = {
+        name: linear_quantity(estimate, propagated(quantity), unit)
+        for name, (quantity, unit) in formulas.items()
+    }
     if not by_curvature:
         value = curve.value + by_b * b, of_curve, by_b**2 * own
         return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
@@ -187,23 +163,6 @@ def curve_quantities(
     return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
 
 
-def _joint(position: int, _problem: VerticalFlights, estimate: Estimate, _terms: Balance) -> Linear:
-    return float(estimate.values[position]), np.eye(estimate.values.size)[position], 0.0
-
-
-def _intercept(_problem: VerticalFlights, estimate: Estimate, terms: Balance) -> Linear:
-    return linear_intercept(estimate, terms)
-
-
-def linear_intercept(estimate: Estimate, terms: Balance) -> Linear:
-    """The intercept at an estimate."""
-    return *intercept(estimate, terms), terms.residual_variance
-
-
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balance) -> Linear:
-    mapped, gradient = hover_mapped(estimate, terms)
-    chosen = problem.motion.input_map
-    hover = chosen.inverse(mapped)
-    slope = chosen.slope(hover)
-    variance = terms.residual_variance / float(estimate.theta[1]) ** 2
-    return hover, gradient / slope, variance / slope**2
+def _joint(position: int, of: Balance) -> Linear:
+    values = of.estimate.values
+    return float(values[position]), np.eye(values.size)[position], 0.0
