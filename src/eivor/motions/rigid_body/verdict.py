@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import combinations, permutations
 from typing import Any
 
@@ -245,8 +243,6 @@ DISAGREE = 0.001
 #: Their J must fall to this share of itself without a filter that the log has not passed.
 FAR_BETTER = 0.5
 
-_WITH, _WITHOUT = "filters_j", "_left_out_j"
-
 
 @dataclass(frozen=True, slots=True)
 class FiltersNotPassed:
@@ -258,7 +254,7 @@ class FiltersNotPassed:
     @property
     def numbers(self) -> dict[str, float]:
         """The same as numbers of a result."""
-        return {_WITH: self.with_all, **{key + _WITHOUT: J for key, J in self.without.items()}}
+        return {"filters_j": self.with_all} | {f"{key}_left_out_j": J for key, J in self.without.items()}
 
     @property
     def sentence(self) -> str:
@@ -335,8 +331,6 @@ DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", F
 #: A step is no longer small, and its size says little, beyond this share of the lag.
 FAR = 0.5
 
-_P_VALUE, _COMMON, _CHANGE = "lag_agreement_p", "lag_of_all_s", "_lag_change_s"
-
 
 @dataclass(frozen=True, slots=True)
 class LagConsistencyTest:
@@ -349,8 +343,8 @@ class LagConsistencyTest:
     @property
     def numbers(self) -> dict[str, float]:
         """The same as numbers of a result."""
-        changes = {name + _CHANGE: change for name, change in self.changes_s.items()}
-        return {_P_VALUE: self.p_value, _COMMON: self.lag_s, **changes}
+        changes = {f"{name}_lag_change_s": change for name, change in self.changes_s.items()}
+        return {"lag_agreement_p": self.p_value, "lag_of_all_s": self.lag_s, **changes}
 
     @property
     def sentence(self) -> str:
@@ -444,8 +438,13 @@ class Order:
     @property
     def numbers(self) -> dict[str, float]:
         """The same as numbers of a result."""
-        rotors = {f"rotor_{rotor}{_ACTS_AS}": float(item) for rotor, item in enumerate(self.acts_as, start=1)}
-        return {**rotors, _AXIS: float(self.axis), _EXPLAINED: self.explained, _BEFORE: self.before}
+        rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(self.acts_as, start=1)}
+        return {
+            **rotors,
+            "order_axis": float(self.axis),
+            "order_explained": self.explained,
+            "order_explained_by_file": self.before,
+        }
 
     @property
     def sentence(self) -> str:
@@ -474,10 +473,6 @@ class Order:
         return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
 
 
-#: Names of the numbers.
-_ACTS_AS, _AXIS, _EXPLAINED, _BEFORE = "_acts_as", "order_axis", "order_explained", "order_explained_by_file"
-
-
 def _rotors(numbers: Sequence[int]) -> str:
     *others, last = map(str, sorted(numbers))
     return f"Rotors {', '.join(others)} and {last} look to spin" if others else f"Rotor {last} looks to spin"
@@ -485,102 +480,61 @@ def _rotors(numbers: Sequence[int]) -> str:
 
 def observed_order(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
     """Order that flights show where it is clearly another than that of the vehicle file; else None."""
-    sums = reduce(operator.add, (_Sums.of_flight(flight, layout.count) for flight in flights))
-    given = _candidate(layout, tuple(range(layout.count)), np.asarray(layout.yaw))
-    results = [given, *_others(layout)]
-    left, gain = sums.left([result.arms for result in results])
+    products = np.sum([_products(flight) for flight in flights], axis=0)
+    orders, arms = zip(*_orders(layout), strict=True)
+    rows, whole = np.stack(arms), products[:, None, :, -1, -1]
+    squares = np.einsum("oai,laij,oaj->loa", rows, products[:, :, :-1, :-1], rows)
+    with_turning = np.einsum("oai,lai->loa", rows, products[:, :, :-1, -1])
+    gain = with_turning / np.where(squares > 0.0, squares, np.inf)
+    left = np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6)
     score = np.log(left).sum(axis=2)
     lag = int(np.argmin(score.min(axis=1)))
     score, left, gain = score[lag], left[lag], gain[lag]
     best = float(score.min())
     if score[0] - best < CLEARLY:
         return None
-    numbers = [number for number in range(len(results)) if score[number] < best + ALIKE]
-    chosen = min(numbers, key=lambda number: (int((gain[number] < 0.0).sum()), *results[number].changes))
+
+    def changes(number: int) -> tuple[int, int, int]:
+        """How many gains are below zero, and how many spins and places are not as in the vehicle file."""
+        acts_as = orders[number]
+        positions = sum(abs(item) != index for index, item in enumerate(acts_as, start=1))
+        return int((gain[number] < 0.0).sum()), sum(item < 0 for item in acts_as), positions
+
+    chosen = min(np.flatnonzero(score < best + ALIKE).tolist(), key=changes)
     axis = int(np.argmax(left[0] - left[chosen]))
     explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
-    return Order(results[chosen].acts_as, axis, explained, before) if explained > EXPLAINED else None
+    return Order(orders[chosen], axis, explained, before) if explained > EXPLAINED else None
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """Rows of arms about each axis of one order."""
-
-    acts_as: tuple[int, ...]
-    arms: Float[np.ndarray, "3 rotors"]
-
-    @property
-    def changes(self) -> tuple[int, int]:
-        """How many spins and how many places are not as in the vehicle file."""
-        positions = sum(abs(number) != index for index, number in enumerate(self.acts_as, start=1))
-        return sum(number < 0 for number in self.acts_as), positions
-
-
-def _candidate(
-    layout: RotorLayout, order: tuple[int, ...], spins: Float[np.ndarray, " rotors"]
-) -> _Candidate:
-    index = list(order)
-    same_spin = spins * layout.yaw[index] > 0.0
-    acts_as = tuple(item + 1 if same else -(item + 1) for item, same in zip(order, same_spin, strict=True))
-    return _Candidate(acts_as, np.stack([layout.roll[index], layout.pitch[index], spins]))
+def _orders(layout: RotorLayout) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
+    """As which rotors commands may act, and arms about each axis; that of the vehicle file first."""
+    whole = tuple(range(layout.count))
+    orders = permutations(whole)
+    if layout.count > MOST_ORDERED:
+        exchanged = ({item: other, other: item} for item, other in combinations(whole, 2))
+        orders = iter([whole, *(tuple(item.get(rotor, rotor) for rotor in whole) for item in exchanged)])
+    for order in orders:
+        index = list(order)
+        moved = layout.yaw[index]
+        for spins in (moved, layout.yaw, *(moved * (1.0 - 2.0 * np.eye(layout.count)))):
+            signs = np.where(spins * moved > 0.0, 1, -1).tolist()
+            acts_as = tuple(sign * (item + 1) for sign, item in zip(signs, order, strict=True))
+            yield acts_as, np.stack([layout.roll[index], layout.pitch[index], spins])
 
 
-def _others(layout: RotorLayout) -> Iterator[_Candidate]:
-    for order in _orders(layout.count):
-        moving = layout.yaw[list(order)]
-        for spins in (moving, layout.yaw, *(moving * (1.0 - 2.0 * np.eye(layout.count)))):
-            yield _candidate(layout, order, spins)
-
-
-def _orders(count: int) -> Iterator[tuple[int, ...]]:
-    if count <= MOST_ORDERED:
-        yield from permutations(range(count))
-        return
-    whole = tuple(range(count))
-    yield whole
-    for item, other in combinations(whole, 2):
-        yield tuple({item: other, other: item}.get(rotor, rotor) for rotor in whole)
-
-
-@dataclass(frozen=True)
-class _Sums:
-    """Sums of products over the bins, for each lag and axis, what stays being taken out of both sides."""
-
-    rotors: Float[np.ndarray, "lags 3 rotors rotors"]
-    across: Float[np.ndarray, "lags 3 rotors"]
-    turning: Float[np.ndarray, "lags 3"]
-
-    def __add__(self, other: _Sums) -> _Sums:
-        return _Sums(self.rotors + other.rotors, self.across + other.across, self.turning + other.turning)
-
-    @classmethod
-    def of_flight(cls, flight: PreparedFlight, count: int) -> _Sums:
-        """Those of one flight."""
-        parts = [_bins(flight, run) for run in flight.runs]
-        bins = np.concatenate([part for part, _ in parts])
-        frequency = np.concatenate([hz for _, hz in parts])
-        shape = (LAGS_S.size, 3)
-        rotors, across, turning = np.zeros((*shape, count, count)), np.zeros((*shape, count)), np.zeros(shape)
-        for number, lag_s in enumerate(LAGS_S):
-            lagged = bins[:, 9:] / (1.0 + 2j * np.pi * frequency * lag_s)[:, None]
-            for axis in range(3):
-                stays = np.column_stack([bins[:, 3 + axis], bins[:, 6 + axis], lagged.sum(axis=1)])
-                moves = _without(stays, np.column_stack([lagged, bins[:, axis]]))
-                products = np.real(moves.conj().T @ moves)
-                rotors[number, axis] = products[:-1, :-1]
-                across[number, axis], turning[number, axis] = products[:-1, -1], products[-1, -1]
-        return cls(rotors, across, turning)
-
-    def left(
-        self, arms: Sequence[Float[np.ndarray, "3 rotors"]]
-    ) -> tuple[Float[np.ndarray, "lags orders 3"], Float[np.ndarray, "lags orders 3"]]:
-        """Share of each axis that each order leaves at each lag, and its gain."""
-        rows = np.stack(arms)
-        squares = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
-        with_turning = np.einsum("oai,lai->loa", rows, self.across)
-        whole = self.turning[:, None, :]
-        gain = with_turning / np.where(squares > 0.0, squares, np.inf)
-        return np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6), gain
+def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
+    """Of rotors and turning over the bins, for each lag and axis, what stays being taken out of all."""
+    parts = [_bins(flight, run) for run in flight.runs]
+    bins, frequency = (np.concatenate(items) for items in zip(*parts, strict=True))
+    count = bins.shape[1] - 9
+    results = np.zeros((LAGS_S.size, 3, count + 1, count + 1))
+    for number, lag_s in enumerate(LAGS_S):
+        lagged = bins[:, 9:] / (1.0 + 2j * np.pi * frequency * lag_s)[:, None]
+        for axis in range(3):
+            stays = np.column_stack([bins[:, 3 + axis], bins[:, 6 + axis], lagged.sum(axis=1)])
+            moves = _without(stays, np.column_stack([lagged, bins[:, axis]]))
+            results[number, axis] = np.real(moves.conj().T @ moves)
+    return results
 
 
 def _bins(
