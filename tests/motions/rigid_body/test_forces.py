@@ -65,10 +65,9 @@ KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.posi
 
 def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     """Column of a parameter for rotors at some speeds."""
-    layout = RotorLayout(KNOWN)
-    sums = layout.sums @ np.array(speeds)[:, None]
+    sums = KNOWN.sums @ np.array(speeds)[:, None]
     velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
-    of = BodyMotion(layout, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
+    of = BodyMotion(KNOWN, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
     return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
 
 

@@ -262,7 +262,7 @@ def ordered(*acts_as: int) -> KnownVehicle:
 
 
 def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Order | None:
-    return observed_order([flight], RigidBody(vehicle).layout)
+    return observed_order([flight], vehicle)
 
 
 def flown(specs: list[RigidBodyFlightSpec]) -> list[PreparedFlight]:

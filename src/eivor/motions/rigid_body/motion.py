@@ -80,7 +80,6 @@ from eivor.motions.rigid_body.terms import (
 )
 from eivor.motions.rigid_body.vehicle import (
     KnownVehicle,
-    RotorLayout,
     load_vehicle,
     shipped_vehicles,
     vehicle_from_record,
@@ -155,7 +154,7 @@ def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
     columns = problem.columns[0].moving
     if THRUST.name not in joint or not isinstance(columns, RotorColumns):
         return 1.0
-    gain = joint[THRUST.name].value * columns.states.layout.count
+    gain = joint[THRUST.name].value * columns.states.vehicle.count
     if not gain > 0.0:
         return 1.0
     return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
@@ -351,7 +350,7 @@ class RigidBody(Motion[LaggedRuns]):
             prediction=Prediction(
                 simple_models,
                 multi_step=lambda flights, models, refused: rigid_body_prediction(
-                    flights, self.layout, models, refused
+                    flights, self.known_vehicle, models, refused
                 ),
             ),
             implications=self._implications,
@@ -360,7 +359,7 @@ class RigidBody(Motion[LaggedRuns]):
         )
 
     @property
-    def layout(self) -> RotorLayout:
+    def known_vehicle(self) -> KnownVehicle:
         """Where the rotors are."""
         if self.vehicle is None:
             raise UsageError(
@@ -369,22 +368,22 @@ class RigidBody(Motion[LaggedRuns]):
                 f"Give one with --vehicle: a file, which `eivor vehicle new` begins, or one of "
                 f"{', '.join(shipped_vehicles())}.",
             )
-        return RotorLayout(self.vehicle)
+        return self.vehicle
 
     def _refuse_no_vehicle(self) -> None:
-        _ = self.layout
+        _ = self.known_vehicle
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """Rotors, rates, forces, velocity and attitude."""
-        return replace(selected(log, options, self.layout), active=settled)
+        return replace(selected(log, options, self.known_vehicle), active=settled)
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the flights for each lag and delay."""
-        problem = rigid_body_problem(flights, self.layout, rule)
+        problem = rigid_body_problem(flights, self.known_vehicle, rule)
         if not all(map(noises_known, flights)):
             return problem
         surrogates = tuple(map(noisier, flights))
-        return replace(problem, noisier=rigid_body_problem(surrogates, self.layout, NoInstruments()))
+        return replace(problem, noisier=rigid_body_problem(surrogates, self.known_vehicle, NoInstruments()))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the equations that are there, and the lag."""
@@ -405,15 +404,15 @@ class RigidBody(Motion[LaggedRuns]):
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> RigidBodyChecks:
         """Where a flight contradicts the vehicle file: its rotors' order, and the filters it names."""
-        cutoff_hz = self.layout.vehicle.gyro_cutoff_hz
+        cutoff_hz = self.known_vehicle.gyro_cutoff_hz
         early_s = max(filter_early_s(cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
-        order = observed_order(flights, self.layout)
+        order = observed_order(flights, self.known_vehicle)
         if order is not None:
             return RigidBodyChecks(order, filter_early_s=early_s)
         wind, lags = steady_wind(problem, estimate.nuisances, flights), lag_consistency_test(estimate)
         # of a pool's flight the whole pool is asked about filters
         of_pool = self.pooled and len(flights) == 1
-        filters = None if of_pool else filters_not_passed(problem, estimate, flights, self.layout)
+        filters = None if of_pool else filters_not_passed(problem, estimate, flights, self.known_vehicle)
         return RigidBodyChecks(None, wind, lags, filters, early_s)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:

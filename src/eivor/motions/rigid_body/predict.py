@@ -44,7 +44,7 @@ from eivor.motions.rigid_body.terms import (
     BodyMotion,
     RotorSums,
 )
-from eivor.motions.rigid_body.vehicle import RotorLayout
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
@@ -115,7 +115,7 @@ class StatePropagator:
     """Rates of change of a body's state at the samples of a flight."""
 
     logged: LoggedState  # With the rotors' commands, or their speeds
-    layout: RotorLayout
+    vehicle: KnownVehicle
     values: Values  # Parameters and nuisances
     starts: Starts
     turns: tuple[bool, ...]  # Axes that the rotors turn
@@ -146,7 +146,7 @@ class StatePropagator:
         self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple], rotors: RotorSums
     ) -> BodyMotion:
         velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
-        return BodyMotion(self.layout, self._rotors.usual, rotors, velocity, body[10:13])
+        return BodyMotion(self.vehicle, self._rotors.usual, rotors, velocity, body[10:13])
 
     def _of_terms(self, of: BodyMotion, *, driving: bool) -> Float[np.ndarray, "6 n"]:
         """Sums of the terms of each equation, of those that the rotors drive or of the others."""
@@ -161,7 +161,7 @@ class StatePropagator:
     def _rotors(self) -> BodyMotion:
         flight = self.logged.flight
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
-        return RotorStates(flight, self.layout, usual_state((flight,))).at(lag_s, delay_s)[0]
+        return RotorStates(flight, self.vehicle, usual_state((flight,))).at(lag_s, delay_s)[0]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
@@ -275,7 +275,7 @@ _BEYOND = ("attitude", "velocity", "position")
 
 def rigid_body_prediction(
     flights: tuple[PreparedFlight, ...],
-    layout: RotorLayout,
+    vehicle: KnownVehicle,
     models: Mapping[str, SimpleModel],
     refused: frozenset[str],
 ) -> MultiStepPrediction:
@@ -291,7 +291,7 @@ def rigid_body_prediction(
     results, times = [], []
     for item in logged:
         starts = starts_of(item.flight)
-        results.append(_of_flight(item, starts, layout, by_model, what))
+        results.append(_of_flight(item, starts, vehicle, by_model, what))
         times.append(item.flight.grid.time_s[starts.samples])
     return multi_step_predictions(results, times, what.sentences(refused))
 
@@ -299,7 +299,7 @@ def rigid_body_prediction(
 def _of_flight(
     logged: LoggedState,
     starts: Starts,
-    layout: RotorLayout,
+    vehicle: KnownVehicle,
     models: Mapping[str, SimpleModel],
     what: Predictable,
 ) -> tuple[HorizonErrors, ...]:
@@ -308,7 +308,7 @@ def _of_flight(
     started = logged.body[:, starts.samples]
     states: dict[str, tuple[str, Float[np.ndarray, "horizons 13 starts"]]] = {}
     for name, model in models.items():
-        body = StatePropagator(logged, layout, model.values, starts, what.turns, what.lifts)
+        body = StatePropagator(logged, vehicle, model.values, starts, what.turns, what.lifts)
         states[name] = model.words, starts.propagate(started, body)
     states[UNCHANGED] = (STAYS, _unchanged(started, starts))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)

@@ -50,7 +50,7 @@ from eivor.motions.rigid_body.terms import (
     RigidTerm,
     RotorSums,
 )
-from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, RotorLayout
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, low_passed, shifted_by, time_derivative
@@ -160,14 +160,14 @@ class Predictors:
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
 
-def predicted_flight(flight: PreparedFlight, layout: RotorLayout, rule: LaggedReferences) -> PreparedFlight:
+def predicted_flight(flight: PreparedFlight, vehicle: KnownVehicle, rule: LaggedReferences) -> PreparedFlight:
     """The same flight with predictions in place of its commands, rates and velocity."""
     signals, says = flight.signals, Predictors(flight, rule)
     channels = dict(signals.channels)
     for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
         name = AXES[axis].rate
         channels[name] = says.predicted(signals.channel(name), axis, QUICK)
-    channels |= _rotors(flight, layout, says)
+    channels |= _rotors(flight, vehicle, says)
     velocity = body_velocity(signals)
     if velocity is not None:
         by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
@@ -179,11 +179,11 @@ def predicted_flight(flight: PreparedFlight, layout: RotorLayout, rule: LaggedRe
 
 
 def _rotors(
-    flight: PreparedFlight, layout: RotorLayout, says: Predictors
+    flight: PreparedFlight, vehicle: KnownVehicle, says: Predictors
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Commands of the rotors, put together of what lifts and what turns."""
     logged = flight.signals.family(flight.input.name)
-    parts = np.column_stack([layout.roll, layout.pitch, layout.yaw, np.ones(layout.count)])
+    parts = np.column_stack([vehicle.roll, vehicle.pitch, vehicle.yaw, np.ones(vehicle.count)])
     shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
     chosen = (*((axis, QUICK) for axis in range(FORCE_X_EQUATION)), (FORCE_Z_EQUATION, HEIGHT))
     pairs, used = zip(shares.T, chosen, strict=True), logged[flight.used]
@@ -207,7 +207,7 @@ class AxisInstruments:
     """Instruments of every equation of one flight."""
 
     flight: PreparedFlight
-    layout: RotorLayout
+    vehicle: KnownVehicle
     rule: InstrumentRule
 
     def of_axis(self, axis: int, columns_of: Callable[[PreparedFlight], Columns]) -> Float[np.ndarray, "n p"]:
@@ -232,7 +232,7 @@ class AxisInstruments:
     def _predicted(self) -> PreparedFlight:
         if not isinstance(self.rule, LaggedReferences):
             return self.flight
-        return predicted_flight(self.flight, self.layout, self.rule)
+        return predicted_flight(self.flight, self.vehicle, self.rule)
 
     @cached_property
     def _motion(self) -> BodyMotion:
@@ -241,9 +241,9 @@ class AxisInstruments:
         rates = np.stack([signals.channel(item.rate) for item in AXES])
         known = body_velocity(signals)
         velocity = np.zeros_like(rates) if known is None else known.T
-        commands = self.layout.sums @ signals.family(self.flight.input.name).T
+        commands = self.vehicle.sums @ signals.family(self.flight.input.name).T
         sums = RotorSums(commands, commands, np.zeros(signals.sample_count))
-        return BodyMotion(self.layout, 1.0, sums, velocity, rates)
+        return BodyMotion(self.vehicle, 1.0, sums, velocity, rates)
 
     def _turning(self, axis: int, moving: Columns) -> Float[np.ndarray, "n p"]:
         """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
@@ -349,14 +349,14 @@ class RotorStates:
     """What all axes ask of a flight's rotors."""
 
     flight: PreparedFlight
-    layout: RotorLayout
+    vehicle: KnownVehicle
     usual: float  # State of a rotor for which damping and drag are
     _last: tuple[tuple[float, float], tuple[BodyMotion, BodyMotion]] | None = None
 
     def at(self, lag_s: float, delay_s: float) -> tuple[BodyMotion, BodyMotion]:
         """What columns are made of at a lag and a delay; the same with means over steps of what drives."""
         if self._last is None or self._last[0] != (lag_s, delay_s):
-            thrust_of, weights = input_map(self.flight.input_map), self.layout.sums
+            thrust_of, weights = input_map(self.flight.input_map), self.vehicle.sums
             step_s = self.flight.signals.step_s
             state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, 0.5 * step_s))
             thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
@@ -364,7 +364,7 @@ class RotorStates:
             mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
             now = RotorSums(states, thrust, time_derivative(states[6], step_s))
             means = RotorSums(states, mean, change_over_step(states[6], step_s))
-            of = BodyMotion(self.layout, self.usual, now, self.velocity, self.rates)
+            of = BodyMotion(self.vehicle, self.usual, now, self.velocity, self.rates)
             self._last = (lag_s, delay_s), (of, replace(of, rotors=means))
         return self._last[1]
 
@@ -408,7 +408,7 @@ class RotorColumns:
         """Columns at a lag and a delay, of the parameters of this equation."""
         now, means = self.states.at(nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name])
         of = means if self.axis < FORCE_X_EQUATION else now
-        sensor = onboard_filter(self.states.flight, self.states.layout.vehicle, self.axis)
+        sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
         return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms()]).T
 
     @property
@@ -429,7 +429,7 @@ class RotorColumns:
 
 
 def rigid_body_problem(
-    flights: tuple[PreparedFlight, ...], layout: RotorLayout, rule: InstrumentRule
+    flights: tuple[PreparedFlight, ...], vehicle: KnownVehicle, rule: InstrumentRule
 ) -> LaggedRuns:
     """Regressions of the flights for each lag and delay."""
     known = set.intersection(*(set(flight.signals.channels) for flight in flights))
@@ -445,10 +445,10 @@ def rigid_body_problem(
     columns = tuple(
         item
         for number, flight in enumerate(flights)
-        for item in _flight(number, flight, RotorStates(flight, layout, usual), rule, terms)
+        for item in _flight(number, flight, RotorStates(flight, vehicle, usual), rule, terms)
     )
     measured = all(flight.input.measured for flight in flights)
-    nuisances = measured_state() if measured else searched_lag_and_delay(layout.vehicle.delay)
+    nuisances = measured_state() if measured else searched_lag_and_delay(vehicle.delay)
     parameters = (term.parameter for moves in (False, True) for term in terms if term.moves is moves)
     return LaggedRuns(columns, tuple(parameters), nuisances)
 
@@ -457,8 +457,8 @@ def _flight(
     number: int, flight: PreparedFlight, states: RotorStates, rule: InstrumentRule, terms: list[RigidTerm]
 ) -> Iterator[AxisColumns]:
     """Every equation of a flight."""
-    signals, layout = flight.signals, states.layout
-    instruments, still = AxisInstruments(flight, layout, rule), states.at(0.0, 0.0)[0]
+    signals, vehicle = flight.signals, states.vehicle
+    instruments, still = AxisInstruments(flight, vehicle, rule), states.at(0.0, 0.0)[0]
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
     changes = change_over_step(states.rates, signals.step_s)
     by_velocity = force_by_velocity(signals) if any(term.by_velocity for term in terms) else None
@@ -466,7 +466,7 @@ def _flight(
     moving = tuple(term.parameter for term in terms if term.moves)
     lagged = tuple(item for item in moving if item not in {*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS})
     for axis in sorted({term.equation for term in terms}):
-        sensor = onboard_filter(flight, layout.vehicle, axis)
+        sensor = onboard_filter(flight, vehicle, axis)
         if axis < FORCE_X_EQUATION:
             (low, high), responses = TURNING_BAND_HZ, [changes[axis]]
         else:

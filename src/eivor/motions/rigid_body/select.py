@@ -13,7 +13,7 @@ from eivor.flights.prepared import InputFamily, Selection
 from eivor.flights.timestamps import with_corrected_stamps
 from eivor.motions.rates.motion import AXES, multirotor_input, refuse_degrees
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
-from eivor.motions.rigid_body.vehicle import RotorLayout
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
@@ -126,7 +126,7 @@ NO_DIFFERENCE = 1e-9
 UNIT_WITHIN = 0.05
 
 
-def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Selection:
+def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> Selection:
     """Channels of a log by role."""
     log, erring = with_corrected_stamps(log)
     family, commands = multirotor_input(
@@ -136,14 +136,14 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
         remedy="Log the rotor commands or speeds at 100 Hz or more",
         other="Name another motion with --model if you have one.",
     )
-    family = replace(family, input_map=layout.vehicle.thrust_map)
-    if len(commands) != layout.count:
+    family = replace(family, input_map=vehicle.thrust_map)
+    if len(commands) != vehicle.count:
         raise InputError(
-            f"{layout.count} rotors, as the vehicle has",
+            f"{vehicle.count} rotors, as the vehicle has",
             f"{len(commands)} channels {family.name} in {log.name}",
             "Give the vehicle file of this vehicle, or map the channels of all its rotors.",
         )
-    _refuse_no_differences(commands, layout, log)
+    _refuse_no_differences(commands, vehicle, log)
     rates = {axis.name: log.channel(axis.rate) for axis in AXES}
     for rate in rates.values():
         refuse_degrees(rate, log)
@@ -170,14 +170,14 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
     )
 
 
-def _refuse_no_differences(commands: tuple[Channel, ...], layout: RotorLayout, log: Recording) -> None:
+def _refuse_no_differences(commands: tuple[Channel, ...], vehicle: KnownVehicle, log: Recording) -> None:
     if len({command.time_s.size for command in commands}) != 1:
         return
     values = np.stack([command.values for command in commands])
     values = values[:, np.isfinite(values).all(axis=0)]
     if not values.shape[1] or not (values.max() > values.min()):
         return  # nothing varies at all, which is reported about every motion
-    arms = zip(AXES, (layout.roll, layout.pitch, layout.yaw), strict=True)
+    arms = zip(AXES, (vehicle.roll, vehicle.pitch, vehicle.yaw), strict=True)
     differences = {axis.name: np.ptp(arm / np.abs(arm).sum() @ values) for axis, arm in arms}
     least = NO_DIFFERENCE * np.abs(values).max()
     still = [name for name, difference in differences.items() if difference <= least]

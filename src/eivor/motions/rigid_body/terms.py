@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eivor.models.regression import Parameter
-from eivor.motions.rigid_body.vehicle import RotorLayout
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.tools import Float
 
 # -- Parameters --
@@ -53,7 +53,7 @@ THRUST = Parameter("thrust_gain", "m/s^2")
 
 @dataclass(frozen=True, slots=True)
 class RotorSums:
-    """Sums over the rotors, see `RotorLayout.sums`."""
+    """Sums over the rotors, see `KnownVehicle.sums`."""
 
     state: Float[np.ndarray, "7 n"]
     thrust: Float[np.ndarray, "7 n"]
@@ -64,7 +64,7 @@ class RotorSums:
 class BodyMotion:
     """Rotors, velocity through the air and rates on the body's axes, at samples or starts."""
 
-    layout: RotorLayout
+    vehicle: KnownVehicle
     usual: float  # State of a rotor for which damping and drag are
     rotors: RotorSums
     velocity: Float[np.ndarray, "3 n"]
@@ -87,7 +87,7 @@ class BodyMotion:
     @cached_property
     def across(self) -> Float[np.ndarray, "rotors n"]:
         """Square of the velocity across each rotor [(m/s)^2]."""
-        x, y, yaw_rate = -self.layout.pitch, self.layout.roll, self.rates[2]
+        x, y, yaw_rate = -self.vehicle.pitch, self.vehicle.roll, self.rates[2]
         forward, left = self.velocity[0] - np.outer(y, yaw_rate), self.velocity[1] + np.outer(x, yaw_rate)
         return forward**2 + left**2
 
@@ -144,14 +144,14 @@ def _rolled(of: BodyMotion) -> tuple[Float[np.ndarray, " n"], ...]:
 
 
 def _damped(of: BodyMotion, axis: int) -> Float[np.ndarray, " n"]:
-    _, _, _, xx, _, yy, _ = of.layout.sums.sum(axis=1).tolist()
+    _, _, _, xx, _, yy, _ = of.vehicle.sums.sum(axis=1).tolist()
     return -of.dragged(axis) / (yy, xx, xx + yy)[axis]
 
 
 def _drag_moment(of: BodyMotion, index: int) -> Float[np.ndarray, " n"]:
     """Mean of the velocities at the rotors."""
     along = ALONG_OTHERS[index // 2][index % 2]
-    return of.dragged(FORCE_X_EQUATION + along) / of.layout.count
+    return of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count
 
 
 _TILTING, _AXES, _FORCES = range(2), range(3), range(3, 6)
@@ -179,7 +179,7 @@ TERMS = (
         "{} by lift",
         "h_p h_q",
         _TILTING,
-        lambda of, axis: (of.layout.roll, of.layout.pitch)[axis] @ of.across,
+        lambda of, axis: (of.vehicle.roll, of.vehicle.pitch)[axis] @ of.across,
         moves=False,
         by_velocity=True,
     ),
@@ -202,7 +202,7 @@ TERMS = (
         "drag along {}",
         "d_x d_y d_z",
         _FORCES,
-        lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.layout.count,
+        lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count,
     ),
     *_terms([LIFT], "translational lift", "h", [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
 )

@@ -207,7 +207,7 @@ RANGES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class KnownVehicle:
     """What is known of a vehicle; None for what is not."""
 
@@ -249,6 +249,27 @@ class KnownVehicle:
         """Mean distance of the rotors from the centre, in the unit of the positions."""
         return float(np.mean([math.hypot(*position) for position in self.positions]))
 
+    @cached_property
+    def roll(self) -> Float[np.ndarray, " rotors"]:
+        """Arm of each thrust about the forward axis: y."""
+        return np.array([position[1] for position in self.positions], dtype=np.float64)
+
+    @cached_property
+    def pitch(self) -> Float[np.ndarray, " rotors"]:
+        """Arm of each thrust about the left axis: -x."""
+        return np.array([-position[0] for position in self.positions], dtype=np.float64)
+
+    @cached_property
+    def yaw(self) -> Float[np.ndarray, " rotors"]:
+        """Sign of each reaction torque."""
+        return np.array(self.spins, dtype=np.float64)
+
+    @cached_property
+    def sums(self) -> Float[np.ndarray, "7 rotors"]:
+        """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
+        x, y = -self.pitch, self.roll
+        return np.stack([np.ones(self.count), x, y, x * x, x * y, y * y, self.yaw])
+
 
 def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:
     size = max(max(abs(x), abs(y)) for x, y in positions) or 1.0
@@ -260,42 +281,6 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
             f"positions {positions} with spins {spins}, which do not",
             "Correct the positions and the spins: four rotors or more, on all sides, of both spins.",
         )
-
-
-# -- Layout --
-
-
-@dataclass(frozen=True)
-class RotorLayout:
-    """Arms and signs of a vehicle's rotors, in the order of their commands. Performs no checks."""
-
-    vehicle: KnownVehicle
-
-    @property
-    def count(self) -> int:
-        """Number of rotors."""
-        return len(self.vehicle.spins)
-
-    @cached_property
-    def roll(self) -> Float[np.ndarray, " rotors"]:
-        """Arm of each thrust about the forward axis: y."""
-        return np.array([position[1] for position in self.vehicle.positions], dtype=np.float64)
-
-    @cached_property
-    def pitch(self) -> Float[np.ndarray, " rotors"]:
-        """Arm of each thrust about the left axis: -x."""
-        return np.array([-position[0] for position in self.vehicle.positions], dtype=np.float64)
-
-    @cached_property
-    def yaw(self) -> Float[np.ndarray, " rotors"]:
-        """Sign of each reaction torque."""
-        return np.array(self.vehicle.spins, dtype=np.float64)
-
-    @cached_property
-    def sums(self) -> Float[np.ndarray, "7 rotors"]:
-        """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
-        x, y = -self.pitch, self.roll
-        return np.stack([np.ones(self.count), x, y, x * x, x * y, y * y, self.yaw])
 
 
 # -- Numberings --

@@ -61,7 +61,7 @@ from eivor.motions.rigid_body.vehicle import (
     PITCH_OVER_ROLL,
     TELLING,
     YAW_OVER_ROLL,
-    RotorLayout,
+    KnownVehicle,
     inertia_ratios,
 )
 from eivor.signals.filters import time_derivative
@@ -275,10 +275,10 @@ class FiltersNotPassed:
 
 
 def filters_not_passed(
-    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], layout: RotorLayout
+    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
 ) -> FiltersNotPassed | None:
     """Filters of the vehicle file that flights have not passed; None where nothing says so."""
-    named = [key for key in FILTERS if getattr(layout.vehicle, key) is not None]
+    named = [key for key in FILTERS if getattr(vehicle, key) is not None]
     if not named or not estimate.assembler.needs_instruments:
         return None
     with_all, p_value = estimate.over_identification
@@ -293,7 +293,7 @@ def filters_not_passed(
     if not math.isfinite(with_all):
         return None
     results = {
-        key: _disagreement(_without_filter(of_flight, flights[number], layout, key), estimate.method)
+        key: _disagreement(_without_filter(of_flight, flights[number], vehicle, key), estimate.method)
         for key in named
     }
     without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
@@ -308,15 +308,14 @@ def _disagreement(problem: LaggedRuns, method: str) -> float:
         return math.inf
 
 
-def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLayout, key: str) -> LaggedRuns:
+def _without_filter(
+    problem: LaggedRuns, flight: PreparedFlight, vehicle: KnownVehicle, key: str
+) -> LaggedRuns:
     """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
-    known = layout.vehicle
-    unfiltered = (
-        replace(known, gyro_cutoff_hz=None)
-        if key == "gyro_cutoff_hz"
-        else replace(known, accelerometer_cutoff_hz=None)
-    )
-    made = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments())
+    unfiltered = replace(vehicle, gyro_cutoff_hz=None)
+    if key == "accelerometer_cutoff_hz":
+        unfiltered = replace(vehicle, accelerometer_cutoff_hz=None)
+    made = rigid_body_problem((flight,), unfiltered, NoInstruments())
     spin = rotor_inertia_ratios(problem)
     if spin is not None:
         made = with_common_rotor_inertia(made, spin)
@@ -478,10 +477,10 @@ def _rotors(numbers: Sequence[int]) -> str:
     return f"Rotors {', '.join(others)} and {last} look to spin" if others else f"Rotor {last} looks to spin"
 
 
-def observed_order(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
+def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> Order | None:
     """Order that flights show where it is clearly another than that of the vehicle file; else None."""
     products = np.sum([_products(flight) for flight in flights], axis=0)
-    orders, arms = zip(*_orders(layout), strict=True)
+    orders, arms = zip(*_orders(vehicle), strict=True)
     rows, whole = np.stack(arms), products[:, None, :, -1, -1]
     squares = np.einsum("oai,laij,oaj->loa", rows, products[:, :, :-1, :-1], rows)
     with_turning = np.einsum("oai,lai->loa", rows, products[:, :, :-1, -1])
@@ -506,20 +505,20 @@ def observed_order(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Or
     return Order(orders[chosen], axis, explained, before) if explained > EXPLAINED else None
 
 
-def _orders(layout: RotorLayout) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
+def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
     """As which rotors commands may act, and arms about each axis; that of the vehicle file first."""
-    whole = tuple(range(layout.count))
-    orders = permutations(whole)
-    if layout.count > MOST_ORDERED:
+    whole = tuple(range(vehicle.count))
+    orders: Iterator[tuple[int, ...]] = permutations(whole)
+    if vehicle.count > MOST_ORDERED:
         exchanged = ({item: other, other: item} for item, other in combinations(whole, 2))
         orders = iter([whole, *(tuple(item.get(rotor, rotor) for rotor in whole) for item in exchanged)])
     for order in orders:
         index = list(order)
-        moved = layout.yaw[index]
-        for spins in (moved, layout.yaw, *(moved * (1.0 - 2.0 * np.eye(layout.count)))):
+        moved = vehicle.yaw[index]
+        for spins in (moved, vehicle.yaw, *(moved * (1.0 - 2.0 * np.eye(vehicle.count)))):
             signs = np.where(spins * moved > 0.0, 1, -1).tolist()
             acts_as = tuple(sign * (item + 1) for sign, item in zip(signs, order, strict=True))
-            yield acts_as, np.stack([layout.roll[index], layout.pitch[index], spins])
+            yield acts_as, np.stack([vehicle.roll[index], vehicle.pitch[index], spins])
 
 
 def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
