@@ -20,7 +20,7 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.terms import FORCE_Z_EQUATION
-from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document

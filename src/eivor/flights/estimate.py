@@ -66,7 +66,6 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
-from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import (

@@ -16,9 +16,8 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
-from eivor.motions.rigid_body.physical_parameters import Formula
 from eivor.motions.rigid_body.regression import (
     FROM_HZ,
     body_velocity,
@@ -26,7 +25,6 @@ from eivor.motions.rigid_body.regression import (
     inferred_velocity,
 )
 from eivor.motions.rigid_body.terms import (
-    DRAG_MOMENT,
     FORCE_Z_EQUATION,
     GYROSCOPIC_MOMENT,
     LIFT_MOMENT,
@@ -39,11 +37,8 @@ from eivor.motions.rigid_body.terms import (
     RotorSums,
 )
 from eivor.motions.rigid_body.vehicle import (
-    PITCH_OVER_ROLL,
-    YAW_OVER_ROLL,
     KnownVehicle,
     Vehicle,
-    inertia_ratios,
 )
 from eivor.motions.rigid_body.verdict import (
     identified_ratios,
@@ -71,15 +66,6 @@ def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
 
 
-def test_lift_turns_as_in_the_simulator():
-    air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
-    turned = [wrench(coefficients_of(item), air, rates, speeds)[1] for item in (LIFTED, SPEC.vehicle)]
-    moments = np.array([column_of(parameter, air, rates) for parameter in LIFT_MOMENT])
-    expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
-    assert LIFT * moments == pytest.approx(expected, rel=1e-9)
-    assert np.abs(expected).min() > 1e-7
-
-
 def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
     (flight,) = simulate_rigid_body_flights([SPEC])
     motion = RigidBody(KNOWN)
@@ -102,27 +88,6 @@ def moved(by: tuple[float, float, float], vehicle: Vehicle = BESIDE_SPEC.vehicle
     """Vehicle whose rotors all stand elsewhere from its centre of mass."""
     positions = tuple(tuple(np.add(position, by).tolist()) for position in vehicle.rotors.positions)
     return replace(vehicle, rotors=replace(vehicle.rotors, positions=positions))
-
-
-@pytest.mark.parametrize("by", [(0.01, 0.0, 0.0), (0.0, -0.02, 0.0), (0.0, 0.0, 0.015)])
-def test_drag_beside_the_centre_of_mass_turns_by_the_velocities_along_the_other_axes(by):
-    """The simulator's torques at equal speeds, velocity by velocity."""
-    coefficients = coefficients_of(moved(by))
-    speeds = [HOVER] * 4
-    resting = np.array(wrench(coefficients, STILL, STILL, speeds)[1])
-    of_velocity = np.column_stack(
-        [
-            np.array(wrench(coefficients, tuple(item), STILL, speeds)[1]) - resting
-            for item in np.eye(3).tolist()
-        ]
-    )
-    assert np.abs(of_velocity).max() > 1e-6
-    velocity = np.array([1.3, -0.7, 0.4])
-    torque = np.array(wrench(coefficients, tuple(velocity.tolist()), STILL, speeds)[1]) - resting
-    for axis in range(3):
-        others = [along for along in range(3) if along != axis]
-        columns = [column_of(parameter, velocity, STILL) for parameter in DRAG_MOMENT[axis]]
-        assert of_velocity[axis, others] @ columns == pytest.approx(torque[axis], abs=1e-12)
 
 
 def test_rotors_that_spin_turn_as_in_the_simulator():
@@ -307,14 +272,6 @@ def told(vehicle=SPINNING) -> dict[str, float]:
     gains = {f"{name}_gain": gain for name, gain in zip(("roll", "pitch"), truth.torque_gains, strict=False)}
     pairs = zip(("roll", "pitch"), truth.gyroscopic_ratios, strict=False)
     return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
-
-
-def test_ratios_are_those_of_the_inertias():
-    values = told()
-    expected = {PITCH_OVER_ROLL: SECOND / FIRST, **dict.fromkeys(YAW_OVER_ROLL, THIRD / FIRST)}
-    for formula, ratio in expected.items():
-        assert Formula(formula).expression.evaluate(values) == pytest.approx(ratio)
-    assert inertia_ratios(values) == pytest.approx((THIRD / FIRST, THIRD / SECOND))
 
 
 def test_columns_are_sums_of_those_that_they_replace(problem):
