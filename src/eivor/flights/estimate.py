@@ -66,6 +66,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
+from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import (
@@ -349,7 +350,7 @@ def known_lag(
     for item in sorted(measurements, key=lambda entry: entry.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
         result = replace(item, alone=own, slack_s=0.0 if item is by_telemetry else slack_s)
-        if result.agrees:
+        if result.p_value >= SIGNIFICANT:
             return result, tuple(noticed)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
         noticed.append(Finding(f"{item.source}_contradicts", sentence))

@@ -264,23 +264,14 @@ LARGEST_SHARE_LEFT = 0.5
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
 
 
-def _lagged_parabola(
-    flight: PreparedFlight, time_s: Float[np.ndarray, " n"], nuisance_values: Values
-) -> Float[np.ndarray, "n 2"]:
-    """Mean state of the actuators about the mean command, and its square, at the stamps of telemetry."""
-    commands, step_s = flight.signals.family(flight.input.name), flight.signals.step_s
-    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-    state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
-    away = np.interp(time_s, flight.grid.time_s, state) - commands.mean()
-    return np.column_stack([away, away**2])
-
-
 def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagPrior | None:
-    """Lag of the actuators by the telemetry of flights that have it."""
-    logged = [[] if flight.input.measured else _telemetry(flight, families) for flight in flights]
-    columns = tuple(
-        _columns(number, flights[number], channels) for number, channels in enumerate(logged) if channels
-    )
+    """Lag of the actuators by the telemetry of flights that have it: the first family that the log has."""
+    columns: list[AxisColumns] = []
+    for number, flight in enumerate(flights):
+        channels = next(filter(None, map(flight.recording.family, families)), [])
+        quick = all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels)
+        if channels and quick and not flight.input.measured:
+            columns.append(_columns(number, flight.shortened, channels))
     if not any(column.runs for column in columns):
         return None
     problem = LaggedRuns(tuple(columns), (SLOPE, CURVATURE), lag_and_delay())
@@ -294,8 +285,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
-    slowest = min(channel.rate_hz for channels in logged for channel in channels)
-    own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
+    own_delay_s = hypot(OWN_DELAY_S, max(column.step_s for column in columns) / sqrt(12.0))
     return LagPrior.by_measurement(
         TELEMETRY, "telemetry of the actuators", lag_quantity, own_delay_s, "a delay of its own"
     )

@@ -23,7 +23,6 @@ from eivor.motions.rigid_body.regression import (
     OnboardFilter,
     as_logged,
     mean_over_step,
-    rigid_body_problem,
 )
 from eivor.motions.rigid_body.terms import (
     DAMPING,
@@ -77,38 +76,6 @@ def test_a_filter_that_was_not_passed_is_told(passed):
     reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
     assert len(reasons_kept) == (0 if passed else 1)
     assert all(reason.status is Status.WEAK for reason in reasons_kept)
-
-
-def stub(J: float) -> Mock:
-    """An estimate, as far as its references' disagreement is asked for."""
-    known = {"over_identification": (J, 0.0), "assembler": Instrumental(), "nuisances": {}}
-    return Mock(spec=Estimate, method="reference_iv", **known)
-
-
-@pytest.mark.thorough
-def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypatch):
-    flight = simulate_rigid_body_flights([replace(BASE, duration=seconds) for seconds in (5.0, 7.0)])
-    rotors = BASE.vehicle.rotors
-    positions = tuple((x, y) for x, y, _ in rotors.positions)
-    known = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
-    alone = RigidBody(known)
-    flights = tuple(prepare(item.recording, alone, FlightOptions()).shortened for item in flight)
-    motion = for_flights(alone, flights, FlightOptions())
-    problem = rigid_body_problem(flights, motion.vehicle, NoInstruments())
-    requested = []
-
-    def identified(specific, _method):
-        requested.append({column.flight for column in specific.columns})
-        return stub(100.0 if len(requested) == 1 else 10.0)
-
-    monkeypatch.setattr("eivor.motions.rigid_body.verdict.identify", identified)
-    for other in ("observed_order", "steady_wind"):
-        monkeypatch.setattr(f"eivor.motions.rigid_body.motion.{other}", lambda *_: None)
-    found = motion.checks(problem, stub(300.0), flights).filters
-    assert found == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
-    assert requested == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone
-    assert motion.checks(problem, stub(300.0), flights[:1]).numbers == {}
-    assert len(requested) == 2
 
 
 # -- Which columns pass a known onboard filter, and what is left of it when readers took its de --

@@ -25,6 +25,7 @@ from eivor.motions.rigid_body.regression import (
     inferred_velocity,
 )
 from eivor.motions.rigid_body.terms import (
+    DRAG_MOMENT,
     FORCE_Z_EQUATION,
     GYROSCOPIC_MOMENT,
     LIFT_MOMENT,

@@ -62,25 +62,6 @@ def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
 
 
 @pytest.mark.thorough
-def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
-    shoved = spec(1, duration=11.0)
-    flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
-    disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
-    names = [name for name in disturbed.usable_references if name.startswith("injected")]
-    assert len(names) == 3  # what is injected serves
-    result = predicted_flight(disturbed, motion().vehicle, LaggedReferences(disturbed.usable_references))
-    assert set(result.signals.channels) == set(disturbed.signals.channels)
-    used = disturbed.used
-    for name in ("angular_rate_x", "angular_rate_y"):
-        truth = calm.signals.channel(name)[used]
-        predicted = result.signals.channel(name)[used]
-        assert np.std(predicted - truth) < 0.7 * np.std(truth)
-        shoved_by = disturbed.signals.channel(name)[used] - truth
-        assert abs(np.corrcoef(predicted - truth, shoved_by)[0, 1]) < 0.3
-    assert np.ptp(result.signals.channel("attitude_w")) == 0.0
-
-
-@pytest.mark.thorough
 def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_misses():
     (flight,) = flown(spec(2))
     truth = flight.truth.parameters.torque_gains
