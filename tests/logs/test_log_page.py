@@ -38,8 +38,7 @@ def test_formats_and_limits_are_named():
     formats = PAGE.partition("## Formats")[2].partition("## Channels")[0]
     for row in readable_formats():
         assert re.search(rf"^\| .*{row.label}.* \| yes \|", formats, flags=re.MULTILINE), row.label
-    unread = {"blackbox": "Betaflight"}
-    unread |= {"tlog": ".tlog", "dji": "DJI", "arrow": "Arrow"}
+    unread = {"tlog": ".tlog", "dji": "DJI", "arrow": "Arrow"}
     assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
     assert all(words in formats for words in unread.values())
     assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")

@@ -75,12 +75,6 @@ _DJI_DETAILS = (200, 2000)
 
 #: Recognised formats without a reader in this release.
 RECOGNISED: tuple[LogFormat, ...] = (
-    _recognised(
-        "blackbox",
-        "a Betaflight or INAV blackbox log",
-        b"H Product:Blackbox",
-        "Convert it with `blackbox_decode` to CSV, for which maps are shipped (betaflight_csv, inav_csv).",
-    ),
     _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
     _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
     _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
@@ -178,6 +172,7 @@ READERS = (
     "eivor.logs.ulog.reader:FORMATS",
     "eivor.logs.table.columnar:PARQUETS",
     "eivor.logs.crazyflie.reader:FORMATS",
+    "eivor.logs.blackbox:FORMATS",
     "eivor.logs.dataflash.reader:FORMATS",
     "eivor.logs.rosbag.channels:FORMATS",
     "eivor.logs.table.columnar:ARRAYS",
@@ -186,7 +181,7 @@ READERS = (
 TABLES = "eivor.logs.table.columnar:TEXTS"
 
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
-FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
+FURTHER_ENDINGS = (".bag", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 
 #: What other packages have declared, by name; compared before texts.
 _DECLARED: dict[str, LogFormat] = {}
@@ -285,8 +280,9 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, a DataFlash log, a Crazyflie's microSD log, a ROS bag or MCAP, a CSV, Parquet, MATLAB or HDF5
-        file; or the folder of a ROS 2 bag. "-" reads standard input, by way of a temporary file.
+        A ULog, a DataFlash log, a Crazyflie's microSD log, a blackbox log, a ROS bag or MCAP, a CSV,
+        Parquet, MATLAB or HDF5 file; or the folder of a ROS 2 bag. "-" reads standard input, by way of a
+        temporary file.
     channel_map : str or path, optional
         For tables, variables of a Crazyflie, and topics of bags: a channel map (TOML), or the name of a
         shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables and topics

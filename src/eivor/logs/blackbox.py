@@ -1,0 +1,556 @@
+"""Reader of blackbox logs of Betaflight and INAV: frames of delta-encoded fields, decoded in blocks."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.logs.channel_map import ChannelMap, ChannelRule, Expression, load_channel_map
+from eivor.logs.common import Columns, LogFormat, ReadOptions, begins_with, believable, noted
+from eivor.logs.mapping import fitted_rules, mapped_recording
+from eivor.signals.recording import Finding, LogOrigin, Recording
+
+MAGIC = b"H Product:Blackbox"
+#: Encodings of fields.
+SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, TAG2_3, TAG8_4, NOTHING, TAG2_3_VARIABLE = 0, 1, 3, 6, 7, 8, 9, 10
+#: How many fields share an encoding's tag.
+GROUPS = {TAG2_3: 3, TAG8_4: 4, TAG2_3_VARIABLE: 3}
+#: Bytes of each packing of three fields, and shift and bits of each field in them, the highest byte first.
+_TWO_BITS = (1, ((4, 2), (2, 2), (0, 2)))
+PACKINGS = {
+    TAG2_3: (_TWO_BITS, (2, ((8, 4), (4, 4), (0, 4))), (3, ((16, 6), (8, 6), (0, 6)))),
+    TAG2_3_VARIABLE: (_TWO_BITS, (2, ((9, 5), (4, 5), (0, 4))), (3, ((14, 8), (7, 7), (0, 7)))),
+}
+#: Predictors of fields, which need no frame before theirs.
+MOTOR_0, INCREMENT = 5, 6
+#: Predictors that need frames before theirs.
+PREVIOUS, STRAIGHT, AVERAGE = 1, 2, 3
+#: Predictors that add a number of the head: its key, and what it is where the head has none.
+CONSTANTS = {4: ("minthrottle", 1150), 8: ("", 1500), 9: ("vbatref", 4095), 11: ("motorOutput", 1150)}
+#: Kinds of frames: intra, inter, GPS, GPS home, slow, event.
+MARKERS = b"IPGHSE"
+INTRA, INTER, EVENT = b"IPE"
+#: Frames are no longer than this [bytes], lines of the head, and fields of a frame no more than this.
+FRAME_BYTES, LINE_BYTES, MOST_FIELDS = 256, 4096, 128
+#: Numbers that are decoded for each byte of the log, at most.
+NUMBERS_PER_BYTE = 8
+#: Frames that are decoded at a time.
+BLOCK = 1 << 17
+#: Events: how many numbers of variable length follow, and the words of the last event.
+EVENTS = {0: 1, 14: 2, 15: 1, 30: 2}
+ADJUSTMENT, LAST_EVENT = 13, b"\xffEnd of log\0"
+#: The clock, as `blackbox_decode` names it.
+CLOCK = "time (us)"
+#: Counts of the accelerometer to a g in the shipped maps.
+COUNTS = 2048.0
+
+Block = np.ndarray  # (n,) numbers of frames
+
+
+# -- Head --
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFields:
+    """What frames of a kind hold, by field."""
+
+    names: tuple[str, ...]
+    signed: tuple[int, ...]
+    predictors: tuple[int, ...]
+    encodings: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The head of a log: its keys, and the fields of each kind of frame."""
+
+    values: Mapping[str, str]
+    frames: Mapping[int, FrameFields]
+    end: int  # Where the frames begin
+
+    def numbers(self, key: str, default: float = math.nan) -> tuple[float, ...]:
+        """Numbers of a key; the default where it has none."""
+        try:
+            return tuple(float(item) for item in self.values[key].split(","))
+        except (KeyError, ValueError):
+            return (default,)
+
+
+def _head(data: bytes, begins: int, end: int, name: str) -> Head:
+    values: dict[str, str] = {}
+    at = begins
+    while data.startswith(b"H ", at):
+        line = data.find(b"\n", at, min(at + LINE_BYTES, end))
+        if line < 0:
+            break
+        key, _, value = data[at + 2 : line].decode("utf-8", "replace").partition(":")
+        values[key] = value.strip()
+        at = line + 1
+    frames = {kind: _fields(values, chr(kind), name) for kind in MARKERS if kind != EVENT}
+    return Head(values, {kind: fields for kind, fields in frames.items() if fields.names}, at)
+
+
+def _fields(values: Mapping[str, str], kind: str, name: str) -> FrameFields:
+    shared = "I" if kind == "P" else kind
+    names = tuple(values.get(f"Field {shared} name", "").split(","))
+    if names == ("",):
+        return FrameFields((), (), (), ())
+    rows = []
+    for key in (f"{shared} signed", f"{kind} predictor", f"{kind} encoding"):
+        text = values.get(f"Field {key}", "")
+        row = tuple(int(item) for item in text.split(",") if item.strip().isdecimal())
+        if len(row) != len(names) or len(names) > MOST_FIELDS:
+            raise _corrupt(
+                name, f"whose head has {len(row)} numbers for 'Field {key}', of {len(names)} fields"
+            )
+        rows.append(row)
+    fields = FrameFields(names, *rows)
+    known = {SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, NOTHING, *GROUPS}
+    alone = {PREVIOUS, STRAIGHT, AVERAGE, INCREMENT} if kind == "I" else set()
+    predictors = {*range(12), 256} - alone
+    sound = known.issuperset(fields.encodings) and predictors.issuperset(fields.predictors)
+    if not sound or any(end > len(names) for _, _, end in _groups(fields)):
+        raise _corrupt(name, f"whose fields of frames {kind} have an encoding or predictor that is not known")
+    return fields
+
+
+def _groups(fields: FrameFields) -> Iterator[tuple[int, int, int]]:
+    """Encoding, first field and end of each group of fields that are decoded together."""
+    first = 0
+    while first < len(fields.names):
+        encoding, end = fields.encodings[first], first + 1
+        if fields.predictors[first] == INCREMENT:
+            encoding = NOTHING
+        elif encoding in GROUPS:
+            end = first + GROUPS[encoding]
+        elif encoding == TAG8_8:
+            while end < min(first + 8, len(fields.names)) and fields.encodings[end] == TAG8_8:
+                end += 1
+        yield encoding, first, end
+        first = end
+
+
+def _corrupt(name: str, what: str) -> CorruptLogError:
+    remedy = "Copy the log from the flight controller again, or convert it with `blackbox_decode` to CSV."
+    return CorruptLogError("a blackbox log of Betaflight or INAV", f"'{name}', {what}", remedy)
+
+
+# -- Encodings --
+
+
+def _extended(value: Block, bits: int) -> Block:
+    """Numbers of so many bits with their sign."""
+    half = 1 << (bits - 1)
+    return (value & (2 * half - 1) ^ half) - half
+
+
+def _unsigned(data: Block, at: Block) -> tuple[Block, Block]:
+    """Seven bits a byte, the lowest first; the eighth says that more follow."""
+    value, more = np.zeros_like(at), np.ones(at.shape, dtype=np.bool_)
+    for number in range(5):
+        byte = data[at].astype(np.int64)
+        value |= np.where(more, (byte & 127) << (7 * number), 0)
+        at = at + more
+        more = more & (byte >= 128)
+        if not more.any():
+            break
+    return value & 0xFFFFFFFF, at
+
+
+def _signed(data: Block, at: Block) -> tuple[Block, Block]:
+    value, at = _unsigned(data, at)
+    return (value >> 1) ^ -(value & 1), at
+
+
+def _tagged_8(data: Block, at: Block, count: int) -> tuple[list[Block], Block]:
+    """One bit for each field that is not zero; without a tag for a single field."""
+    if count == 1:
+        value, at = _signed(data, at)
+        return [value], at
+    tag, at, values = data[at].astype(np.int64), at + 1, []
+    for number in range(count):
+        value, logged = np.zeros_like(at), (tag >> number & 1).astype(np.bool_)
+        value[logged], at[logged] = _signed(data, at[logged])
+        values.append(value)
+    return values, at
+
+
+def _nibbles(data: Block, at: Block) -> tuple[list[Block], Block]:
+    """Two bits for each of four fields: they have 0, 1, 2 or 4 nibbles, the highest first."""
+    tag, nibble, values = data[at].astype(np.int64), 2 * (at + 1), []
+    for number in range(4):
+        width = np.array([0, 1, 2, 4])[tag >> (2 * number) & 3]
+        value = np.zeros_like(at)
+        for place in range(4):
+            read = place < width
+            half = data[nibble >> 1].astype(np.int64) >> (4 * (1 - (nibble & 1))) & 15
+            value = np.where(read, value << 4 | half, value)
+            nibble = nibble + read
+        half = 1 << np.maximum(4 * width - 1, 0)
+        values.append(np.where(width > 0, (value ^ half) - half, 0))
+    return values, (nibble + 1) >> 1
+
+
+def _tagged_2(data: Block, at: Block, encoding: int) -> tuple[list[Block], Block]:
+    """Two bits for three fields: packed in one to three bytes, or one to four bytes each."""
+    values = [np.zeros_like(at) for _ in range(3)]
+    tag = data[at].astype(np.int64)
+    end = at + 1
+    for number, (length, places) in enumerate(PACKINGS[encoding]):
+        chosen = np.flatnonzero(tag >> 6 == number)
+        word = np.zeros_like(chosen)
+        for byte in range(length):
+            word = word << 8 | data[at[chosen] + byte].astype(np.int64)
+        end[chosen] = at[chosen] + length
+        for value, (shift, bits) in zip(values, places, strict=True):
+            value[chosen] = _extended(word >> shift, bits)
+    return _in_bytes(data, end, tag, values)
+
+
+def _in_bytes(data: Block, at: Block, tag: Block, values: list[Block]) -> tuple[list[Block], Block]:
+    """The fourth packing: two bits for the bytes of each field, the lowest byte first."""
+    chosen = np.flatnonzero(tag >> 6 == 3)
+    place, lengths = at[chosen], tag[chosen]
+    for number, value in enumerate(values):
+        length = (lengths >> (2 * number) & 3) + 1
+        word = np.zeros_like(place)
+        for byte in range(4):
+            word |= np.where(byte < length, data[place + byte].astype(np.int64) << (8 * byte), 0)
+        half = 1 << (8 * length - 1)
+        value[chosen] = (word ^ half) - half
+        place = place + length
+    at[chosen] = place
+    return values, at
+
+
+# -- Frames --
+
+
+def _decoded(data: Block, at: Block, fields: FrameFields) -> tuple[dict[int, Block], Block]:
+    """What frames hold at places in a log, by field before prediction, and where each frame ends."""
+    values: dict[int, Block] = {}
+    last = data.size - FRAME_BYTES
+    for encoding, first, end in _groups(fields):
+        at = np.minimum(at, last)
+        if encoding == NOTHING:
+            group = [np.zeros_like(at)]
+        elif encoding == TAG8_8:
+            group, at = _tagged_8(data, at, end - first)
+        elif encoding == TAG8_4:
+            group, at = _nibbles(data, at)
+        elif encoding in PACKINGS:
+            group, at = _tagged_2(data, at, encoding)
+        elif encoding == SIGNED:
+            value, at = _signed(data, at)
+            group = [value]
+        else:
+            value, at = _unsigned(data, at)
+            group = [-_extended(value, 14) if encoding == NEGATIVE_14 else value]
+        values |= dict(zip(range(first, end), group, strict=True))
+    return values, at
+
+
+def _lengths(data: Block, begins: int, end: int, frames: Mapping[int, FrameFields]) -> np.ndarray:
+    """Length of the frame that each byte would begin; zero where none can [bytes]."""
+    result = np.zeros(end + 1, dtype=np.uint16)
+    for kind, fields in frames.items():
+        starts = begins + np.flatnonzero(data[begins:end] == kind)
+        for block in np.array_split(starts, range(BLOCK, starts.size, BLOCK)):
+            _, ends = _decoded(data, block + 1, fields)
+            length = ends - block
+            result[block] = np.where((length <= FRAME_BYTES) & (ends <= end), length, 0)
+    return result
+
+
+def _event_length(data: bytes, at: int) -> int:
+    """Length of the event that a byte begins; zero where it is of no known kind [bytes]."""
+    kind = data[at + 1]
+    if data.startswith(LAST_EVENT, at + 1):
+        return 1 + len(LAST_EVENT)
+    place, numbers = at + 2, EVENTS.get(kind, 0)
+    if kind == ADJUSTMENT:
+        place, numbers = (place + 5, 0) if data[place] > 127 else (place + 1, 1)
+    elif not numbers:
+        return 0
+    for _ in range(numbers):
+        place = next((here + 1 for here in range(place, place + 5) if data[here] < 128), place + 5)
+    return place - at
+
+
+@dataclass(slots=True)
+class _Chain:
+    """Frames of a log in order: where they begin, which follow damage, and bytes that are of none."""
+
+    starts: list[int]
+    broken: list[int]  # Numbers of frames before which something is lost
+    lost: int = 0
+
+
+def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
+    """Walk from frame to frame; after damage on from the next byte that begins two frames."""
+    chain, sizes, at = _Chain([], []), memoryview(lengths.data), begins
+
+    def follows(place: int) -> int:
+        size = _event_length(data, place) if data[place] == EVENT else sizes[place]
+        after = place + size
+        return size if size and (after == end or (after < end and data[after] in MARKERS)) else 0
+
+    while at < end:
+        size = follows(at)
+        if not size:
+            damaged = at
+            at = next(
+                (place for place in range(at + 1, end) if data[place] in MARKERS and follows(place)), end
+            )
+            chain.lost += at - damaged
+            chain.broken.append(len(chain.starts))
+            continue
+        if data[at] in (INTRA, INTER):
+            chain.starts.append(at)
+        elif data.startswith(LAST_EVENT, at + 1):
+            break
+        at += size
+    return chain
+
+
+# -- Prediction --
+
+
+def _main_columns(
+    data: Block, starts: np.ndarray, broken: Sequence[int], head: Head, wanted: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """Fields of intra and inter frames; after damage none before the next intra frame."""
+    inter = data[starts] == INTER
+    segment = np.cumsum(~inter)
+    kept = segment > 0
+    for number in broken:
+        if number < starts.size and inter[number]:
+            kept[number : np.searchsorted(segment, segment[number], side="right")] = False
+    starts, inter = starts[kept], inter[kept]
+    raw = {field: np.zeros(starts.size, dtype=np.int64) for field in wanted}
+    for kind, frames in ((INTRA, ~inter), (INTER, inter)):
+        rows = np.flatnonzero(frames)
+        for block in np.array_split(rows, range(BLOCK, rows.size, BLOCK)):
+            values, _ = _decoded(data, starts[block] + 1, head.frames[kind])
+            for field in wanted:
+                raw[field][block] = values[field]
+    names, first = head.frames[INTRA].names, np.flatnonzero(~inter)
+    columns: dict[str, np.ndarray] = {}
+    for field in sorted(wanted, key=lambda item: names[item] != "motor[0]"):
+        value = raw[field]
+        for kind, frames in ((INTRA, ~inter), (INTER, inter)):
+            predictor = head.frames[kind].predictors[field]
+            if predictor == MOTOR_0:
+                value[frames] += columns["motor[0]"][frames]
+            elif predictor in CONSTANTS:
+                key, default = CONSTANTS[predictor]
+                value[frames] += int(head.numbers(key, default)[0])
+        value = _predicted(value, first, head.frames[INTER].predictors[field])
+        wrapped = value.astype(np.int32) if head.frames[INTRA].signed[field] else value.astype(np.uint32)
+        columns[names[field]] = wrapped.astype(np.int64)
+    return columns
+
+
+def _predicted(value: Block, first: np.ndarray, predictor: int) -> Block:
+    """Add what inter frames were predicted as from frames before them, since the last intra frame."""
+    if predictor not in (PREVIOUS, STRAIGHT, AVERAGE) or not value.size:
+        return value
+    length = np.diff(np.append(first, value.size))
+    begin = np.repeat(first, length)
+    if predictor == AVERAGE:
+        for step in range(1, int(length.max())):
+            here = first[length > step] + step
+            before, earlier = value[here - 1], value[np.maximum(here - 2, first[length > step])]
+            value[here] += np.fix((before + earlier) / 2).astype(np.int64)
+        return value
+    start = value[begin]
+    steps = np.where(np.arange(value.size) == begin, 0, value)
+    for _ in range(predictor):
+        total = np.cumsum(steps)
+        steps = total - total[begin]
+    return start + steps
+
+
+# -- Reader --
+
+
+def read_blackbox(file: Path, options: ReadOptions) -> Recording:
+    """Read the longest log of a file: one is added each time that the vehicle is armed."""
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise _corrupt(file.name, f"for which the system says: {error.strerror}") from error
+    begins = [at for at, _ in _logs(data)]
+    first, end = max(_logs(data), key=lambda log: log[1] - log[0])
+    findings = noted(
+        "several_logs",
+        "{} The longest is read; `blackbox_decode` splits them.",
+        f"The file holds {len(begins)} logs." if len(begins) > 1 else "",
+    )
+    head = _head(data, first, end, file.name)
+    if INTRA not in head.frames or INTER not in head.frames or "time" not in head.frames[INTRA].names:
+        raise _corrupt(file.name, "whose head does not say what its frames hold")
+    padded = np.frombuffer(data[first:end] + bytes(2 * FRAME_BYTES), dtype=np.uint8)
+    columns, lost = _read_columns(padded, head, head.end - first, end - first, file.name)
+    firmware = head.values.get("Firmware revision", "")
+    findings += noted("damaged", "Bytes that are of no frame, left out: {}.", lost)
+    findings += _filter_findings(head)
+    chosen = _chosen_map(columns, options, firmware)
+    rules = fitted_rules(chosen, list(columns), file.name)
+    recording = mapped_recording(
+        chosen,
+        rules,
+        Columns(columns),
+        name=file.name,
+        log_format="blackbox",
+        sha256=options.sha256,
+        findings=findings,
+    )
+    origin = LogOrigin(firmware=firmware, airframe=head.values.get("Craft name", ""), start=_start(head))
+    return replace(recording, origin=origin)
+
+
+def _logs(data: bytes) -> list[tuple[int, int]]:
+    """Begin and end of each log of a file."""
+    begins, at = [], data.find(MAGIC)
+    while at >= 0:
+        begins.append(at)
+        at = data.find(MAGIC, at + len(MAGIC))
+    return list(pairwise([*begins, len(data)]))
+
+
+def _read_columns(
+    padded: Block, head: Head, begins: int, end: int, name: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
+    chain = _chain(padded.tobytes(), begins, end, _lengths(padded, begins, end, head.frames))
+    names = head.frames[INTRA].names
+    wanted = [field for field, item in enumerate(names) if item != "loopIteration"]
+    starts = np.array(chain.starts, dtype=np.int64)
+    if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
+        raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")
+    raw = _main_columns(padded, starts, chain.broken, head, wanted) if starts.size else {}
+    clock = raw.pop("time", np.empty(0))
+    if not clock.size:
+        received = f"'{name}', without a whole frame after its head"
+        raise EmptyLogError(
+            "a blackbox log with frames", received, "Arm the vehicle, and copy the log again."
+        )
+    steps = np.diff(clock, prepend=clock[0]).astype(np.int32)
+    stamps = clock[0] + np.cumsum(steps, dtype=np.float64)
+    sound = believable(1e-6 * (stamps - stamps[0]))
+    sound &= stamps >= np.maximum.accumulate(np.where(sound, stamps, -np.inf))
+    columns = {CLOCK: stamps[sound] - stamps[0]}
+    for field, values in raw.items():
+        words, factor, offset = _scale(field, head)
+        columns[words] = factor * (values[sound] - offset)
+    for axis in range(3):
+        if f"axisP[{axis}]" in columns:
+            for part in "IDF":
+                columns.setdefault(f"axis{part}[{axis}]", np.zeros(columns[CLOCK].size))
+    return columns, chain.lost
+
+
+def _is_inav(head: Head) -> bool:
+    return head.values.get("Firmware revision", "").startswith("INAV")
+
+
+def _scale(field: str, head: Head) -> tuple[str, float, float]:
+    """Name of a column, and factor and offset that make its unit of what is logged."""
+    stem, factor, offset = field.partition("[")[0], 1.0, 0.0
+    fine = 10.0 if head.numbers("blackbox_high_resolution", 0.0)[0] == 1.0 else 1.0
+    low, high = (*head.numbers("motorOutput"), math.nan)[:2]
+    if stem == "gyroADC":
+        factor = _gyro_scale(head) / fine
+    elif stem in ("setpoint", "rcCommand") and not field.endswith("[3]"):
+        factor = 1.0 / fine
+    elif stem == "accSmooth":
+        factor = COUNTS / max(head.numbers("acc_1G", COUNTS)[0], 1.0)
+    elif stem == "motor" and high > low and not _is_inav(head):
+        factor, offset = 1.0 / (high - low), low
+    elif stem == "eRPM":
+        pole_pairs = max(head.numbers("motor_poles", 14.0)[0], 2.0) / 2.0
+        factor = 100.0 / pole_pairs * 2.0 * np.pi / 60.0
+    elif field == "vbatLatest":
+        field, factor = "vbatLatest (V)", 0.01
+    return field, factor, offset
+
+
+def _gyro_scale(head: Head) -> float:
+    """Degrees a second of a count: the bits of a number of four bytes."""
+    text = head.values.get("gyro_scale", head.values.get("gyro.scale", ""))
+    try:
+        (scale,) = struct.unpack("<f", struct.pack("<I", int(text, 16)))
+    except (ValueError, struct.error):
+        return 1.0
+    return float(scale) if math.isfinite(scale) and scale > 0.0 else 1.0
+
+
+def _chosen_map(columns: Mapping[str, np.ndarray], options: ReadOptions, firmware: str) -> ChannelMap:
+    """The given map, or the shipped map of the firmware, with the speeds of rotors that are logged."""
+    if options.channel_map is not None:
+        return load_channel_map(options.channel_map)
+    navigates = firmware.startswith("INAV") and "navPos[2]" in columns
+    chosen = load_channel_map("inav_csv" if navigates else "betaflight_csv")
+    speeds = [
+        ChannelRule(f"rotor_speed_{number + 1}", Expression.of_column(f"eRPM[{number}]"))
+        for number in range(8)
+        if f"eRPM[{number}]" in columns
+    ]
+    return replace(chosen, rules=(*chosen.rules, *speeds), origin=firmware or "the firmware")
+
+
+def _filter_findings(head: Head) -> list[Finding]:
+    """Low-pass filters of the gyroscope, whose delay is a part of the lag."""
+    keys = (
+        "gyro_lpf1_static_hz",
+        "gyro_lpf2_static_hz",
+        "gyro_lowpass_hz",
+        "gyro_lowpass2_hz",
+        "gyro_lpf_hz",
+    )
+    cut_offs = [f"{hz:g}" for key in keys if (hz := head.numbers(key, 0.0)[0]) > 0.0]
+    return noted(
+        "gyro_filters",
+        "The rates are behind the gyroscope's low-pass filters of {} Hz: the lag holds their delay.",
+        " and ".join(cut_offs),
+    )
+
+
+def _start(head: Head) -> datetime | None:
+    try:
+        start = datetime.fromisoformat(head.values.get("Log start datetime", ""))
+    except ValueError:
+        return None
+    return start if start.tzinfo is not None and start.year > 2000 else None
+
+
+def _advice(_channel: str) -> tuple[str, ...]:
+    """How to log on a Betaflight vehicle."""
+    return (
+        "Blackbox: set blackbox_sample_rate for 1 kHz or more; log the gyroscope, setpoints and motors.",
+        "Log eRPM (bidirectional DShot): it gives the speeds of the rotors.",
+    )
+
+
+FORMATS = (
+    LogFormat(
+        "blackbox",
+        "Betaflight and INAV blackbox",
+        begins_with(MAGIC),
+        read_blackbox,
+        takes_map=True,
+        advice=_advice,
+        setpoints="setpoint[0] to setpoint[2] and rcCommand (the sticks), axisP, axisI, axisD and axisF "
+        "(the sums of the loops), motor[0] to motor[3] (the commands), eRPM (the speeds of the rotors).",
+        endings=(".bbl", ".bfl"),
+    ),
+)

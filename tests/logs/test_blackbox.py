@@ -1,0 +1,188 @@
+"""Blackbox logs of Betaflight and INAV: every encoding, scales, damage, and turning that is identified."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from blackbox_writer import FIELDS, blackbox_log, gyro_scale
+
+import eivor as ev
+from eivor.errors import CorruptLogError, EivorError, EmptyLogError
+from motions.turning_logs import Vehicle, turned
+
+RNG = np.random.default_rng(5)
+
+
+def walks(count=700):
+    """Integer columns that need every packing: steps of all sizes, and constant parts."""
+    columns = {}
+    for name, signed, *_ in FIELDS:
+        steps = RNG.integers(-9, 10, count) * RNG.choice(
+            [0, 1, 7, 40, 3000], count, p=[0.3, 0.4, 0.2, 0.07, 0.03]
+        )
+        walk = np.cumsum(steps)
+        columns[name] = np.clip(walk, -30000, 30000) if signed else np.abs(walk) % 2000 + 200
+    columns["loopIteration"] = np.arange(count)
+    columns["time"] = 2**32 - 50_000 + np.cumsum(RNG.integers(240, 260, count))  # the clock goes round
+    return columns
+
+
+def read(tmp_path, content, name="btfl_001.bbl"):
+    path = tmp_path / name
+    path.write_bytes(content)
+    return ev.read_log(path)
+
+
+def values(recording, name):
+    return recording.channels[name].values
+
+
+def test_every_encoding_and_predictor(tmp_path):
+    columns = walks()
+    log = read(
+        tmp_path, blackbox_log({**columns, "time": columns["time"] % 2**32}, {"gyro_scale": gyro_scale(0.5)})
+    )
+    assert log.format == "blackbox"
+    assert log.origin.firmware.startswith("Betaflight 4.5.0")
+    assert log.origin.airframe == "five inch"
+    assert log.origin.start.year == 2025
+    for axis, letter in enumerate("xyz"):
+        rate = np.radians(0.5 * columns[f"gyroADC[{axis}]"])
+        np.testing.assert_allclose(values(log, f"angular_rate_{letter}"), rate, atol=1e-9)
+        parts = [columns.get(f"axis{part}[{axis}]", 0.0 * columns["time"]) for part in "PIDF"]
+        np.testing.assert_allclose(values(log, f"torque_setpoint_{letter}"), np.sum(parts, axis=0) / 1000)
+    for rotor in range(4):
+        share = (columns[f"motor[{rotor}]"] - 158) / (2047 - 158)
+        np.testing.assert_allclose(values(log, f"actuator_output_{rotor + 1}"), share)
+        speed = columns[f"eRPM[{rotor}]"] * 100 / 7 * 2 * np.pi / 60
+        np.testing.assert_allclose(values(log, f"rotor_speed_{rotor + 1}"), speed)
+    np.testing.assert_allclose(values(log, "pilot_roll"), columns["rcCommand[0]"] / 500)
+    np.testing.assert_allclose(values(log, "battery_voltage"), 0.01 * columns["vbatLatest"])
+    clock = log.channels["angular_rate_x"].time_s
+    np.testing.assert_allclose(np.diff(clock), 1e-6 * np.diff(columns["time"]), atol=1e-9)
+
+
+def test_high_resolution_and_counts_to_a_g(tmp_path):
+    columns = walks(64)
+    log = read(tmp_path, blackbox_log(columns, {"blackbox_high_resolution": "1", "acc_1G": "4096"}))
+    np.testing.assert_allclose(values(log, "angular_rate_x"), np.radians(columns["gyroADC[0]"] / 10))
+    force = 9.80665 * columns["accSmooth[2]"] / 4096
+    np.testing.assert_allclose(values(log, "specific_force_body_z"), force, rtol=1e-6)
+
+
+def test_the_longest_log_of_a_file_is_read(tmp_path):
+    content = blackbox_log(walks(40)) + blackbox_log(walks(400)) + blackbox_log(walks(64))
+    log = read(tmp_path, content)
+    assert values(log, "pilot_roll").size == 400
+    assert any("3 logs" in finding.message for finding in log.findings)
+
+
+def test_damage_costs_the_frames_until_the_next_whole_one(tmp_path):
+    columns = walks()
+    content = bytearray(blackbox_log(columns))
+    middle = len(content) // 2
+    content[middle : middle + 40] = RNG.bytes(40)
+    log = read(tmp_path, bytes(content))
+    clock = columns["time"] - columns["time"][0]
+    at = np.searchsorted(clock, np.round(1e6 * log.channels["pilot_roll"].time_s).astype(int))
+    assert 600 < at.size < 700
+    assert np.mean(values(log, "pilot_roll") == columns["rcCommand[0]"][at] / 500) > 0.99
+    assert any(finding.name == "damaged" for finding in log.findings)
+
+
+def test_bytes_at_random_end_in_a_recording_or_a_sentence(tmp_path):
+    content = blackbox_log(walks(200))
+    begins = content.rindex(b"H Field") - 200
+    for _ in range(60):
+        mutant = bytearray(content)
+        for _ in range(RNG.integers(1, 9)):
+            mutant[RNG.integers(begins, len(mutant))] = RNG.integers(256)
+        mutant = mutant[: RNG.integers(begins, len(mutant))]
+        with suppress(EivorError):
+            assert read(tmp_path, bytes(mutant)).channels
+
+
+ONE_BYTE = tuple((name, signed, intra, inter, first, 9) for name, signed, intra, inter, first, _ in FIELDS)
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "words"),
+    [
+        (b"H Product:Blackbox flight data recorder\n", CorruptLogError, "what its frames hold"),
+        (
+            blackbox_log(walks(3)).replace(b"Field I signed:0,", b"Field I signed:"),
+            CorruptLogError,
+            "numbers for",
+        ),
+        (blackbox_log(walks(3)).replace(b"I encoding:1,", b"I encoding:5,"), CorruptLogError, "not known"),
+        (
+            blackbox_log(walks(3)).replace(b"I predictor:0,0", b"I predictor:0,2"),
+            CorruptLogError,
+            "not known",
+        ),
+        (blackbox_log({**walks(40)}).partition(b"I\x00")[0], EmptyLogError, "without a whole frame"),
+        (blackbox_log(walks(3), fields=ONE_BYTE) + b"P" * 400_000, CorruptLogError, "numbers a byte"),
+    ],
+    ids=["no fields", "counts", "encoding", "predictor", "no frame", "bomb"],
+)
+def test_refusals(tmp_path, content, error, words):
+    if words == "numbers a byte":
+        content = content.replace(b"E\xffEnd of log\0", b"")
+    with pytest.raises(error, match=words):
+        read(tmp_path, content)
+
+
+def quantised(flight):
+    """A flight as Betaflight counts it: a finer clock and rates in tenths of a degree a second."""
+    clock = flight.channels["angular_rate_x"].time_s
+
+    def held(name):
+        channel = flight.channels[name]
+        return channel.values[np.maximum(np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1, 0)]
+
+    columns = {"loopIteration": np.arange(clock.size), "time": np.round(1e6 * clock) + 7e6}
+    for axis, letter in enumerate("xyz"):
+        columns[f"gyroADC[{axis}]"] = np.round(10.0 * np.degrees(held(f"angular_rate_{letter}")))
+        columns[f"axisP[{axis}]"] = np.round(1000.0 * held(f"torque_setpoint_{letter}"))
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        text = f"reference_{name}"
+        columns[f"rcCommand[{axis}]"] = (
+            np.round(4000.0 * held(text)) if text in flight.channels else 0.0 * clock
+        )
+    return columns | {"rcCommand[3]": 1500.0 + 0.0 * clock, "motor[0]": 900.0 + 0.0 * clock}
+
+
+@pytest.mark.thorough
+def test_turning_is_identified_from_a_blackbox_log(tmp_path):
+    vehicle = Vehicle()
+    flight = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
+    log = read(tmp_path, blackbox_log(quantised(flight), {"blackbox_high_resolution": "1"}))
+    fit = ev.identify_flight(log, model="rates")
+    for axis, truth in zip(("roll", "pitch"), vehicle.effectiveness, strict=False):
+        low, high = fit.quantities[f"{axis}_effectiveness"].interval
+        assert low < truth < high < 1.5 * low
+
+
+def test_inav_logs_have_height_and_velocity(tmp_path):
+    columns, count = {}, 300
+    names = [
+        ("navPos[2]", 900),
+        ("navVel[0]", 0),
+        ("navVel[1]", 0),
+        ("navVel[2]", 70),
+        ("navTgtPos[2]", 1000),
+    ]
+    names += [("attitude[0]", 100), ("attitude[1]", 0), *((f"motor[{rotor}]", 1500) for rotor in range(4))]
+    fields = [FIELDS[0], FIELDS[1], *((name, 1, 0, 1, 0, 0) for name, _ in names)]
+    columns = {name: np.full(count, level) for name, level in names}
+    columns |= {"loopIteration": np.arange(count), "time": 1000 + 4000 * np.arange(count)}
+    log = read(
+        tmp_path,
+        blackbox_log(columns, {"Firmware revision": "INAV 7.1.2 (4e1e59eb) MATEKF405"}, fields=fields),
+    )
+    for name, value in (("position_z", 9.0), ("velocity_z", 0.7), ("reference_position_z", 10.0)):
+        np.testing.assert_allclose(values(log, name), value)
+    np.testing.assert_allclose(values(log, "rotor_command_1"), 0.5)
+    np.testing.assert_allclose(values(log, "cos_tilt"), np.cos(np.radians(10.0)))
