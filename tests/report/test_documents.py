@@ -19,7 +19,7 @@ from eivor.report.document import Bullets, TableOf
 from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
-from eivor.report.rows import NO_NUMBER, numbers
+from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import printable
@@ -151,7 +151,7 @@ def _quantity(value: float, low: float, high: float) -> Quantity:
 def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
-    assert numbers(_quantity(value, low, high), PLAIN) == shown
+    assert QuantityRow("x", PLAIN, _quantity(value, low, high)).texts == shown
 
 
 @pytest.mark.parametrize(

@@ -256,6 +256,7 @@ def check(monkeypatch: pytest.MonkeyPatch, seconds: float, *rounds: tuple[int, i
     server = Server(ServeOptions(workers=2))
     try:
         page = Asking(server)
+        page.json("GET", "/choices")
         dropped(page, content, 1, 1)  # what this process loads by itself
         before = held([os.getpid(), fresh(server)])
         for count, at_once in rounds:

@@ -29,7 +29,7 @@ from eivor.cli.parsing import result_of
 from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.report.document import Fact, Facts, Section
+from eivor.report.document import Facts, Section
 from eivor.report.figures import save_figure
 from eivor.report.flight import flight_document
 from eivor.report.flight_figures import flight_figure
@@ -122,6 +122,6 @@ def report(
     write_page(result, out)
     if out != STANDARD_OUTPUT:
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
-        where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
+        where = Section("", (Facts((("page", f"{out} ({size})"),)),))
         show(on_terminal(replace(flight_document(result), sections=(where,))))
     return exit_code(result)

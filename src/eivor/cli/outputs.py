@@ -67,7 +67,7 @@ def map_paths(text: str) -> Iterable[Path]:
 
 def fleet_paths(text: str) -> Iterable[Path]:
     """Files of a fleet's folder."""
-    return [path for pattern in (*FLEET_FILES, FLEET_PARTS) for path in Path(text).glob(pattern)]
+    return _files_in(Path(text), (*FLEET_FILES, FLEET_PARTS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,27 +143,24 @@ def with_options(
     *sources: type[msgspec.Struct], only: tuple[str, ...] = ()
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Give a command, which takes them by ``**given``, the fields of structures as options: some, or all."""
+    known = {}
+    for source in sources:
+        hints = get_type_hints(source, include_extras=True)
+        for item in msgspec.structs.fields(source):
+            default = [] if item.default is msgspec.NODEFAULT else item.default
+            known[item.name] = inspect.Parameter(
+                item.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[item.name]
+            )
+    taken = {name: known[name] for name in only or known}
 
     def extended(command: Callable[P, R]) -> Callable[P, R]:
-        known = {item.name: item for source in sources for item in _options_of(source)}
-        taken = [known[name] for name in only or known]
-        given = {parameter.name for parameter in taken}
         own = inspect.signature(command, eval_str=True).parameters.values()
-        kept = [item for item in own if item.kind is not item.VAR_KEYWORD and item.name not in given]
-        ordered = sorted([*taken, *kept], key=lambda parameter: parameter.kind)
+        kept = [item for item in own if item.kind is not item.VAR_KEYWORD and item.name not in taken]
+        ordered = sorted([*taken.values(), *kept], key=lambda parameter: parameter.kind)
         vars(command)["__signature__"] = inspect.Signature(ordered)
         return command
 
     return extended
-
-
-def _options_of(source: type[msgspec.Struct]) -> Iterator[inspect.Parameter]:
-    hints = get_type_hints(source, include_extras=True)
-    for item in msgspec.structs.fields(source):
-        default = [] if item.default is msgspec.NODEFAULT else item.default
-        yield inspect.Parameter(
-            item.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[item.name]
-        )
 
 
 # -- Terminal --
@@ -286,6 +283,8 @@ def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
     def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
         raise typer.Exit(code=int(_outcome(command, *args, **kwargs)))
 
+    paragraphs = (inspect.getdoc(command) or "").split("\n\n")  # as wide as the terminal in help
+    leaving.__doc__ = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
     return leaving
 
 
@@ -382,12 +381,10 @@ class _Output:
     path: Path
     inside: tuple[str, ...]
 
-    def replaced(self) -> Iterator[Path]:
-        """Files that exist and that the command may replace."""
-        if str(self.path) != STANDARD_OUTPUT:
-            yield self.path
-            for pattern in self.inside:
-                yield from self.path.glob(pattern)
+    def replaced(self) -> Iterable[Path]:
+        """Files that the command may replace."""
+        is_stream = str(self.path) == STANDARD_OUTPUT
+        return () if is_stream else (self.path, *_files_in(self.path, self.inside))
 
     def writes(self, other: Path) -> bool:
         """Whether the command writes a path through this option, as the file or as one of the folder."""
@@ -400,23 +397,20 @@ class _Output:
 
 
 #: Existing files that the command may replace, with the option that names each.
-_replaced_files: ContextVar[Mapping[tuple[int, int], tuple[_Output, Path]]] = ContextVar("replaced")
+_replaced_files: ContextVar[Mapping[tuple[int, int], tuple[str, Path]]] = ContextVar("replaced")
 
 
 def guard_outputs(context: Any) -> None:
     """Refuse a command whose outputs would replace a file that it reads, or each other."""
-    outputs = [
-        _Output(name, Path(text), item.inside)
-        for name, item, text in declared(context)
-        if isinstance(item, Writes)
-    ]
-    existing = ((_key(path), (output, path)) for output in outputs for path in output.replaced())
+    writes = ((name, Path(text), item) for name, item, text in declared(context) if isinstance(item, Writes))
+    outputs = [_Output(name, path, item.inside) for name, path, item in writes]
+    existing = ((_key(path), (output.option, path)) for output in outputs for path in output.replaced())
     _replaced_files.set({key: item for key, item in existing if key is not None})
     above = context
     while above is not None:
-        for name, entry, text in declared(above):
-            if isinstance(entry, Reads):
-                keep_inputs(name, entry.paths(text))
+        for name, item, text in declared(above):
+            if isinstance(item, Reads):
+                keep_inputs(name, item.paths(text))
         above = above.parent
     for first, second in combinations(outputs, 2):
         if first.writes(second.path) or second.writes(first.path):
@@ -436,12 +430,16 @@ def keep_inputs(name: str, paths: Iterable[Path]) -> None:
     for source in paths if replaced else ():
         key = _key(source)
         if key is not None and key in replaced:
-            output, path = replaced[key]
+            option, path = replaced[key]
             raise UsageError(
-                f"a name for {output.option} that replaces no file that the command reads",
+                f"a name for {option} that replaces no file that the command reads",
                 f"'{path}', which would replace '{source}' of {name}",
-                f"Give {output.option} another name.",
+                f"Give {option} another name.",
             )
+
+
+def _files_in(folder: Path, patterns: Iterable[str]) -> Iterator[Path]:
+    return (path for pattern in patterns for path in folder.glob(pattern))
 
 
 def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
@@ -452,8 +450,10 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
             position, given = positions[parameter.name], context.params.get(parameter.name)
             if not given and position.default is not None:
                 given = position.default(context.params)
+            is_argument = parameter.param_type_name == "argument"
+            name = str(parameter.metavar).strip("[]") if is_argument else max(parameter.opts, key=len)
             texts = given if isinstance(given, list | tuple) else (given,)
-            yield from ((_parameter_name(parameter), position, str(text)) for text in texts if text)
+            yield from ((name, position, str(text)) for text in texts if text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
@@ -465,13 +465,6 @@ def declarations(command: Any) -> dict[str, Reads | Writes]:
         for item in getattr(parameter.annotation, "__metadata__", ())
         if isinstance(item, Reads | Writes)
     }
-
-
-def _parameter_name(parameter: Any) -> str:
-    """How messages name a parameter: an option by its long form, an argument as the help shows it."""
-    if parameter.param_type_name == "argument":
-        return str(parameter.metavar).strip("[]")
-    return max(map(str, parameter.opts), key=len)
 
 
 def _key(path: Path) -> tuple[int, int] | None:
@@ -546,11 +539,10 @@ _READ = "eivor.cli.outputs"
 def read_repeated_options(context: Any, file: str, commands: Iterable[str]) -> None:
     """Give the commands of a group the defaults that a file holds, a table for each command."""
     path = Path(file or FILE)
-    if not file and not path.is_file():
-        return
-
-    context.default_map = _of_group(context.command, read_toml(path, "options by command"), commands)
-    context.meta[_READ] = path.name
+    if file or path.is_file():
+        table = read_toml(path, "options by command")
+        context.default_map = _of_group(context.command, table, commands)
+        context.meta[_READ] = path.name
 
 
 def report_repeated_options(context: Any) -> None:
@@ -580,26 +572,21 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
 def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
     options = {_option_name(param): param for param in command.params if param.param_type_name == "option"}
     results = {}
-    for name in table.values:
+    for name, value in table.values.items():
         if name not in options:
             remedy = did_you_mean(name, options, "Remove it.")
             raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
         option = options[name]
-        results[option.name] = _value(option, name, table)
+        items = value if option.multiple and isinstance(value, list) else [value]
+        if not all(
+            isinstance(item, bool) == option.is_flag and not isinstance(item, dict | list) for item in items
+        ):
+            several = ", or a list of them" * option.multiple
+            expected = "true or false" if option.is_flag else f"a text or a number{several},"
+            raise table.wrong(name, expected, repr(value))
+        texts = items if option.is_flag else [str(item) for item in items]
+        results[option.name] = texts if option.multiple else texts[0]
     return results
-
-
-def _value(option: Any, name: str, table: TomlTable) -> Any:
-    value = table.values[name]
-    if option.is_flag and not isinstance(value, bool):
-        raise table.wrong(name, "true or false", repr(value))
-    if option.is_flag:
-        return value
-    items = value if option.multiple and isinstance(value, list) else [value]
-    if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
-        raise table.wrong(name, f"a text or a number{', or a list of them' * option.multiple},", repr(value))
-    texts = [str(item) for item in items]
-    return texts if option.multiple else texts[0]
 
 
 def _option_name(parameter: Any) -> str:
@@ -618,13 +605,7 @@ def _words(value: Any) -> str:
 
 
 class ReadableCommand(TyperCommand):
-    """A command whose help shows what to type, in paragraphs that are as wide as the terminal."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        if self.help:
-            paragraphs = inspect.cleandoc(self.help).split("\n\n")
-            self.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    """A command that checks its options, and the files that it writes, before it runs."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, after checks of its options and of the files that it writes."""

@@ -139,18 +139,6 @@ def check_windows(recordings: list[Recording], windows: Sequence[Window | None])
                 interval_within(window, recording.span_s)
 
 
-def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
-    """Refuse instruments that a log does not have."""
-    for recording in recordings:
-        absent = [name for name in wanted if name not in {"references", "lags", *recording.channels}]
-        if absent:
-            raise UsageError(
-                f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}",
-                ", ".join(f"'{name}'" for name in absent),
-                "Name those, or references, or lags.",
-            )
-
-
 def identified(
     recordings: list[Recording],
     motion: Motion[Any],
@@ -159,7 +147,12 @@ def identified(
     progress: Progress = no_stage_callback,
 ) -> FlightEstimate:
     """Result of the logs."""
-    check_named_instruments(recordings, options.instruments)
+    for recording in recordings:
+        known = {"references", "lags", *recording.channels}
+        absent = ", ".join(f"'{name}'" for name in options.instruments if name not in known)
+        if absent:
+            expected = f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}"
+            raise UsageError(expected, absent, "Name those, or references, or lags.")
     try:
         return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
     except MissingChannelError as error:

@@ -98,16 +98,6 @@ def public_logs() -> Mapping[str, PublicLog]:
     return logs
 
 
-def cache_folder() -> Path:
-    """Folder of the downloads: EIVOR_CACHE, or the user's cache folder."""
-    chosen = os.environ.get(CACHE_VARIABLE)
-    if chosen:
-        return Path(chosen).expanduser()
-    import pooch
-
-    return Path(pooch.os_cache("eivor"))
-
-
 def fetched(log: PublicLog, *, folder: Path) -> Path:
     """Local file of a public log; downloaded when it is not there yet, its hash checked in any case."""
     import pooch
@@ -198,8 +188,11 @@ def fetch(
     log = logs.get(name) or by_file.get(name)
     if log is None:
         raise UsageError(f"a log out of {', '.join(logs)}", f"'{name}'", "See: eivor example list")
+    import pooch
+
+    folder = Path(os.environ.get(CACHE_VARIABLE) or pooch.os_cache("eivor")).expanduser()
     with step(f"Downloading {log.file_name}"):
-        path = fetched(log, folder=cache_folder())
+        path = fetched(log, folder=folder)
     write(f"{path}\n")
     return ExitCode.IDENTIFIED
 

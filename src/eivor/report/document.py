@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
@@ -43,18 +44,10 @@ class Bullets:
 
 
 @dataclass(frozen=True, slots=True)
-class Fact:
-    """Something reported, with its label."""
-
-    label: str
-    text: str | Bullets
-
-
-@dataclass(frozen=True, slots=True)
 class Facts:
-    """Facts, one below the other."""
+    """Texts with their labels, one below the other."""
 
-    facts: tuple[Fact, ...]
+    facts: tuple[tuple[str, str | Bullets], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +77,13 @@ class TableOf:
 
     columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Cell, ...], ...]  # A cell for each column
+
+
+def table(columns: Iterable[str | TableColumn], rows: Iterable[Iterable[str | Cell]]) -> TableOf:
+    """Table of cells and columns, each of which may be its text alone."""
+    titled = tuple(TableColumn(item) if isinstance(item, str) else item for item in columns)
+    cells = (tuple(Cell(item) if isinstance(item, str) else item for item in row) for row in rows)
+    return TableOf(titled, tuple(cells))
 
 
 @dataclass(frozen=True, slots=True)

@@ -248,10 +248,15 @@ SIZE_INCHES = (11.0, 8.5)
 
 def liveliest(values: Float[np.ndarray, " length"], count: int) -> slice:
     """So many samples in which `values` vary most; all where there are fewer."""
-    if values.size <= count:
-        return slice(0, values.size)
-    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
-    first = int(np.argmax(power[count:] - power[:-count]))
+    return of_most_power((values - values.mean()) ** 2, count)
+
+
+def of_most_power(power: Float[np.ndarray, " length"], count: int) -> slice:
+    """So many samples whose power is the largest in sum; all where there are fewer."""
+    if power.size <= count:
+        return slice(0, power.size)
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    first = int(np.argmax(sums[count:] - sums[:-count]))
     return slice(first, first + count)
 
 

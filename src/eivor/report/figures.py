@@ -30,13 +30,14 @@ from eivor.report.figure_panels import (
     labelled,
     legend,
     mosaic,
+    of_most_power,
     page,
 )
 from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
 from eivor.signals.signals import Signals
-from eivor.tools import Bool, Float, printable
+from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +77,7 @@ def _draw_ahead_over_time(
     ax: Axes,
     prediction: MultiStepPrediction,
     models: tuple[HorizonErrors, ...],
-    displayed: Bool[np.ndarray, " starts"],
+    displayed: slice,
     *,
     first: bool,
 ) -> None:
@@ -132,26 +133,13 @@ def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, st
     return [(model, colours.get(model.model, GREY)) for model in reversed(models)]
 
 
-def _liveliest(prediction: MultiStepPrediction) -> Bool[np.ndarray, " starts"]:
+def _liveliest(prediction: MultiStepPrediction) -> slice:
     """Starts within the part of a flight in which most happens that does not stay as it is."""
     time = prediction.start_s
-    ends = np.flatnonzero(np.diff(time, append=-np.inf) < 0.0) + 1
-    begin, best, result = 0, -np.inf, slice(0, time.size)
     stayed = [models[-1] for models in prediction.by_quantity]
-    moved = sum(
-        (np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0)) ** 2 for item in stayed), np.zeros(time.size)
-    )
-    for end in ends.tolist():
-        power = np.concatenate([[0.0], np.cumsum(moved[begin:end])])
-        last = np.searchsorted(time[begin:end], time[begin:end] + AHEAD_SHOWN_S, side="right")
-        inside = power[last] - power[: end - begin]
-        start = int(np.argmax(inside))
-        if inside[start] > best:
-            best, result = float(inside[start]), slice(begin + start, begin + int(last[start]))
-        begin = end
-    mask = np.zeros(time.size, dtype=np.bool_)
-    mask[result] = True
-    return mask
+    moved = [(np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
+    step = float(np.median(np.diff(time))) if time.size > 1 else AHEAD_SHOWN_S
+    return of_most_power(np.sum(moved, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
 
 
 def _unbroken(

@@ -22,7 +22,6 @@ from eivor.report.document import (
     Bullets,
     Cell,
     Document,
-    Fact,
     Facts,
     Figure,
     Part,
@@ -30,6 +29,7 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     capitalised,
+    table,
 )
 from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows
 from eivor.signals.recording import Recording
@@ -105,20 +105,16 @@ def prediction_rows(prediction: MultiStepPrediction) -> list[tuple[str, ...]]:
 def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[Part, ...]:
     """Root mean square errors of every quantity and model by horizon, and what is left out."""
     message = (prediction.sentence,) if sentence and prediction.errors else ()
-    table = (_table(prediction),) if prediction.errors else ()
     bullets = (*message, *prediction.omitted)
-    return (*table, Bullets(bullets)) if bullets else table
-
-
-def _table(prediction: MultiStepPrediction) -> TableOf:
+    below = (Bullets(bullets),) if bullets else ()
+    if not prediction.errors:
+        return below
     horizons = (TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
-    columns = (TableColumn("RMS error of", whole=True), TableColumn("by"), *horizons)
     rows, before = [], ""
     for quantity, words, unit, *errors in prediction_rows(prediction):
-        first = "" if quantity == before else f"{quantity} [{unit}]"
-        rows.append(tuple(map(Cell, (first, words, *errors))))
+        rows.append(("" if quantity == before else f"{quantity} [{unit}]", words, *errors))
         before = quantity
-    return TableOf(columns, tuple(rows))
+    return (table((TableColumn("RMS error of", whole=True), "by", *horizons), rows), *below)
 
 
 # -- Fit checks --
@@ -381,12 +377,12 @@ def _sections(result: FlightEstimate, summary: str, *, card: bool) -> Iterator[S
     steps = flight_card(result)
     where = () if card or not steps else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*remedies(result), *where))
-    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in checks(result)))
+    yield from section("Checks", Facts, checks(result))
     if result.multi_step_prediction is not None:
         prediction_section = (*prediction_parts(result.multi_step_prediction), Figure("ahead"))
         yield Section("Predicted ahead, from many starts of this flight", prediction_section)
     systematic = (
-        Fact(row.wording.words, part.sentence)
+        (row.wording.words, part.sentence)
         for row in reported_rows(result)
         if row.quantity.verdict is not Status.REFUSED
         for part in row.quantity.systematic_uncertainties
@@ -419,7 +415,7 @@ def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[An
 
 def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
     """The flight card, unless there is none."""
-    facts = (Fact(part.title, Bullets(part.sentences)) for part in card)
+    facts = ((part.title, Bullets(part.sentences)) for part in card)
     yield from section("Flight card", Facts, facts)
 
 
@@ -427,36 +423,33 @@ def _facts(result: FlightEstimate, summary: str) -> Facts:
     with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
     return Facts(
         (
-            *((Fact("summary", summary),) if summary else ()),
-            Fact("model", result.motion.equation[0].replace(" - ", " − ")),
-            Fact("", result.motion.view(result.prepared[0]).symbols),
-            Fact("method", f"{result.method}; {with_what}"),
-            Fact("used", used(result)),
+            *((("summary", summary),) if summary else ()),
+            ("model", result.motion.equation[0].replace(" - ", " − ")),
+            ("", result.motion.view(result.prepared[0]).symbols),
+            ("method", f"{result.method}; {with_what}"),
+            ("used", used(result)),
         )
     )
 
 
 def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
-    columns = (TableColumn("quantity"), TableColumn(""), *NUMBER_COLUMNS, TableColumn("verdict"))
     rows = []
     for row in quantities:
         status, wording = row.quantity.verdict, row.wording
-        texts = (wording.words, wording.symbol, *row.texts, wording.shown_unit)
-        rows.append((*map(Cell, texts), Cell(status.shown, status=status)))
-    return TableOf(columns, tuple(rows))
+        verdict = Cell(status.shown, status=status)
+        rows.append((wording.words, wording.symbol, *row.texts, wording.shown_unit, verdict))
+    return table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
 
 
 def _implied(implications: Implications) -> Iterator[Part]:
     """Numbers that follow, then in sentences those that do not, and what cannot be."""
-    columns = (TableColumn(""), TableColumn(""), *NUMBER_COLUMNS)
-    texts = (
+    rows = [
         (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit)
         for number in implications.numbers
         if number.value is not None and number.interval is not None
-    )
-    rows = [tuple(map(Cell, row)) for row in texts]
+    ]
     if rows:
-        yield TableOf(columns, tuple(rows))
+        yield table(("", "", *NUMBER_COLUMNS), rows)
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
     sentences = (*text, *implications.contradictions)
     if sentences:
@@ -473,7 +466,7 @@ def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: s
         texts = [quantity.texts for quantity in quantities]
         numbers = (Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
         cells.append((Cell(row.label, row.verdict.shown, row.verdict), *numbers))
-    return TableOf(columns, tuple(cells))
+    return table(columns, cells)
 
 
 def _flight_table(result: FlightEstimate) -> TableOf:

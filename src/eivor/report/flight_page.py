@@ -22,13 +22,12 @@ from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.report.document import (
     Bullets,
     Cell,
-    Fact,
     Facts,
     Part,
     Section,
     TableColumn,
-    TableOf,
     capitalised,
+    table,
 )
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
@@ -404,12 +403,12 @@ def _displayed(section: Section, result: FlightEstimate) -> Section:
 def _without_summary(part: Part) -> Part:
     if not isinstance(part, Facts):
         return part
-    return Facts(tuple(fact for fact in part.facts if fact.label != "summary"))
+    return Facts(tuple(fact for fact in part.facts if fact[0] != "summary"))
 
 
 def _provenance(tree: FitDocument) -> tuple[Section, Facts]:
     made = tree.provenance
-    rows = []
+    rows: list[tuple[str | Cell, ...]] = []
     for log, source in zip(tree.logs, made.logs, strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
         counts = (str(log.runs), str(log.samples), f"{log.rate_hz:g}")
@@ -417,12 +416,12 @@ def _provenance(tree: FitDocument) -> tuple[Section, Facts]:
             NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
             for pair in (log.span, log.window)
         )
-        rows.append((Cell(log.name, checksum), *map(Cell, (log.format, *spans, *counts))))
-    columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
-    facts = (Fact("made by", f"Eivor {made.version}"), Fact("schema", tree.schema_))
+        rows.append((Cell(log.name, checksum), log.format, *spans, *counts))
+    columns = (TableColumn(title, whole=title not in TITLES[:2]) for title in TITLES)
+    facts = (("made by", f"Eivor {made.version}"), ("schema", tree.schema_))
     options = plain(made.options)
-    given = (Fact(name, _option(item)) for name, item in options.items() if item not in (None, "", [], {}))
-    return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(given))
+    given = ((name, _option(item)) for name, item in options.items() if item not in (None, "", [], {}))
+    return Section("Provenance", (Facts(facts), table(columns, rows))), Facts(tuple(given))
 
 
 def _option(value: object) -> str:

@@ -28,6 +28,7 @@ from eivor.report.document import (
     TableOf,
     Tone,
     capitalised,
+    table,
 )
 from eivor.report.flight import (
     card_section,
@@ -315,8 +316,8 @@ def _channel_table(result: Inspection) -> TableOf:
         if math.isfinite(item.lowest):
             span = f"{item.lowest:.4g} to {item.highest:.4g} {channel.unit}".rstrip()
         remarks = "; ".join(_remarks(item))
-        rows.append((Cell(channel.name, channel.source), Cell(text), Cell(span, remarks)))
-    return TableOf(columns, tuple(rows))
+        rows.append((Cell(channel.name, channel.source), text, Cell(span, remarks)))
+    return table(columns, rows)
 
 
 def _remarks(summary: ChannelSummary) -> Iterator[str]:

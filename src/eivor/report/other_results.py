@@ -15,14 +15,13 @@ from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
     Bullets,
-    Cell,
     Document,
-    Fact,
     Facts,
     Section,
     TableColumn,
     TableOf,
     Tone,
+    table,
 )
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import section
@@ -134,7 +133,7 @@ def _line(track: Track) -> Facts:
     line = marks([item.value for item in thinned], [item.is_precise for item in thinned])
     ends = f"{track.moments[0].time_s:.1f} to {track.moments[-1].time_s:.1f} s"
     symbol = track.result.motion.quantities[track.name].symbol
-    return Facts((Fact(symbol, line), Fact("", f"{ends}; {UNTOLD} is not identified")))
+    return Facts(((symbol, line), ("", f"{ends}; {UNTOLD} is not identified")))
 
 
 def _table(track: Track) -> TableOf:
@@ -155,8 +154,8 @@ def _table(track: Track) -> TableOf:
             value, interval = plain_numbers(scaled[0], (scaled[0] - scaled[1], scaled[0] + scaled[1]))
         share = f"{100.0 * item.value / first:.0f} %" if item.is_precise and first else ""
         note = {1: "rose", -1: "fell", 0: ""}[item.change]
-        rows.append((Cell(f"{item.time_s:.1f}"), Cell(value), Cell(interval), Cell(share), Cell(note)))
-    return TableOf(columns, tuple(rows))
+        rows.append((f"{item.time_s:.1f}", value, interval, share, note))
+    return table(columns, rows)
 
 
 # -- JSON track --
@@ -248,24 +247,23 @@ def plan(
 def plan_document(made: FlightPlan) -> Document:
     """Document of a plan."""
     columns = (
-        TableColumn("quantity"),
+        "quantity",
         TableColumn("taken as", right=True),
         TableColumn("half-width", right=True, strong=True),
-        TableColumn("unit"),
-        TableColumn("identified"),
+        "unit",
+        "identified",
     )
     rows = []
     for word, item in made.predicted.items():
         target = TARGETS[word]
         taken = "" if target.relative else f"{item.value:.3g}"
         text = f"in {item.identified} of {len(item.verdicts)}"
-        texts = (target.words, taken, f"± {item.half_width:.2g}", target.unit, text)
-        rows.append(tuple(map(Cell, texts)))
+        rows.append((target.words, taken, f"± {item.half_width:.2g}", target.unit, text))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
         None,
         made.sentence,
-        (Section("", (_plan_facts(made), TableOf(columns, tuple(rows)))),),
+        (Section("", (_plan_facts(made), table(columns, rows))),),
     )
 
 
@@ -275,14 +273,14 @@ def _plan_facts(made: FlightPlan) -> Facts:
     why = ", to suit the lag" if made.vehicle.controller is None else ", as the flight was flown"
     return Facts(
         (
-            Fact("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
-            Fact(
+            ("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
+            (
                 "limits",
                 f"{limits.height_m[0]:g} to {limits.height_m[1]:g} m, {limits.speed:g} m/s, "
                 f"{limits.acceleration:g} m/s², {limits.tilt_deg:g}° of tilt, {limits.duration_s:g} s",
             ),
-            Fact("simulated", f"{low:.1f} to {high:.1f} m, up to {speed:.1f} m/s"),
-            Fact(
+            ("simulated", f"{low:.1f} to {high:.1f} m, up to {speed:.1f} m/s"),
+            (
                 "controller",
                 f"{gains.position_gain:.2g} 1/s on height, {gains.velocity_gain:.2g} 1/s on climb rate{why}",
             ),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from eivor.flights.quantity import Quantity, QuantitySpec
-from eivor.report.document import Cell, TableColumn, TableOf
+from eivor.report.document import Cell, TableColumn, TableOf, table
 
 # -- Quantities --
 
@@ -28,7 +28,7 @@ class QuantityRow:
     @property
     def texts(self) -> tuple[str, str]:
         """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"."""
-        return numbers(self.quantity, self.wording)
+        return plain_numbers(self.value, self.interval)
 
     @property
     def value(self) -> float:
@@ -50,14 +50,8 @@ def quantity_rows(
     return tuple(QuantityRow(name, words, quantities[name]) for name, words in known)
 
 
-def numbers(quantity: Quantity, wording: QuantitySpec) -> tuple[str, str]:
-    """Value and interval as texts in the shown unit."""
-    low, high = quantity.interval
-    return plain_numbers(quantity.value * wording.scale, (low * wording.scale, high * wording.scale))
-
-
 def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
-    """Value and interval as `numbers` shows them, of numbers in the unit that is shown."""
+    """Value and interval as texts, of numbers in the unit that is shown."""
     low, high = interval
     bounded = math.isfinite(low) and math.isfinite(high)
     position = _decimals(0.5 * (high - low)) if bounded and high > low else _decimals(value, digits=4)
@@ -100,10 +94,10 @@ def axis_of(wording: QuantitySpec) -> str:
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
     """Table of numbers, and of words where a row has them."""
-    cells = tuple(tuple(map(_cell, row)) for row in rows)
+    cells = [[_cell(item) for item in row] for row in rows]
     left = {index for row in cells for index, cell in enumerate(row) if cell.text[:1].isalpha()}
     columns = [(title, index not in left) for index, title in enumerate(titles)]
-    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), cells)
+    return table((TableColumn(title, right=right, whole=right) for title, right in columns), cells)
 
 
 def _cell(item: float | str | Cell) -> Cell:

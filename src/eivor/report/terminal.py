@@ -114,9 +114,9 @@ def _facts(part: Facts) -> Table:
     grid = Table.grid(padding=(0, GAP))
     grid.add_column(style="dim", no_wrap=True)
     grid.add_column(overflow="fold")
-    for fact in part.facts:
-        text = _bullets(fact.text) if isinstance(fact.text, Bullets) else Text(printable(fact.text))
-        grid.add_row(Text(printable(fact.label)), text)
+    for label, item in part.facts:
+        text = _bullets(item) if isinstance(item, Bullets) else Text(printable(item))
+        grid.add_row(Text(printable(label)), text)
     return grid
 
 

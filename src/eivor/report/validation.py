@@ -24,14 +24,13 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.table import motion_of_model
 from eivor.report.document import (
-    Cell,
     Document,
-    Fact,
     Facts,
     Section,
     TableColumn,
     TableOf,
     short_name,
+    table,
 )
 from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figure_panels import (
@@ -401,8 +400,8 @@ def validation_json(validation: Validation) -> dict[str, Json]:
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
     steps = validation.multi_step_prediction
-    table = (_models_table(validation),) if steps is None else prediction_parts(steps, sentence=False)
-    sections = [Section("", (_validation_facts(validation), *table))]
+    parts = (_models_table(validation),) if steps is None else prediction_parts(steps, sentence=False)
+    sections = [Section("", (_validation_facts(validation), *parts))]
     if steps is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
@@ -426,22 +425,16 @@ def _validation_facts(validation: Validation) -> Facts:
         low, high = flight.band_hz
         facts["fitted"] = "the trim and the start of each run, for every model alike"
         facts["band"] = f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"
-    return Facts(tuple(Fact(label, text) for label, text in facts.items()))
+    return Facts(tuple(facts.items()))
 
 
 def _models_table(validation: Validation) -> TableOf:
-    columns = (
-        TableColumn("predicted"),
-        TableColumn("by"),
-        TableColumn("RMS error", right=True, strong=True),
-        TableColumn("unit"),
-        TableColumn("explained", right=True),
-    )
+    columns = ("predicted", "by", TableColumn("RMS error", right=True, strong=True), "unit")
     rows, before = [], ""
     for what, *others in _rows(validation):
-        rows.append(tuple(map(Cell, ("" if what == before else what, *others))))
+        rows.append(("" if what == before else what, *others))
         before = what
-    return TableOf(columns, tuple(rows))
+    return table((*columns, TableColumn("explained", right=True)), rows)
 
 
 def _by_run(validation: Validation) -> TableOf:
@@ -454,8 +447,8 @@ def _by_run(validation: Validation) -> TableOf:
     for index, (start, end) in enumerate(validation.spans_s):
         errors = [item.by_run[index] for item in selected]
         texts = [text for error in errors for text in (f"{error.rms:.3g}", _share(error))]
-        rows.append(tuple(map(Cell, (f"{start:.1f} to {end:.1f}", *texts))))
-    return TableOf(tuple(columns), tuple(rows))
+        rows.append((f"{start:.1f} to {end:.1f}", *texts))
+    return table(columns, rows)
 
 
 # -- Validation figure --

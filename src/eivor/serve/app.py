@@ -19,7 +19,7 @@ from http import HTTPStatus
 from importlib import resources
 from pathlib import Path
 from typing import cast
-from urllib.parse import parse_qs, quote
+from urllib.parse import quote
 
 import anyio.from_thread
 import anyio.to_thread
@@ -62,8 +62,8 @@ LINGER_S = 1.0
 LAST_S = 2
 #: Connections at a time, and bytes of a request's head and of a request that is no log.
 MOST_CONNECTIONS, MOST_HEAD, MOST_JSON = 64, 65_536, 1_000_000
-#: Fields of a query, and its letters.
-MOST_FIELDS, LONGEST_QUERY = 20, 200_000
+#: Fields of a query.
+MOST_FIELDS = 20
 #: The flight that comes with Eivor.
 EXAMPLE = "example_flight.parquet"
 _REOPEN = "Open the address that `eivor serve` has printed."
@@ -179,6 +179,7 @@ class Server:
     def _look_after(self) -> None:
         while not self._closed.wait(LOOK_S):
             self.forget()
+            self.workers.rest()
 
 
 def _listening(port: int) -> socket.socket:
@@ -466,15 +467,10 @@ def _length(request: Request, most: int) -> int:
 
 
 def _fields(request: Request) -> dict[str, str]:
-    query = request.scope["query_string"].decode("latin-1")
-    try:
-        if len(query) > LONGEST_QUERY:
-            raise ValueError
-        fields = parse_qs(query, max_num_fields=MOST_FIELDS, errors="replace")
-    except ValueError:
-        expected = f"at most {MOST_FIELDS} fields"
-        raise RefusedError(HTTPStatus.BAD_REQUEST, expected, "more", _RELOAD) from None
-    return {name: "\n".join(values) for name, values in fields.items()}
+    query = request.query_params
+    if len(query.multi_items()) > MOST_FIELDS:
+        raise RefusedError(HTTPStatus.BAD_REQUEST, f"at most {MOST_FIELDS} fields", "more", _RELOAD)
+    return {name: "\n".join(query.getlist(name)) for name in query}
 
 
 def _file(outcome: Outcome) -> Response:

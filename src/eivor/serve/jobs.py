@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 import shutil
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
@@ -74,8 +75,6 @@ class Work:
 
 #: A process that has worked ends after so long without work [s].
 IDLE_S = 10.0
-#: Pause before a process is begun again that did not begin [s].
-AGAIN_S = 5.0
 
 
 def _ignore(*_: object) -> None:
@@ -98,21 +97,17 @@ class Workers:
     """At most `count` processes that do tasks by `work`, each within its limits, and the queue."""
 
     def __init__(self, count: int, limits: Limits, most_waiting: int, work: WorkFunction) -> None:
-        self._limits, self._most_waiting = limits, most_waiting
-        self._change = threading.Condition()
-        self._waiting: deque[Ticket] = deque()
-        self._free: set[int] = set()
+        self._limits, self._most_waiting, self._work = limits, most_waiting, work
+        self._lock = threading.Lock()
+        self._threads = ThreadPoolExecutor(count)
+        self._waiting: list[Ticket] = []
+        self._free: list[tuple[WorkerProcess, float]] = []  # and when it worked last; infinite for never
         self._closed = False
-        self._choices: dict[str, object] | None = None
-        self._processes = [WorkerProcess(work, limits) for _ in range(count)]
-        threads = (threading.Thread(target=self._work, args=(n,), daemon=True) for n in range(count))
-        self._threads = list(threads)
-        for thread in self._threads:
-            thread.start()
+        self._choices = self._first_task()
 
     def put(self, ticket: Ticket) -> None:
         """Queue a task; a `RefusedError` when too many wait."""
-        with self._change:
+        with self._lock:
             if self._closed or len(self._waiting) >= self._most_waiting:
                 raise RefusedError(
                     HTTPStatus.SERVICE_UNAVAILABLE,
@@ -122,17 +117,17 @@ class Workers:
                 )
             position = sum(item.urgent for item in self._waiting) if ticket.urgent else len(self._waiting)
             self._waiting.insert(position, ticket)
-            self._change.notify_all()
+            self._threads.submit(self._take)
 
     def position(self, ticket: Ticket) -> int:
         """How many are before a task, and it; zero when it waits no more."""
-        with self._change:
+        with self._lock:
             return self._waiting.index(ticket) + 1 if ticket in self._waiting else 0
 
     def give_up(self, ticket: Ticket) -> None:
         """Take a task out of the queue, or end the process that works on it."""
         ticket.given_up = True
-        with self._change:
+        with self._lock:
             waited = ticket in self._waiting
             if waited:
                 self._waiting.remove(ticket)
@@ -141,75 +136,66 @@ class Workers:
 
     def choices(self) -> dict[str, object]:
         """What may be chosen, as the first process reports it; a `RefusedError` when it does not begin."""
-        with self._change:
-            self._change.wait_for(lambda: self._choices is not None or self._closed, timeout=BEGIN_S)
-            if self._choices is None:
-                raise RefusedError(
-                    HTTPStatus.SERVICE_UNAVAILABLE,
-                    "a worker process that begins",
-                    "none",
-                    "Stop `eivor serve` and start it again.",
-                )
-            return self._choices
+        with suppress(TimeoutError):
+            outcome = self._choices.outcome.result(BEGIN_S)
+            if isinstance(outcome, dict):
+                return outcome
+            self._choices = self._first_task()
+        raise RefusedError(
+            HTTPStatus.SERVICE_UNAVAILABLE,
+            "a worker process that begins",
+            "none",
+            "Stop `eivor serve` and start it again.",
+        )
 
     def pids(self) -> list[int]:
         """Processes that wait for work."""
-        return [process.pid for process in self._processes if process.pid is not None]
+        with self._lock:
+            return [process.pid for process, _ in self._free if process.pid is not None]
+
+    def rest(self) -> None:
+        """End processes that have worked and wait for long; a new one waits in their place."""
+        with self._lock:
+            rested = [item for item in self._free if item[1] < time.monotonic() - IDLE_S]
+            self._free = [item for item in self._free if item not in rested]
+            begin = rested and not self._free
+        for process, _ in rested:
+            process.close()
+        if begin:
+            with suppress(RefusedError):
+                self._first_task()
 
     def close(self) -> None:
         """End all processes; what waits is given up."""
-        with self._change:
+        with self._lock:
             self._closed = True
             waiting = list(self._waiting)
-            self._change.notify_all()
         for ticket in waiting:
             self.give_up(ticket)
-        for thread in self._threads:
-            thread.join()
-
-    def _work(self, number: int) -> None:
-        process, has_worked = self._processes[number], False
-        try:
-            while not self._closed:
-                if number == 0 and process.pid is None and not self._began(process):
-                    continue
-                ticket = self._next(number, IDLE_S if has_worked else None)
-                has_worked = ticket is not None
-                if ticket is None:
-                    process.close()
-                else:
-                    ticket.on_start()
-                    ticket.outcome.set_result(self._done(process, ticket))
-        finally:
+        self._threads.shutdown()
+        for process, _ in self._free:
             process.close()
 
-    def _began(self, process: WorkerProcess) -> bool:
-        try:
-            choices = process(Task("choices"), report=_ignore, given_up=lambda: self._closed)
-        except AbandonedError:
-            return False
-        except (LimitError, OSError):
-            with self._change:
-                self._change.wait_for(lambda: self._closed, timeout=AGAIN_S)
-            return False
-        with self._change:
-            self._choices = choices
-            self._change.notify_all()
-        return True
+    def _first_task(self) -> Ticket:
+        """Have a process load what it needs, and report what may be chosen."""
+        ticket = Ticket(Task("choices"), urgent=True)
+        self.put(ticket)
+        return ticket
 
-    def _next(self, number: int, patience_s: float | None) -> Ticket | None:
-        """The next task, when no process before this one is free; None when none comes, or it is closed."""
-        with self._change:
-            self._free.add(number)
-            self._change.notify_all()
-            self._change.wait_for(lambda: self._closed or self._is_for(number), timeout=patience_s)
-            ticket = self._waiting.popleft() if self._is_for(number) and not self._closed else None
-            self._free.discard(number)
-            self._change.notify_all()
-            return ticket
-
-    def _is_for(self, number: int) -> bool:
-        return bool(self._waiting) and number == min(self._free)
+    def _take(self) -> None:
+        """Do the first task that waits, if any, in the process that worked last."""
+        with self._lock:
+            if not self._waiting:  # it was given up
+                return
+            ticket = self._waiting.pop(0)
+            new = WorkerProcess(self._work, self._limits), math.inf
+            process, worked_at = self._free.pop() if self._free else new
+        ticket.on_start()
+        outcome = self._done(process, ticket)
+        with self._lock:
+            is_first = ticket.task.name == "choices"
+            self._free.append((process, worked_at if is_first else time.monotonic()))
+        ticket.outcome.set_result(outcome)
 
     def _done(self, process: WorkerProcess, ticket: Ticket) -> Outcome:
         try:
