@@ -180,8 +180,16 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """Return what `channel_findings` does, of channels that were looked at as they were made."""
     qualities = {name: item.quality for name, item in profiles.items()}
-    steps = [item.step_s for item in profiles.values() if np.isfinite(item.step_s)]
-    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(profiles, channels))
+    # a flight is sampled between once per second and 100 kHz
+    step_s = min((item.step_s for item in profiles.values() if np.isfinite(item.step_s)), default=1.0)
+    sentence = "The fastest sampled channel has a median step of {:.3g} s; check the unit of its clock."
+    values = {name: item.values for name, item in profiles.items() if name in _SIZED}
+    doubts = (*_force_doubts(values), *_attitude_doubts(values), *_velocity_doubts(channels))
+    return (
+        *_count_findings(qualities),
+        *([] if 1e-5 <= step_s <= 1.0 else noted("time_unit", sentence, step_s)),
+        *(Finding("mixed_units", doubt) for doubt in doubts),
+    )
 
 
 _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
@@ -210,19 +218,6 @@ def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
     return findings
 
 
-def _time_findings(steps: Sequence[float]) -> list[Finding]:
-    """Doubt about the unit of the clock: a flight is sampled between once per second and 100 kHz."""
-    step = min(steps, default=1.0)
-    sentence = "The fastest sampled channel has a median step of {:.3g} s; check the unit of its clock."
-    return [] if 1e-5 <= step <= 1.0 else noted("time_unit", sentence, step)
-
-
-def _unit_findings(profiles: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> list[Finding]:
-    values = {name: item.values for name, item in profiles.items() if name in _SIZED}
-    doubts = (*_force_doubts(values), *_attitude_doubts(values), *_rate_doubts(values))
-    return [Finding("mixed_units", doubt) for doubt in (*doubts, *_velocity_doubts(channels))]
-
-
 def _median(values: Float[np.ndarray, " n"]) -> float:
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if finite.size else float("nan")
@@ -236,9 +231,8 @@ def _norm(values: _Values, names: Sequence[str]) -> Float[np.ndarray, " n"] | No
     return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
 
 
-def _force_doubts(values: _Values) -> list[str]:
+def _force_doubts(values: _Values) -> Iterator[str]:
     """Doubt a median specific force other than one g: that of rest, of hover and of most flights."""
-    doubts = []
     forces = {
         "The norm of specific_force_body": _norm(values, _FORCES),
         "specific_force_z": values.get("specific_force_z"),
@@ -248,55 +242,49 @@ def _force_doubts(values: _Values) -> list[str]:
             continue
         median = abs(_median(force))
         if 0.8 < median < 1.25:
-            doubts.append(f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g.")
+            yield f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g."
         elif 800.0 < median < 1250.0:
-            doubts.append(f"{label} has a median of {median:.4g} m/s^2, which looks like a value in milli-g.")
+            yield f"{label} has a median of {median:.4g} m/s^2, which looks like a value in milli-g."
         elif median < 0.5 * _GRAVITY or median > 2.0 * _GRAVITY:
-            doubts.append(f"{label} has a median of {median:.3g} m/s^2, where about 9.8 is expected.")
-    return doubts
+            yield f"{label} has a median of {median:.3g} m/s^2, where about 9.8 is expected."
 
 
-def _attitude_doubts(values: _Values) -> list[str]:
-    doubts = []
+def _attitude_doubts(values: _Values) -> Iterator[str]:
     norm = _norm(values, _PARTS)
     if norm is not None and abs(_median(norm) - 1.0) > 0.05:
-        doubts.append(f"The attitude quaternion has a median norm of {_median(norm):.3g} instead of 1.")
-    tilt = values.get("cos_tilt")
-    if tilt is not None and np.any(np.abs(tilt) > 1.0 + 1e-6):
-        doubts.append("cos_tilt leaves [-1, 1]; is it an angle?")
-    return doubts
-
-
-def _rate_doubts(values: _Values) -> list[str]:
-    """No gyro of a drone measures 35 rad/s (2000 deg/s) for more than a moment."""
+        yield f"The attitude quaternion has a median norm of {_median(norm):.3g} instead of 1."
+    if np.any(np.abs(values.get("cos_tilt", 0.0)) > 1.0 + 1e-6):
+        yield "cos_tilt leaves [-1, 1]; is it an angle?"
+    # no gyro of a drone measures 35 rad/s (2000 deg/s) for more than a moment
     fast = [name for name in _RATES if name in values and _median(np.abs(values[name])) > 10.0]
-    return [f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"] if fast else []
+    if fast:
+        yield f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"
 
 
 #: No rotorcraft climbs or falls faster [m/s].
 FASTEST_CLIMB = 40.0
 
 
-def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
+def _velocity_doubts(channels: Mapping[str, Channel]) -> Iterator[str]:
     """Doubt a vertical velocity that is not the slope of the position, in size and in sign."""
     position, velocity = channels.get("position_z"), channels.get("velocity_z")
     fastest = 0.0 if velocity is None else float(np.nanmax(np.abs(velocity.values), initial=0.0))
     if fastest > FASTEST_CLIMB:
-        return [f"velocity_z reaches {fastest:.3g} m/s: its estimator has diverged, or its unit is another."]
+        yield f"velocity_z reaches {fastest:.3g} m/s: its estimator has diverged, or its unit is another."
+        return
     if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
-        return []
+        return
     both = np.isfinite(position.values) & np.isfinite(velocity.values)
     if both.sum() < 20:
-        return []
+        return
     z, v, t = position.values[both], velocity.values[both], position.time_s[both]
     slope, middle = np.diff(z) / np.diff(t), 0.5 * (v[1:] + v[:-1])
     if np.std(slope) == 0.0 or np.std(middle) == 0.0:
-        return []
+        return
     correlation = float(np.corrcoef(slope, middle)[0, 1])
     ratio = float(np.std(middle) / np.std(slope)) * float(np.sign(correlation))
-    if abs(correlation) < 0.9 or 0.5 < ratio < 2.0:
-        return []
-    return [f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."]
+    if abs(correlation) >= 0.9 and not 0.5 < ratio < 2.0:
+        yield f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."
 
 
 # -- Folders --
@@ -417,22 +405,12 @@ def begins_with(magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _file: head.startswith(magic)
 
 
-def no_advice(_channel: str) -> tuple[str, ...]:
-    """Return the `LogFormat.advice` of a format about which nothing is known."""
-    return ()
-
-
 @dataclass(frozen=True, slots=True)
 class FolderParts:
     """Files of a folder that are no logs themselves."""
 
     members: frozenset[str] = frozenset()
     derived: frozenset[str] = frozenset()
-
-
-def no_parts(_folder: Path) -> FolderParts:
-    """Return the `LogFormat.parts` of a format whose logs are files."""
-    return FolderParts()
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,10 +423,10 @@ class LogFormat:
     read: Callable[[Path, ReadOptions], Recording]
     is_read: bool = True
     takes_map: bool = False
-    advice: Callable[[str], tuple[str, ...]] = no_advice
+    advice: Callable[[str], tuple[str, ...]] = lambda _channel: ()  # What to log, of all or of a channel
     setpoints: str = ""  # Sentence that names the setpoints and commands to log
     endings: tuple[str, ...] = ()
-    parts: Callable[[Path], FolderParts] = no_parts
+    parts: Callable[[Path], FolderParts] = lambda _folder: FolderParts()  # Of a folder; none of most formats
 
 
 # -- Silences --

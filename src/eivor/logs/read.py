@@ -191,12 +191,8 @@ def log_formats() -> Iterator[LogFormat]:
     """All formats, in the order in which a file is compared with them."""
     for reader in READERS:
         yield from resolve_name(reader)
-    yield from (*RECOGNISED, TELEMETRY, DJI, *_DECLARED.values(), *text_formats())
-
-
-def text_formats() -> tuple[LogFormat, ...]:
-    """Formats of text."""
-    return (UTF_16, *resolve_name(TABLES), EIGHT_BIT)
+    yield from (*RECOGNISED, TELEMETRY, DJI, *_DECLARED.values())
+    yield from (UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 
 def readable_formats() -> tuple[LogFormat, ...]:
@@ -321,7 +317,10 @@ def read_log(
         checks.path("channel_map", channel_map)
     checks.whole("max_bytes", max_bytes)
     file = Path(path)
-    _check_name(file)
+    try:
+        str(file).encode("utf-8")  # as which the table readers take their paths
+    except UnicodeEncodeError as error:
+        raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
     if is_stream(file):
         with kept(file, max_bytes) as copy:
             return _read(copy, channel_map, max_bytes)
@@ -347,14 +346,6 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         received = f"a channel map with the {chosen.label} '{file.name}'"
         raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
     return chosen.read(file, ReadOptions(channel_map, sha256))
-
-
-def _check_name(file: Path) -> None:
-    """Raise for a path that is not text: the table readers take their paths in UTF-8."""
-    try:
-        str(file).encode("utf-8")
-    except UnicodeEncodeError as error:
-        raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
 
 
 def _head(file: Path) -> tuple[bytes, str]:

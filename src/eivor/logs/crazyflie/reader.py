@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -131,14 +131,11 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
 }
 
 
-def _sources() -> Iterator[VariableSource]:
-    for row in source_tables("eivor.logs.crazyflie")["sources"]:
-        kind = next((kind for kind in _MAKERS if kind in row), "")
-        yield _MAKERS[kind](row[kind]) if kind else _source(row)
-
-
 #: All sources; of one quantity the preferred first.
-SOURCES = tuple(_sources())
+SOURCES = tuple(
+    next((make(row[kind]) for kind, make in _MAKERS.items() if kind in row), None) or _source(row)
+    for row in source_tables("eivor.logs.crazyflie")["sources"]
+)
 
 #: What was looked for, by channel.
 LOOKED_FOR = {
@@ -394,14 +391,17 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     )
     walk = _walk(data, header, len(body) if sound else len(data))
     findings = _damage(walk, sound)
-    results = {
-        item.number: _records(data, item, np.asarray(walk.offsets[item.number], dtype=np.int64))
-        for item in header.types
-        if walk.offsets[item.number]
-    }
+    results = {}
+    for item in header.types:
+        if positions := walk.offsets[item.number]:
+            anywhere = (len(data) - item.record.itemsize + 1,)
+            records = np.ndarray(anywhere, dtype=item.record, buffer=data, strides=(1,))
+            results[item.number] = records[np.asarray(positions, dtype=np.int64)]
     if not results:
         return [], findings
-    start = min(_middle(records["stamp"]) for records in results.values())
+    # the median of the stamps, which one that is damaged does not move far
+    stamps = (records["stamp"] for records in results.values())
+    start = min(int(np.partition(item, item.size // 2)[item.size // 2]) for item in stamps)
     times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in results.items()}
     usable = {key: believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
@@ -520,23 +520,12 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     return findings + noted("corrupt_parts", damaged, skipped)
 
 
-def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
-    size = kind.record.itemsize
-    anywhere = np.ndarray((len(data) - size + 1,), dtype=kind.record, buffer=data, strides=(1,))
-    return anywhere[positions]
-
-
 def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray, " n"]:
     """Seconds since a stamp, by the shorter way round where the counter has wrapped."""
     signed = np.dtype(f"<i{stamps.dtype.itemsize}")
     with np.errstate(over="ignore"):
         ticks = (stamps - stamps.dtype.type(start)).view(signed)
     return np.asarray(ticks.astype(np.float64) * tick_s)
-
-
-def _middle(stamps: np.ndarray) -> int:
-    """Median of the stamps, which one that is damaged does not move far."""
-    return int(np.partition(stamps, stamps.size // 2)[stamps.size // 2])
 
 
 # -- Gaps --
@@ -639,9 +628,11 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
         ):
             zeros += source.columns
             continue
-        answers = _answering(source, event)
-        findings += [answers] if answers is not None else []
-        used = source if answers is None else _as_feedback(source)
+        used, answers = source, _answering(source, event)
+        if answers is not None:
+            findings.append(answers)
+            name = "feedback_reference_velocity_z"
+            used = VariableSource(name, tuple(replace(rule, name=name) for rule in source.rules))
         chosen.setdefault(used.quantity, (used, event))
     names = listed(list(dict.fromkeys(zeros)))
     findings += noted("never_valid", "Logged as zero throughout: {}.", names)
@@ -664,11 +655,6 @@ def _answering(source: VariableSource, event: Event) -> Finding | None:
         f"{column} changes while {neighbours} stands still, so the position loop wrote it: it answers the "
         "vehicle, and is no reference.",
     )
-
-
-def _as_feedback(source: VariableSource) -> VariableSource:
-    name = "feedback_reference_velocity_z"
-    return replace(source, quantity=name, rules=tuple(replace(rule, name=name) for rule in source.rules))
 
 
 def _map_channels(

@@ -58,7 +58,16 @@ SAME = 1e-3
 
 def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
     """Name the columns that the log declares to be in another unit than they are read in."""
-    letters, units, multipliers = _letters(tables), _units(tables), _multipliers(tables)
+    letters = _letters(tables)
+    named = {
+        int(letter): LABELS.get(label, label) for letter, label in rows_of(tables, "UNIT", "Id", "Label")
+    }
+    units = {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
+    multipliers = {
+        chr(int(letter)): value
+        for letter, value in rows_of(tables, "MULT", "Id", "Mult")
+        if 0 < letter < 128 and chr(int(letter)) not in UNTOLD and np.isfinite(value) and value > 0.0
+    }
     doubts = {}
     for source, unit in _columns_read():
         table = tables.get(source.message)
@@ -106,22 +115,6 @@ def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, s
         }
         for number, of_unit, of_multiplier in rows_of(tables, "FMTU", "FmtType", "UnitIds", "MultIds")
         if int(number) in columns
-    }
-
-
-def _units(tables: Mapping[str, Messages]) -> dict[str, tuple[str, float]]:
-    """SI unit and factor by letter, of those that are known."""
-    rows = rows_of(tables, "UNIT", "Id", "Label")
-    named = {int(letter): LABELS.get(label, label) for letter, label in rows}
-    return {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
-
-
-def _multipliers(tables: Mapping[str, Messages]) -> dict[str, float]:
-    """Multiplier by letter, of those that say something."""
-    return {
-        chr(int(letter)): value
-        for letter, value in rows_of(tables, "MULT", "Id", "Mult")
-        if 0 < letter < 128 and chr(int(letter)) not in UNTOLD and np.isfinite(value) and value > 0.0
     }
 
 
@@ -255,7 +248,10 @@ def add_outputs(reading: MessageReading) -> None:
     table = reading.table("RCOU")
     if table is None:
         return
-    columns = _used(table, reading)
+    # old firmware calls columns Ch1, Ch2, ...
+    outputs = motor_columns(reading.parameters)
+    names = {motor: table.first(f"C{n}", f"Ch{n}", f"Chan{n}") for motor, n in outputs.items()}
+    columns = {motor: name for motor, name in names.items() if name}
     widths = {motor: table.values(column) for motor, column in columns.items()}
     shares = {motor: np.where(width > 0.0, width, np.nan) for motor, width in widths.items()}
     if not shares:
@@ -287,13 +283,6 @@ def add_outputs(reading: MessageReading) -> None:
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
     doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, known)
     reading.findings.extend(noted("motor_range", "{}", doubt))
-
-
-def _used(table: Messages, reading: MessageReading) -> dict[int, str]:
-    """Column of each motor; old firmware calls them Ch1, Ch2, ..."""
-    outputs = motor_columns(reading.parameters)
-    columns = {motor: table.first(f"C{n}", f"Ch{n}", f"Chan{n}") for motor, n in outputs.items()}
-    return {motor: column for motor, column in columns.items() if column}
 
 
 def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:

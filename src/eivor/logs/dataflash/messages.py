@@ -72,11 +72,6 @@ class MessageType:
             if (item.kind.kind == "S") != (name in TEXTS) or item.kind.subdtype is not None
         ]
 
-    def without_misfits(self) -> MessageType:
-        """Return the layout of the other fields."""
-        misfits = self.misfits()
-        return replace(self, fields={name: item for name, item in self.fields.items() if name not in misfits})
-
 
 @dataclass(slots=True)
 class DeclaredLayouts:

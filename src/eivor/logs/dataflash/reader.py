@@ -145,16 +145,16 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     unusable = sorted(message.name for message in messages if not message.layout.fields)
     sentence = "Left out, because codes, names and length of their fields disagree: {}."
     findings += noted("message_formats", sentence, unusable)
-    misfits = sorted(f"{message.name}.{name}" for message in messages for name in message.layout.misfits())
-    sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
-    findings += noted("message_formats", sentence, misfits)
-    messages = [replace(message, layout=message.layout.without_misfits()) for message in messages]
+    misfits: list[str] = []
     tables: dict[str, Messages] = {}
     lost = 0
-    for item in messages:
-        if not item.layout.fields or item.name in tables:
+    for message in messages:
+        left_out = message.layout.misfits()
+        misfits += [f"{message.name}.{name}" for name in left_out]
+        fields = {name: item for name, item in message.layout.fields.items() if name not in left_out}
+        if not fields or message.name in tables:
             continue
-        lowest = _lowest(item)
+        lowest = _lowest(replace(message, layout=replace(message.layout, fields=fields)))
         if lowest.clock and lowest.count:
             time_s = lowest.time_s()
             sound = believable(time_s - float(np.median(time_s)))
@@ -162,6 +162,8 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
             lowest = lowest.where(sound)
         if lowest.count:
             tables[lowest.name] = lowest
+    sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
+    findings += noted("message_formats", sentence, sorted(misfits))
     findings += noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
     return tables, findings
 

@@ -12,12 +12,12 @@ import numpy as np
 from eivor.errors import EmptyLogError, InputError
 from eivor.logs.channel_map import load_channel_map
 from eivor.logs.common import (
+    FolderParts,
     LogFormat,
     ReadOptions,
     channel_findings,
     channel_sources,
     logged_channel,
-    no_parts,
     noted,
     silenced,
     source_tables,
@@ -367,7 +367,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
         "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
         endings=(ending,),
-        parts=bag_parts if folders else no_parts,
+        parts=lambda folder: bag_parts(folder) if folders else FolderParts(),
     )
 
 

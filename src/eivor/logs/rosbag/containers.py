@@ -231,28 +231,28 @@ def check_installed() -> None:
 @contextmanager
 def opened(file: Path, budget: Budget) -> Iterator[Container]:
     """Open one file of a bag."""
+    import apsw
+    from rosbags.rosbag1 import ReaderError as BagError
+    from rosbags.rosbag2 import ReaderError
+
     kind = ""
-    damage: tuple[type[Exception], ...] = (*DECODER_ERRORS, sqlite3.Error, *_errors_of_rosbags())
+    of_rosbags = (apsw.Error, BagError, ReaderError, _zstd().ZstdError)
     try:
         with TemporaryDirectory(prefix="eivor-") as folder, bounded_chunks(budget):
             plain = _unpacked(file, Path(folder), budget)
-            kind = _container_kind(plain)
+            with plain.open("rb") as stream:
+                head = stream.read(16)
+            kind = next((known for magic, known in MAGICS.items() if head.startswith(magic)), "")
+            if not kind:
+                raise ValueError("it begins like no bag")
             reader = _reader(plain, kind, budget)
             reader.open()
             try:
                 yield Container(reader, kind == ROS1, budget)
             finally:
                 reader.close()
-    except damage as error:
+    except (*DECODER_ERRORS, sqlite3.Error, *of_rosbags) as error:
         raise _unreadable(file, kind, error) from error
-
-
-def _errors_of_rosbags() -> tuple[type[Exception], ...]:
-    import apsw
-    from rosbags.rosbag1 import ReaderError as BagError
-    from rosbags.rosbag2 import ReaderError
-
-    return apsw.Error, BagError, ReaderError, _zstd().ZstdError
 
 
 def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
@@ -270,15 +270,6 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
     plain = folder / "unpacked"
     write_atomically(plain, budget.decompressed(file.read_bytes(), _zstd().ZstdDecompressor))
     return plain
-
-
-def _container_kind(file: Path) -> str:
-    with file.open("rb") as stream:
-        head = stream.read(16)
-    kinds = [kind for magic, kind in MAGICS.items() if head.startswith(magic)]
-    if not kinds:
-        raise ValueError("it begins like no bag")
-    return kinds[0]
 
 
 def _reader(file: Path, kind: str, budget: Budget) -> Any:

@@ -194,7 +194,8 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns
     _check_parquet_size(file, rows, len(columns))
     bases = {column: element_of(column, list(schema)) or (column, None) for column in columns}
     held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
-    if not _comes_with_eivor(file):
+    # the package's own file is known to be whole, and a probe takes a process
+    if file.resolve().parent != Path(str(resources.files("eivor.data"))).resolve():
         probe_parquet(file, [*dict.fromkeys(held)], PARQUET_DECODER_BYTES + ROW_BYTES * rows)
 
     def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
@@ -227,11 +228,6 @@ def _holds_lists(kind: pl.DataType) -> bool:
 
     inner = getattr(kind, "inner", None)
     return kind in (pl.List, pl.Array) and inner is not None and inner.is_numeric()
-
-
-def _comes_with_eivor(file: Path) -> bool:
-    """Whether a file is the package's own: it is known to be whole, and a probe takes a process."""
-    return file.resolve().parent == Path(str(resources.files("eivor.data"))).resolve()
 
 
 def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
@@ -352,8 +348,11 @@ def open_hdf5(file: Path) -> TableSource:
     positions = {path.replace("/", "."): path for path in datasets}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
-        for name in names:
-            _check_hdf5_size(file, datasets[positions[name]], most)
+        largest = max(math.prod(datasets[positions[name]]) for name in names)
+        if largest > most:
+            expected = f"at most {most} numbers in a variable of this file"
+            remedy = "Such a file repeats itself, which no flight does; check what wrote it."
+            raise LogTooLargeError(expected, f"'{file.name}' with {largest}", remedy)
         with h5py.File(file, "r") as content:
             return {name: np.asarray(content[positions[name]][()]) for name in names}
 
@@ -375,14 +374,6 @@ def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
 
     content.visititems(visit)
     return results
-
-
-def _check_hdf5_size(file: Path, shape: tuple[int, ...], most: int) -> None:
-    cells = math.prod(shape)
-    if cells > most:
-        expected = f"at most {most} numbers in a variable of this file"
-        remedy = "Such a file repeats itself, which no flight does; check what wrote it."
-        raise LogTooLargeError(expected, f"'{file.name}' with {cells}", remedy)
 
 
 # -- MATLAB --
@@ -441,7 +432,11 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     if position.suffix not in (".parquet", ".csv"):
         expected = "a path that ends in .parquet or .csv"
         raise UsageError(expected, f"'{position.name}'", "Parquet keeps everything; CSV the numbers.")
-    frame = pl.DataFrame(_recording_columns(recording))
+    if not recording.channels:
+        raise UsageError("a recording with channels", "one without", "Nothing can be written.")
+    time = _all_stamps(recording)
+    channels = {name: _on_stamps(channel, time) for name, channel in recording.channels.items()}
+    frame = pl.DataFrame({"time": time, **channels})
     if position.suffix == ".csv":
         _check_csv(recording)
     with atomic_write(position) as file:
@@ -449,15 +444,6 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
             frame.write_csv(file)
         else:
             frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording)})
-
-
-def _recording_columns(recording: Recording) -> dict[str, np.ndarray]:
-    """Every stamp, and each channel's values, NaN where it has no stamp."""
-    channels = list(recording.channels.values())
-    if not channels:
-        raise UsageError("a recording with channels", "one without", "Nothing can be written.")
-    time = _all_stamps(recording)
-    return {"time": time, **{channel.name: _on_stamps(channel, time) for channel in channels}}
 
 
 def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
@@ -544,18 +530,16 @@ def restore(recording: Recording, metadata: str) -> Recording:
             },
         }
         if "origin" in content:
-            changes["origin"] = _origin(content["origin"])
+            origin = {name: _typed(content["origin"][name], str) for name in _ORIGIN}
+            start = content["origin"]["start"]
+            start = None if start is None else datetime.fromisoformat(_typed(start, str))
+            changes["origin"] = LogOrigin(**origin, start=start)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         finding = Finding(
             "metadata", "The file's metadata are not understood; the table is read without them."
         )
         return replace(recording, findings=(*recording.findings, finding))
     return replace(recording, **changes)
-
-
-def _origin(content: Mapping[str, Any]) -> LogOrigin:
-    start = None if content["start"] is None else datetime.fromisoformat(_typed(content["start"], str))
-    return LogOrigin(**{name: _typed(content[name], str) for name in _ORIGIN}, start=start)
 
 
 def _restored(channel: Channel, content: Mapping[str, Any]) -> Channel:

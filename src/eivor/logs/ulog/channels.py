@@ -148,22 +148,15 @@ def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
         frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
         if frequency > 0.0 and width > 0.0:
             delays.append((notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {frequency_name}"))
-    if topic.name in MEANS:
-        length = _mean_length(topic)
-        delays.append((0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean"))
+    lengths = topic.fields.get(MEANS.get(topic.name, ""), np.empty(0))
+    if lengths.size:
+        length = float(np.median(lengths))
+        length *= 1.0 if length < 1.0 else 1e-6
+        if 0.0 < length <= LONGEST_MEAN_S:
+            delays.append((0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean"))
     if topic.name in SAMPLED:
         delays.append((_latency_s(topic), "from its sample to its stamp"))
     return [delay for delay in delays if delay[0] > 0.0]
-
-
-def _mean_length(topic: Topic) -> float:
-    """Median length of the intervals of a topic of means [s]; 0 when it does not say."""
-    lengths = topic.fields.get(MEANS[topic.name])
-    if lengths is None or not lengths.size:
-        return 0.0
-    length = float(np.median(lengths))
-    length *= 1.0 if length < 1.0 else 1e-6
-    return length if 0.0 < length <= LONGEST_MEAN_S else 0.0
 
 
 def _latency_s(topic: Topic) -> float:

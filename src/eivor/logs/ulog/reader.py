@@ -382,15 +382,11 @@ def _take_definition(log: CleanLog, kind: int, payload: bytes) -> bool:
             log.definitions += _message(kind, payload)
         return sound
     if kind == ord("I"):
-        _take_about(log, payload)
+        size = payload[0]
+        words = (_text(payload[1 : 1 + size]) or "").split(" ")
+        if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
+            log.about.setdefault(words[1], payload[1 + size :])
     return True
-
-
-def _take_about(log: CleanLog, payload: bytes) -> None:
-    size = payload[0]
-    words = (_text(payload[1 : 1 + size]) or "").split(" ")
-    if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
-        log.about.setdefault(words[1], payload[1 + size :])
 
 
 def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> bool:
