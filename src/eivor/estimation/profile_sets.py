@@ -198,8 +198,10 @@ class Criterion:
         """Equations and power of each flight, at the nodes of every slice."""
 
         def sliced(part: Float[np.ndarray, "T *shape"]) -> Float[np.ndarray, "S T *shape"]:
-            fine = self.nodes.over(part, self._closer[1])
-            return np.ascontiguousarray(fine.reshape(-1, len(self.slices), *part.shape[1:]).swapaxes(0, 1))
+            fine, count = self.nodes.over(part, self._closer[1]), len(self.slices)
+            # no -1: equations without a parameter that stays are empty
+            shape = (fine.shape[0] // count, count, *part.shape[1:])
+            return np.ascontiguousarray(fine.reshape(shape).swapaxes(0, 1))
 
         return [[sliced(part) for part in pair] for pair in self._scaled]
 
