@@ -136,6 +136,7 @@ def test_rooms_name_no_parameter_of_a_motion(room):
         assert not named, f"{path} names {', '.join(named)}"
 
 
+@pytest.mark.thorough
 def test_counts_of_the_house_are_bounded():
     """Imports inside functions and for type checking count, too."""
     counted = architecture(ROOT / "src" / "eivor") | project(ROOT)

@@ -313,6 +313,7 @@ def embedded(page: Path) -> dict:
     return json.loads(re.search(r'<script type="application/json" id="result">(.*?)</script>', text)[1])
 
 
+@pytest.mark.thorough
 def test_a_report_is_what_identify_finds(eivor, log, tmp_path):
     page, path = tmp_path / "flight.html", tmp_path / "flight.json"
     reported = eivor("report", log, "-o", page)

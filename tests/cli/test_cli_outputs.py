@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from fnmatch import fnmatch
-from itertools import combinations
+from itertools import combinations, cycle
 from pathlib import Path
 from typing import Any, get_args
 
@@ -111,11 +111,13 @@ def label(parameter: Any) -> str:
     return str(parameter.metavar) if is_argument else str(max(parameter.opts, key=len))
 
 
+#: Names that one file may have; the pairs take them in turn.
+ALIASES = cycle(("itself", "dots", "symbolic link", "hard link"))
 PAIRS = [
-    pytest.param(words, source, output, id=f"{' '.join(words)} {label(source)} {label(output)}")
+    pytest.param(words, source, output, alias, id=f"{' '.join(words)} {label(source)} {label(output)}")
     for words in COMMANDS
     for source in (*named(words, Reads), *named((), Reads))
-    for output in named(words, Writes)
+    for output, alias in zip(named(words, Writes), ALIASES, strict=False)
 ]
 OUTPUTS = [
     pytest.param(words, *pair, id=f"{' '.join(words)} {label(pair[0])} {label(pair[1])}")
@@ -171,50 +173,41 @@ def test_every_text_of_a_command_declares_its_files() -> None:
     assert len(PAIRS) > 40
 
 
-@pytest.mark.parametrize(("words", "source", "output"), PAIRS)
-def test_no_output_replaces_an_input(
-    eivor: Caller,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    source: Any,
-    output: Any,
-) -> None:
+@pytest.mark.parametrize(("words", "source", "output", "alias"), PAIRS)
+def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source, output, alias):
     reads, writes = position_of(words, source), position_of(words, output)
     assert isinstance(reads, Reads)
     assert isinstance(writes, Writes)
-    for number, alias in enumerate(("itself", "dots", "symbolic link", "hard link")):
-        folder = tmp_path / str(number)
-        (folder / "sub").mkdir(parents=True)
-        monkeypatch.chdir(folder)
-        inside = Path(writes.inside[0].replace("*", "0")) if writes.inside else Path()
-        target = folder / "target.toml" / inside
-        read = folder / "read"
-        if reads.paths is fleet_paths:
-            read = read / "flights" / "part-0.parquet"
-        if alias in ("itself", "dots") and reads.paths is fleet_paths:
-            target = read
-        elif alias in ("itself", "dots"):
-            read = target
-        for path in (read, target):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        read.touch()
-        if alias == "symbolic link":
-            target.symlink_to(read)
-        elif alias == "hard link":
-            os.link(read, target)
-        typed = "read" if reads.paths is fleet_paths else os.path.relpath(read)
-        where = target.parents[len(inside.parts) - 1] if inside.parts else target
-        written = f"sub/../{where.relative_to(folder)}" if alias == "dots" else str(where)
-        given = {source.name: (source, typed), output.name: (output, written)}
-        arguments = called(words, given, folder)
-        before = contents(folder)
-        run = eivor(*arguments)
-        assert (run.code, run.out) == (2, ""), (alias, run.err)
-        assert "which would replace" in run.err
-        assert label(output).strip("[]") in run.err
-        assert label(source).strip("[]") in run.err
-        assert contents(folder) == before
+    (tmp_path / "sub").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    inside = Path(writes.inside[0].replace("*", "0")) if writes.inside else Path()
+    target = tmp_path / "target.toml" / inside
+    read = tmp_path / "read"
+    if reads.paths is fleet_paths:
+        read = read / "flights" / "part-0.parquet"
+    if alias in ("itself", "dots") and reads.paths is fleet_paths:
+        target = read
+    elif alias in ("itself", "dots"):
+        read = target
+    for path in (read, target):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    read.touch()
+    if alias == "symbolic link":
+        target.symlink_to(read)
+    elif alias == "hard link":
+        os.link(read, target)
+    typed = "read" if reads.paths is fleet_paths else os.path.relpath(read)
+    where = target.parents[len(inside.parts) - 1] if inside.parts else target
+    written = f"sub/../{where.relative_to(tmp_path)}" if alias == "dots" else str(where)
+    given = {source.name: (source, typed), output.name: (output, written)}
+    arguments = called(words, given, tmp_path)
+    before = contents(tmp_path)
+    run = eivor(*arguments)
+    assert (run.code, run.out) == (2, ""), run.err
+    assert "which would replace" in run.err
+    assert label(output).strip("[]") in run.err
+    assert label(source).strip("[]") in run.err
+    assert contents(tmp_path) == before
 
 
 @pytest.mark.parametrize(("words", "first", "second"), OUTPUTS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -230,15 +230,17 @@ def good_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def use_commands(eivor: Caller, columns: Columns, fit: Path, folder: Path) -> dict[str, str]:
+def use_commands(
+    eivor: Caller, columns: Columns, fit: Path, folder: Path, commands: Sequence[str] = tuple(COMMANDS)
+) -> dict[str, str]:
     """What each command prints of a log, with a documented exit code."""
     log, sentence = folder / "log.csv", {}
     write_csv(columns, log)
     given = {"report": ["-o", folder / "page.html"]}
-    for command, codes in COMMANDS.items():
+    for command in commands:
         run = eivor(command, *([fit] if command == "validate" else []), log, *given.get(command, []))
         sentence[command] = f"{run.out}\n{run.err}"
-        assert run.code in codes, sentence[command]
+        assert run.code in COMMANDS[command], sentence[command]
         assert not INTERNAL.search(" ".join(sentence[command].split())), sentence[command]
     return sentence
 
@@ -253,7 +255,7 @@ def use_commands(eivor: Caller, columns: Columns, fit: Path, folder: Path) -> di
 def test_what_tells_nothing_is_refused_in_a_sentence(
     eivor: Caller, good_fit: Path, tmp_path: Path, columns: Columns, sentence: str
 ) -> None:
-    commands = use_commands(eivor, columns, good_fit, tmp_path)
+    commands = use_commands(eivor, columns, good_fit, tmp_path, ("identify", "inspect"))
     assert "NOT IDENTIFIED" in commands["identify"]
     assert sentence in " ".join(commands["identify"].split())
     assert sentence in " ".join(commands["inspect"].split())
@@ -272,7 +274,7 @@ def test_calls_end_in_a_result_or_a_sentence(good_fit: Path, seed: int) -> None:
     check_library(seed, good_fit)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_commands_end_in_a_documented_code(eivor: Caller, good_fit: Path, tmp_path: Path, seed: int) -> None:
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 

@@ -92,7 +92,9 @@ def outputs() -> Callable[[], Document]:
     ("log", "choices", "side"),
     [
         (px4_log, FITTED, "before"),
-        (lambda: px4_log(outputs="actuator_outputs"), FITTED, "behind"),
+        pytest.param(
+            lambda: px4_log(outputs="actuator_outputs"), FITTED, "behind", marks=pytest.mark.thorough
+        ),
         pytest.param(ardupilot_log, {"input_map": "fit"}, "before", marks=pytest.mark.thorough),
         (ardupilot_log, FITTED, "behind"),
         pytest.param(lambda: ardupilot_log(in_force=0.9), FITTED, "behind", marks=pytest.mark.thorough),
@@ -118,7 +120,7 @@ def test_the_curve_of_the_motors_is_written_on_either_side(
     assert f"would be set to {result[curve]:.2f} [" in curve_told(reported)
 
 
-@pytest.mark.parametrize("in_force", [1.0, 0.65])
+@pytest.mark.parametrize("in_force", [1.0, pytest.param(0.65, marks=pytest.mark.thorough)])
 def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_path: Path) -> None:
     """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""
     reported = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
@@ -257,20 +259,6 @@ def written_to(command: str) -> Path:
     return Path(re.findall(r"(?:-o|--json|--out) (\S+)", command)[0])
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_what_a_simulated_flight_of_each_autopilot_tells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("flight.ulg").write_bytes(px4_log())
-    Path("flight.bin").write_bytes(ardupilot_log())
-    assert len(OF_AUTOPILOTS) == 5
-    for command in OF_AUTOPILOTS:
-        assert command_line(*shlex.split(command)).code == 0, command
-    for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
-        assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any) -> None:
@@ -282,6 +270,8 @@ def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_l
     for command in COMMANDS:
         assert command_line(*shlex.split(command)).code == 0, command
         assert written_to(command).stat().st_size > 100
+    for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
+        assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
 
 
 @pytest.mark.recordings

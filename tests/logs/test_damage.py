@@ -157,7 +157,7 @@ HEADS = {
 }
 
 
-@settings(QUICK, max_examples=200)
+@settings(QUICK, max_examples=80)
 @given(st.binary(max_size=300) | st.text(max_size=200).map(str.encode), st.sampled_from(sorted(HEADS)))
 def test_any_bytes_after_a_head(tmp_path, blob, head):
     survives(tmp_path / "file", HEADS[head] + blob)
