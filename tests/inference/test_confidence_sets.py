@@ -26,6 +26,7 @@ from eivor.inference.anderson_rubin import (
 )
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages, cosine_covariance
+from eivor.inference.distributions import chi_square_quantile, conditional_ratio_quantile
 from eivor.inference.regions import ConfidenceRegion, Ellipse, joint_ellipse, scanned_shadow
 
 LEVEL = 0.95
@@ -431,6 +432,19 @@ def test_levels_and_instruments_that_do_not_fit_are_refused():
 
 COVARIANCE = np.array([[0.04, -0.9 * 0.2 * 30.0], [-0.9 * 0.2 * 30.0, 900.0]])
 CENTRE = np.array([0.4, 1.2e3])
+
+
+@pytest.mark.parametrize(("degrees", "strength"), [(2.0, 3.0), (4.0, 9.0), (8.0, 20.0)])
+def test_quantile_of_a_conditional_ratio_is_that_of_its_draws(degrees, strength):
+    """The ratio of Moreira (2003) by chi-squares of one degree and of the rest."""
+    draws = np.random.default_rng(3).chisquare([1.0, degrees - 1.0], (200_000, 2))
+    both = draws.sum(axis=1)
+    root = np.sqrt((both + strength) ** 2 - 4.0 * strength * draws[:, 1])
+    drawn = np.quantile(0.5 * (both - strength + root), 0.95)
+    assert conditional_ratio_quantile(0.95, degrees, strength) == pytest.approx(drawn, rel=0.02)
+    for size, left in ((0.0, degrees), (1e5, 1.0), (np.inf, 1.0)):
+        ends = conditional_ratio_quantile(0.95, degrees, size)
+        assert ends == pytest.approx(chi_square_quantile(0.95, left), rel=0.002)
 
 
 @pytest.mark.parametrize(("level", "degrees"), [(0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan)])

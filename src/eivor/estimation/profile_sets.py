@@ -20,7 +20,12 @@ from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, n
 from eivor.estimation.weighting import WeightedRows
 from eivor.inference.anderson_rubin import Allowed, allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.distributions import check_level, chi_square_quantile, t_quantile
+from eivor.inference.distributions import (
+    check_level,
+    chi_square_quantile,
+    conditional_ratio_quantile,
+    t_quantile,
+)
 from eivor.models.regression import Regression
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -380,11 +385,13 @@ class ParameterSets:
     profile: ConfidenceSet
     anderson_rubin: ConfidenceSet
     strange: tuple[str, ...] = ()
+    conditional: ConfidenceSet | None = None  # Profile set by the strength of the instruments; none of a pool
 
     @property
     def robust(self) -> ConfidenceSet:
-        """The Anderson-Rubin set, but never less than the profile set."""
-        return ConfidenceSet.union((*self.anderson_rubin.intervals, *self.profile.intervals))
+        """The conditional set; of a pool the Anderson-Rubin set, but never less than the profile set."""
+        union = ConfidenceSet.union((*self.anderson_rubin.intervals, *self.profile.intervals))
+        return union if self.conditional is None else self.conditional
 
 
 @dataclass(frozen=True)
@@ -466,9 +473,14 @@ class ProfileSets:
             least = float(criterion.minima.min())
         except np.linalg.LinAlgError:
             return None
-        profile = below(least + t_quantile(level, DEGREES) ** 2)
-        robust = below(chi_square_quantile(level, max(degrees, 1)))
-        return ParameterSets(ConfidenceSet((wald,)), profile, robust, strange)
+        stages = zip(self.estimate.names, self.estimate.first_stage, strict=True)
+        strength = degrees * float(min(F for name, F in stages if name not in strange))
+        excess = t_quantile(level, DEGREES) ** 2
+        profile = conditional = below(least + excess)
+        if (more := conditional_ratio_quantile(level, degrees, strength)) > excess:
+            conditional = below(least + more)
+        anderson_rubin = below(chi_square_quantile(level, max(degrees, 1)))
+        return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, strange, conditional)
 
     @cached_property
     def _of_all_rows(self) -> Criterion:
