@@ -20,9 +20,10 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
+from eivor.report.document import Cell, Document, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
-from eivor.report.html import element, own
+from eivor.report.html import own, rendered
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 
@@ -328,5 +329,7 @@ def test_a_series_without_a_range_is_packed_too(values):
 
 
 def test_text_and_attributes_are_escaped():
-    made = element("p", {"title": '"><b>'}, "<i>&amp;", element("b", None, "\u202e"))
-    assert made == '<p title="&#34;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;<b>\\u202e</b></p>'
+    made = table(["name"], [[Cell("<i>&amp;\u202e", link='"><b>')]])
+    document = Document("", None, "", (Section("", (made,)),))
+    page = rendered("fleet.html", title="", motions=[(document, "", {})])
+    assert '<a href="&#34;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;\\u202e</a>' in page

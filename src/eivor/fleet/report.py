@@ -13,7 +13,6 @@ from urllib.parse import quote
 
 import numpy as np
 import polars as pl
-from markupsafe import Markup
 
 from eivor.fleet.analysis import (
     DRIFTS,
@@ -44,7 +43,7 @@ from eivor.report.document import (
 from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures
-from eivor.report.html import element, joined, section_html, whole_page
+from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json
 from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers
 
@@ -431,39 +430,16 @@ NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --repor
 
 def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
     """HTML page of a fleet, without anything to fetch."""
-    figures = Figures(0)
-    documents = [fleet_document(report, title, links) for report in reports]
-    selected = [
-        _motion_section(report, document, figures, f"m{number}-", links)
-        for number, (report, document) in enumerate(zip(reports, documents, strict=True))
-    ]
-    theme = element("button", {"type": "button", "id": "theme"}, "Dark")
-    about = element("p", {"class": "about"}, "Eivor · Fleet")
-    save = element("button", {"type": "button", "id": "save"}, "Save the numbers as JSON")
-    body = joined(
-        [
-            element("header", None, element("div", None, about, element("h1", None, title)), theme),
-            element("main", {"id": "main"}, *selected, element("p", None, save)),
-        ]
-    )
+    figures, motions = Figures(0), []
+    for report in reports:
+        drawn = {}
+        if report.vehicles.height:
+            drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
+            drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
+        note = NO_REPORTS if report.vehicles.height and not links else ""
+        motions.append((fleet_document(report, title, links), note, drawn))
+    body = rendered("fleet.html", title=title, motions=motions)
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
-
-
-def _motion_section(
-    report: FleetReport, document: Document, figures: Figures, name: str, links: Mapping[str, str]
-) -> Markup:
-    drawn = {}
-    if report.vehicles.height:
-        drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
-        drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
-    sections = [
-        section_html(item, f"{name}{'-'.join(item.heading.lower().split())}", drawn)
-        for item in document.sections
-    ]
-    about = [element("p", {"class": "said"}, document.about)]
-    if report.vehicles.height and not links:
-        about.append(element("p", {"class": "note"}, NO_REPORTS))
-    return joined([*about, *sections])
 
 
 def _forests(report: FleetReport) -> Iterator[Picture]:

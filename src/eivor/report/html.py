@@ -7,16 +7,15 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from eivor.inference.verdict import Status
-from eivor.report.document import Section
 from eivor.tools import printable
 
 if TYPE_CHECKING:
@@ -61,21 +60,6 @@ def _visible(value: object) -> object:
 def rendered(file: str, /, **values: object) -> Markup:
     """HTML of a template."""
     return Markup(template(file).render(values))  # noqa: S704 - the template has escaped it
-
-
-def element(name: str, attributes: Mapping[str, str] | None = None, *content: str) -> Markup:
-    """Element with its attributes and what is in it; plain text is escaped."""
-    return rendered("element.html", name=name, attributes=attributes or {}, content=content)
-
-
-def joined(content: Iterable[str]) -> Markup:
-    """Pieces, one after the other."""
-    return Markup().join(escape(_visible(item)) for item in content)
-
-
-def section_html(section: Section, name: str, figures: Mapping[str, Markup]) -> Markup:
-    """Section with its heading, and figures where the document has a place for them."""
-    return rendered("section.html", section=section, name=name, figures=figures)
 
 
 # -- Vendored --

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass
-from enum import Enum
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import Annotated, Any, TypeAlias
 
@@ -37,22 +36,19 @@ Pair: TypeAlias = tuple[Number, Number]
 
 def plain(value: object) -> Any:
     """A value as JSON has it: records are objects, arrays are lists, numbers are finite or null."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    elif isinstance(value, Enum):
-        value = value.value
-    elif is_dataclass(value):
-        value = {item.name: getattr(value, item.name) for item in fields(value)}
-    elif isinstance(value, msgspec.Struct):
-        pairs = ((item.encode_name, getattr(value, item.name)) for item in msgspec.structs.fields(value))
-        value = {name: item for name, item in pairs if item is not msgspec.UNSET}
+    return _finite(msgspec.to_builtins(value, str_keys=True, enc_hook=_of_numpy))
+
+
+def _of_numpy(value: Any) -> object:
+    return value.tolist()
+
+
+def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return number(value)
-    if isinstance(value, Mapping):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return value
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def document(schema: str, **parts: object) -> dict[str, Any]:
