@@ -22,8 +22,6 @@ from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
 from eivor.report.flight_page import flight_page
 
-# -- The documentation as it was built, opened from disk and from a server of this machine, wit --
-
 SITE = os.environ.get("EIVOR_SITE", "")
 #: How many equations there are, how many are drawn, and what KaTeX did not understand.
 EQUATIONS = """() => {
@@ -138,8 +136,6 @@ def test_search_and_equations_from_a_server(watched_site, served):
     assert outside(page, served) == []
     assert page.said == []
 
-
-# -- The page of a result in a real browser, from a file and without a network --
 
 LOOKS = (Path(__file__).parent / "looks.js").read_text(encoding="utf-8")
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\u202e\u2066" + 10_000 * "W"

@@ -251,9 +251,6 @@ def test_a_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) 
         assert ("Reading [red]\\x1b[2J.ulg" in stream.getvalue()) is announced
 
 
-# -- An option that is nothing by default and was given as nothing: `--lag "$LAG"` where LAG wa --
-
-
 @pytest.mark.parametrize(
     "option",
     ["--lag", "--lag-from", "--window", "--input", "--input-map", "--map", "--json", "--figure", "--html"],
@@ -274,8 +271,6 @@ def test_of_the_group_and_of_a_file(eivor: Caller, tmp_path: Any, monkeypatch: p
     assert (run.code, run.out) == (2, "")
     assert "a value for --lag" in run.err
 
-
-# -- `eivor.toml` and `eivor --config`: options where the command line does not say otherwise --
 
 PAGE = (Path(__file__).parents[2] / "docs" / "from-a-log.md").read_text(encoding="utf-8")
 
@@ -367,9 +362,6 @@ def test_the_file_of_the_page_is_valid(eivor, written):
     )
 
 
-# -- words --
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -420,9 +412,6 @@ def test_an_error_names_its_log_once() -> None:
         raise CorruptLogError("a log", "bits", "Try again.")
 
 
-# -- `--noise`: what may be typed --
-
-
 def test_numbers_units_sheets_and_the_word():
     assert declared_noise([]) is None
     assert declared_noise(["estimate"]) == "estimate"
@@ -456,9 +445,6 @@ def test_numbers_units_sheets_and_the_word():
 def test_noises_that_are_none(texts, words):
     with pytest.raises(UsageError, match=words):
         declared_noise(texts)
-
-
-# -- Those who wait are told what an identification is at --
 
 
 def test_stages_come_in_order():

@@ -166,8 +166,6 @@ def test_report_of_what_tells_nothing(eivor, tmp_path):
     assert eivor("fleet", "report", tmp_path).code == 1
 
 
-# -- `eivor serve` says where it is, and leaves nothing when it is stopped --
-
 STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 

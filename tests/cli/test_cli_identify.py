@@ -139,8 +139,6 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(
     assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
-# -- What is refused: 2 is wrong usage, 1 what cannot be read or written --
-
 #: LOG is a log, CUT one that ends in its head, TEXT a table without numbers, BLIND one without a velocity.
 REFUSALS = (
     ("identify", 2, "one or more logs"),
@@ -235,9 +233,6 @@ def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
     assert "No space left" in run.err
 
 
-# -- What is known of the lag, on the command line --
-
-
 @pytest.mark.thorough
 def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
@@ -253,9 +248,6 @@ def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: 
     run = eivor("identify", log, "--lag-from", other)
     assert run.code == 2
     assert "one whose lag is refused" in run.err
-
-
-# -- `eivor track` prints, draws and writes what is followed, and says what is wrong --
 
 
 @pytest.mark.thorough
@@ -276,9 +268,6 @@ def test_a_short_track_says_what_is_missing(eivor):
     assert (run.code, "the length of the flight" in run.err) == (2, True)
     run = eivor("track", "--example", "--window", "10:12")
     assert (run.code, "no moment identifies it" in run.out) == (3, True)
-
-
-# -- `eivor validate` as it is called --
 
 
 @pytest.mark.thorough
@@ -303,9 +292,6 @@ def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -
     assert refused.code == 2
     assert "a result with an estimate" in refused.err
     assert eivor("validate", fit, log, "--json", fit).code == 2
-
-
-# -- `eivor report` and `eivor identify --html`: the page is written, over nothing that is read --
 
 
 def embedded(page: Path) -> dict:

@@ -173,9 +173,6 @@ def test_a_log_without_flight_is_inspected(eivor: Caller, recordings: Path) -> N
     assert "Never in the air" in run.out
 
 
-# -- Standard output and error as they are found: poor in letters, full, closed, or read by nob --
-
-
 @pytest.mark.thorough
 def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example | true"
@@ -247,8 +244,6 @@ def test_a_stream_that_is_closed(stream: int, code: int) -> None:
         assert "viscous friction" in run.stdout
     assert "mistake" not in run.stderr
 
-
-# -- Parts of NumPy that commands have no use for are loaded when they are used, and are whole  --
 
 #: Each is loaded with the part of NumPy that it belongs to.
 WITHIN = ("numpy.f2py.crackfortran", "numpy.testing._private.utils")

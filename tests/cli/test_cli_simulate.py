@@ -221,8 +221,6 @@ def test_a_vehicles_name_is_text_in_its_file(name, told):
     assert tomllib.loads(text.encode("utf-8").decode("utf-8"))["name"] == told
 
 
-# -- `eivor study`: the table, JSON, exit codes, and how an interrupted study goes on --
-
 STUDY = """
 name = "a [red]small[/red] one"
 runs = 30

@@ -99,9 +99,6 @@ def test_wrong_usage(
     assert message in " ".join(run.err.split())
 
 
-# -- `eivor inspect` --
-
-
 @pytest.mark.thorough
 def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) -> None:
     run = eivor("inspect", f"{log}@5:20", "--json", "-")
@@ -199,9 +196,6 @@ def test_logs_that_cannot_be_pooled_are_inspected(
     assert "cannot begin" in eivor("inspect", log, blind).out
 
 
-# -- `eivor plan` as it is called; the plan itself is made elsewhere --
-
-
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """What the command asks for; it gets a plan without simulations."""
@@ -266,9 +260,6 @@ def test_wrong_usage_is_told(
     assert not asked
 
 
-# -- `eivor vehicle` as a user meets it --
-
-
 @pytest.fixture(autouse=True)
 def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -315,8 +306,6 @@ def test_show_tells_what_is_wrong(eivor, tmp_path):
     assert run.code == 1
     assert "crazyflie-2x" in run.err
 
-
-# -- `eivor example`: from a local server and from files, never from the network --
 
 CONTENT = b"a log"
 
@@ -417,8 +406,6 @@ def test_the_hashes_are_those_of_the_files(recordings: Path) -> None:
     for log in public_logs().values():
         assert hashes[log.file_name] == log.sha256
 
-
-# -- The tutorial's commands run one after the other, and print what the page shows --
 
 PAGE = (Path(__file__).parents[2] / "docs" / "getting-started.md").read_text(encoding="utf-8")
 COMMANDS = re.compile(r"^```console\n(.*?)^```(?:\n\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)

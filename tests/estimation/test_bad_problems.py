@@ -296,8 +296,6 @@ class TestWhiteInput:
             ev.identify(self.problem(200, exact=True), ev.methods.extended_iv())
 
 
-# -- Methods whose solver regularises: what counts as an equation, what intervals count, and wh --
-
 M = ev.methods
 MOTION = ev.VerticalMotion(intercept=False)
 

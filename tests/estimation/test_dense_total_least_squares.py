@@ -17,8 +17,6 @@ from eivor.estimation.products import lags_without_gaps
 from eivor.linalg import AugmentedLeastSquares
 from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS
 
-# -- Every method that is solved by total least squares against its formula as it stands, with  --
-
 ROWS, LAGS = 90, 4
 NOISE = {
     "velocity_z": ev.FractionalNoise(std=0.15, order=-0.4),
@@ -174,8 +172,6 @@ def test_the_augmented_systems_with_all_their_rows(signals, name, first):
     np.testing.assert_allclose(theta, dense.augmented(), rtol=EXACT)
 
 
-# -- Regressors that are nearly one: standard errors against 200-digit arithmetic, or a refusal --
-
 NEAR_ROWS = 200
 DISTANCES = [3.0 * 10.0**-k for k in range(1, 17)]
 ROUNDING = np.finfo(float).eps
@@ -272,8 +268,6 @@ def test_standard_errors_are_right_or_the_problem_is_refused(name):
     # A double has sixteen digits, and three are to be left.
     assert len(refused) == len([d for d in DISTANCES if d < (1e-6 if squared else 1e-12)])
 
-
-# -- Covariance of a long record, block by block --
 
 LONG_ROWS = 4 * PASSED_ROWS
 

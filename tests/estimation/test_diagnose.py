@@ -60,9 +60,6 @@ def diagnosed(made, method=None):
     return ev.diagnose(ev.identify(problem(made), method or ev.methods.generalized_iv()))
 
 
-# -- one pass, two routes ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("lags", [(0, 10), (2, 5)])
 def test_folded_products_are_those_of_rows(lags):
     made = signals(0, FOLDED_FROM + 1237)
@@ -173,9 +170,6 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
     against = endogeneity(products, weights)
     for name in ("durbin", "durbin_p_value", "wu", "wu_p_value"):
         assert getattr(diagnose.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
-
-
-# -- calibration ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.calibration
@@ -290,9 +284,6 @@ def test_weak_instruments_are_told():
     assert any("hardly move" in r.sentence and r.status is Status.WEAK and r.remedy for r in diagnose.reasons)
 
 
-# -- what cannot be said ----------------------------------------------------------------------------------
-
-
 def test_short_records_say_less():
     result = diagnosed(signals(13, 26, memory=0.0))
     assert result.constancy is None
@@ -315,8 +306,6 @@ def test_a_diagnostic_that_there_is_not():
     with pytest.raises(UsageError, match="a diagnostic out of first_stage, over_identification"):
         ev.diagnose(fit)["first_stag"]
 
-
-# -- Default intervals of every method cover where the method is consistent, in autocorrelated  --
 
 RUNS, COUNT = 250, 600
 TRUTH = np.array([0.8, -0.5])

@@ -184,8 +184,6 @@ def test_steps_that_never_end_are_told():
         refined_nuisances(problem, Wandering(), {"order": 0.7})
 
 
-# -- Parameters estimated together with noises that nobody declared --
-
 INSTRUMENTS = ev.lags("input", 0, 10)
 UNKNOWN_MODEL = ev.VerticalMotion(intercept=False)
 

@@ -226,8 +226,6 @@ def test_the_moments_of_chunks_are_solved_once(weighting, monkeypatch):
     assert fit.parameters == pytest.approx(whole.parameters, rel=1e-9)
 
 
-# -- What an estimate says of a vehicle does not depend on the units of its channels --
-
 MODEL = ev.VerticalMotion(intercept=False)
 m = ev.methods
 DECLARED = (m.bias_compensated_least_squares(), m.spectral_giv(), m.whittle_ml())
@@ -274,9 +272,6 @@ def told(signals, method, of_input=1.0, of_motion=1.0):
 def test_units_change_nothing(signals, method, of_input, of_motion):
     in_others = told(signals, method, of_input, of_motion)
     np.testing.assert_allclose(in_others, told(signals, method), rtol=1e-6 if method in SOUGHT else 1e-8)
-
-
-# -- Covariance of sums whose series remember long, against the sum over all pairs of rows --
 
 
 def test_it_is_the_sum_over_lags():

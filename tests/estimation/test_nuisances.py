@@ -51,9 +51,6 @@ def named(method: LinearMethod) -> str:
     return method.name
 
 
-# -- several continuous nuisances ----------------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", [*METHODS, extended_iv()], ids=named)
@@ -136,9 +133,6 @@ def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
     ]
     low, high = stats.chi2(4 * RUNS).ppf([1e-4, 1.0 - 1e-4])
     assert low < np.sum(squared) < high
-
-
-# -- what is known beforehand ------------------------------------------------------------------------------
 
 
 def pseudo_observed(made, method, prior):
@@ -255,12 +249,6 @@ def test_nuisances_that_cannot_be_searched_are_refused(make, said):
         make()
 
 
-# -- flights and axes -------------------------------------------------------------------------------------
-
-
-# -- methods as an interface ------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Nothing(Method):
     """A method that is no linear one."""
@@ -300,9 +288,6 @@ def test_what_is_no_method_is_refused(given, said):
 def test_what_is_no_problem_is_refused():
     with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
         ev.identify(np.zeros((10, 2)), least_squares())
-
-
-# -- Search in boxes: valleys, ends of grids, and functions without a least value --
 
 
 def over(box, function):

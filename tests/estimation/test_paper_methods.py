@@ -249,8 +249,6 @@ def test_intercept_and_noise_free_columns(name):
     assert fit.parameters["input_gain"] == pytest.approx(K_U, rel=0.1)
 
 
-# -- Two-stage and two-step weightings against linearmodels and Stata --
-
 linearmodels = pytest.importorskip("linearmodels")
 
 
@@ -338,9 +336,6 @@ def test_weak_instruments_are_told():
     assert "first-stage F" in fit.summary()
 
 
-# -- LIML and Fuller's modification: total least squares of two-stage equations, against the k- --
-
-
 def weakly_instrumented(seed, rows=300):
     """An endogenous regressor, one that is its own instrument, a constant, and four instruments."""
     rng = np.random.default_rng(seed)
@@ -419,8 +414,6 @@ def test_what_limited_information_cannot_use_is_refused():
     with pytest.raises(UsageError, match="strength between 0 and"):
         ev.methods.fuller(-1.0)
 
-
-# -- What compensated equations weigh and score, and which instruments are refused or called we --
 
 ROWS, TRUTH = 400, np.array([0.7, -1.3])
 

@@ -207,8 +207,6 @@ def test_runs_without_an_estimate_are_counted() -> None:
     assert result.replicates.shape == (300 - result.failed, 2)
 
 
-# -- Replicates of pools with any nuisances: against the estimate, and against the method on wh --
-
 KNOWN_LAG, KNOWN_SHARE = lag(grid=np.array([LAG_S])), share(grid=np.array([SHARE]))
 
 
@@ -227,12 +225,6 @@ def joint(estimate: Estimate, replicate: Replicate) -> np.ndarray:
 
 def errors(estimate: Estimate) -> np.ndarray:
     return np.array([estimate.std_error(name) for name in estimate.names])
-
-
-# -- between the nodes ---------------------------------------------------------------------------------------
-
-
-# -- replicates ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

@@ -58,29 +58,6 @@ def test_direct_search_is_joint_nonlinear_least_squares():
     np.testing.assert_allclose(fit.joint_covariance.part("classical").matrix, wanted, rtol=2e-3)
 
 
-def test_instrumental_search_is_the_joint_minimum_of_its_equations():
-    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=2)
-    made = problem(flight)
-    fit = identify(made, TWO_STAGE)
-    Psi = made.rows({"actuator_lag": 0.05, "delay": 0.0}).instruments
-    Q = np.linalg.qr(Psi)[0]
-    start = np.array([1.0, 30.0, 0.02])
-    joint = scipy.optimize.least_squares(
-        lambda x: Q.T @ residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
-    )
-    np.testing.assert_allclose(fit.values, joint.x, rtol=1e-3)
-    # M^-1 P' s^2 P M^-T with G the joint Jacobian, P = QQ'G and M = P'G.
-    G = -scipy.optimize.approx_fprime(fit.values, lambda x: residual_at(flight, x), [1e-6, 1e-5, 1e-7])
-    P = Q @ (Q.T @ G)
-    M = P.T @ G
-    e = residual_at(flight, fit.values)
-    wanted = float(e @ e) / (e.size - 3) * np.linalg.inv(M) @ P.T @ P @ np.linalg.inv(M).T
-    np.testing.assert_allclose(fit.joint_covariance.part("classical").matrix, wanted, rtol=5e-3)
-    assert fit.over_identification[0] == pytest.approx(
-        float(np.sum((Q.T @ e) ** 2)) / (float(e @ e) / (e.size - 3)), rel=1e-3
-    )
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name)
@@ -124,8 +101,6 @@ def test_the_unit_of_the_command_changes_the_gain_only(method, unit):
         ends = np.array(plain.interval(name)) * unit**power
         assert other.interval(name) == pytest.approx(tuple(ends), rel=1e-4)
 
-
-# -- the joint covariance against many flights ------------------------------------------------------------
 
 RUNS = 100
 TRUTH = np.array([FRICTION, GAIN, LAG_S])
@@ -187,9 +162,6 @@ def test_intervals_cover(spread, number):
     )
     covered = int((np.abs(values[:, number] - TRUTH[number]) <= robust).sum())
     assert covered >= stats.binom.ppf(1e-4, RUNS, 0.92)
-
-
-# -- What a search asks of many points at once is what it would get point by point --
 
 
 @pytest.mark.parametrize(

@@ -182,9 +182,6 @@ def test_regressors_that_are_all_their_own_instruments():
     assert half == pytest.approx(stats.t(198).ppf(0.975) * error, rel=1e-6)
 
 
-# -- Derived quantities: ratios whatever the denominator, functions however they bend --
-
-
 def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((count, 2))

@@ -13,7 +13,6 @@ from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.errors import InputError
 from eivor.fleet.analysis import (
-    DRIFTS,
     STEADY,
     STEPS,
     FleetReport,
@@ -29,7 +28,7 @@ from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.table import motion_by_name
 from eivor.report.terminal import on_terminal
 from fleets.fleet_rows import row, write_fleet
-from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
+from validation.simulated_fleets import FleetSpec, fleet_rows
 
 VERTICAL = motion_by_name("vertical")
 
@@ -185,28 +184,6 @@ def test_covariates_come_first_and_are_told():
         assert slope["std_error"] < 0.15
     unknown = fleet_rows(spec).drop("air_density", "battery_voltage")
     assert not reported(spec, unknown).covariates.height
-
-
-@pytest.mark.thorough
-def test_a_payload_that_grows_is_no_wear(tmp_path) -> None:
-    """Without the mass it looks like wear of 23 %; with it nothing changes, and wear beside it is found."""
-    heavier = {"vehicles": 4, "weather": 0.05, "battery": 0.03, "payload": 0.3, "seed": 4}
-    for wear, forms in ((0.0, {STEADY}), (0.12, {DRIFTS})):
-        spec = FleetSpec(wear=wear, **heavier)
-        table = fleet_rows(spec)
-        identified = of(reported(spec), GAIN)
-        assert set(identified["course"]) == {DRIFTS}
-        assert (identified["change_high"] < -0.12).all()
-        lines = [f"{name},{mass}" for name, mass in zip(table["name"], fleet_truth(spec).mass, strict=True)]
-        file = tmp_path / "masses.csv"
-        file.write_text("\n".join(["name,mass", *lines]))
-        given = given_covariates(file)
-        report = fleet_report(with_covariates(table, given), VERTICAL, given.columns[1:])
-        identified = of(report, GAIN)
-        assert set(identified["course"]) == forms
-        assert ((identified["change_low"] < -wear) & (identified["change_high"] > -wear)).all()
-        assert set(of(report, FRICTION)["course"]) == {STEADY}
-        assert "mass" in report.covariates["covariate"].to_list()
 
 
 def test_covariates_of_any_name_are_taken_out() -> None:

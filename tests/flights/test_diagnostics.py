@@ -168,8 +168,6 @@ def test_a_direct_method_has_fewer_checks():
     assert "constancy" in sentence
 
 
-# -- Confidence sets of the friction: what they are, when they have bounds, what the verdict ma --
-
 K = "viscous_friction"
 
 
@@ -375,8 +373,6 @@ def test_sets_cover_and_tell_where_instruments_are_weak():
     assert np.mean(selected) >= 0.3
     assert np.mean([result.fit.sets[K].wald.hull[0] > 0.0 for result in weak]) < np.mean(selected)
 
-
-# -- Systematic parts of intervals: those that widen, those that are a least width, those of th --
 
 LATE = SystematicUncertainty(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
 BOTH = SystematicUncertainty(Counts.ADDED, 0.5, 0.5, "either way")

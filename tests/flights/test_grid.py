@@ -143,9 +143,6 @@ def test_commands_are_their_mean_over_each_step_and_waited_for_after_gaps(rate_h
     assert np.isfinite(series).all()
 
 
-# -- the grid itself --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("rates", "step"), [((149.0, 400.0), 0.01), ((150.5, 400.0), 0.005), ((5.0,), 0.01)])
 def test_grid_spans_what_all_share_and_is_fine_when_all_are_fast(rates, step):
     channels = [
@@ -176,9 +173,6 @@ def test_stamps_in_another_unit_are_refused_before_memory_runs_out():
     microseconds = channel([0.0, 6e7], [0.0, 0.0])
     with pytest.raises(InputError, match=r"at most 6 hours; received stamps that cover 16666\.7 hours.*unit"):
         common_grid([microseconds], [])
-
-
-# -- hours without a sample ----------------------------------------------------------------------------
 
 
 def jumping(jump_s: float, *, held: bool = False, name: str = "velocity_z") -> Channel:
@@ -212,8 +206,6 @@ def test_more_than_six_hours_of_samples_are_refused():
     with pytest.raises(InputError, match=r"7\.0 hours"):
         gridded(channel(time, np.zeros(time.size)))
 
-
-# -- Where a vehicle flies: the land detector, or the rule on input and height --
 
 STEP_S = 0.01
 MARGIN = round(AIRBORNE_MARGIN_S / STEP_S)
@@ -274,9 +266,6 @@ def test_input_that_never_rises_never_flies(level):
     assert not found(level).mask.any()
 
 
-# -- the channels behind it -------------------------------------------------------------------------------
-
-
 def airborne_share(log) -> float:
     return float(prepare_vertical(log, FlightOptions()).active.mask.mean())
 
@@ -293,22 +282,6 @@ def test_a_land_detector_that_says_nothing_is_no_land_detector(values):
     (log,) = flown(seconds=10.0)
     assert airborne_share(changed(log, landed=channel_airborne("landed", *values))) == 1.0
 
-
-@pytest.mark.parametrize("height", ["one sample", "nothing but NaN", "none"])
-def test_a_height_that_is_hardly_known_does_not_ground_the_flight(height):
-    (log,) = flown(seconds=10.0)
-    off = log.channels["rotor_command_1"].values.copy()
-    off[:200] = 0.0
-    log = changed(log, rotor_command_1=off)
-    position = {
-        "one sample": channel_airborne("position_z", [5.0], [1.0]),
-        "nothing but NaN": channel_airborne("position_z", np.arange(0.0, 10.0, 0.1), np.full(100, np.nan)),
-        "none": channel_airborne("position_z", [], []),
-    }[height]
-    assert airborne_share(changed(log, position_z=position)) == pytest.approx(0.7, abs=0.01)
-
-
-# -- Frames: what is logged with z down, or along a tilted body, gives what z up gives --
 
 #: Turns z-up axes (world and body alike) into z-down ones.
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -408,8 +381,6 @@ def test_axes_of_the_accelerometer_may_have_their_own_clocks():
     names = [finding.name for finding in prepare_vertical(empty, FlightOptions()).findings]
     assert "no_accelerometer" in names
 
-
-# -- Short excursions beyond a limit do not end a run, and what is measured during them counts  --
 
 LEVEL, TILTED = 1.0, 0.8
 

@@ -142,9 +142,6 @@ def test_noise_of_measured_rotors_goes_through_the_map():
     assert signals.noise["input"].std == pytest.approx(expected, rel=0.02)
 
 
-# -- Measured rotor speeds: telemetry that is late or early, and what it would do to the fricti --
-
-
 def telemetry(log: Recording, late_s: float) -> Recording:
     """The log with its rotors' actual speed, stamped late, in place of their command."""
     command = log.channels["rotor_command_1"]
@@ -178,9 +175,6 @@ def test_the_delay_is_part_of_the_friction_s_interval():
     known = problem.with_nuisances((problem.lag, problem.delay.known_at(0.0)))
     sure = ev.identify(known, ev.methods.reference_iv())
     assert identify_flight.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
-
-
-# -- Where no loop acts on the thrust, it is its own instrument, and serves alone --
 
 
 @pytest.fixture(scope="module")

@@ -179,8 +179,6 @@ def test_bounds_in_the_wrong_order_are_refused():
         ev.Bounds(0.09, 0.05)
 
 
-# -- The lag by another motion of the same flight: what tells it, how it is used, and when it i --
-
 ROTORS = Vehicle(lag_s=LAG_S - 2 * STEP_S)
 
 

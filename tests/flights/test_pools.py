@@ -159,9 +159,6 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     assert "viscous friction" in summary(one_sine)
 
 
-# -- Bootstrap of flights: against the recipe itself, and against the intervals of pools --
-
-
 def logs(pool: int, count: int, gusts: float = 0.3) -> list[Recording]:
     """Logs of simulated flights of one vehicle, each with a trajectory, wind and noise of its own."""
     specs = [VerticalFlightSpec(gust_rms=gusts, seed=1000 * pool + number) for number in range(count)]

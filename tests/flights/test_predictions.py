@@ -65,9 +65,6 @@ def test_the_simpler_models_come_from_the_same_flight(problem):
     assert left(problem, simple_models["least_squares"].values)[0] < left(problem, hover)[0]
 
 
-# -- Predictions from many starts: how states are carried on, where they start, what is said of --
-
-
 def error(model: str, quantity: str, size: float) -> HorizonErrors:
     return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
 
@@ -145,9 +142,6 @@ def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
     assert result.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
     assert result.start_s.size == 8
     assert result.omitted == ("said",)
-
-
-# -- The gain over a flight: a drop is told where it is, hover tells it by its level, gaps say  --
 
 
 def weakened(log, at_s, factor):

@@ -110,9 +110,6 @@ def test_what_is_not_logged_becomes_a_finding(log, missing, finding):
     )
 
 
-# -- inputs -----------------------------------------------------------------------------------------------
-
-
 def test_commands_come_before_measured_speeds_before_inputs(log):
     steady = np.full(2000, 0.5)
     everything = changed(log, rotor_speed_1=steady, input=steady)
@@ -129,9 +126,6 @@ def test_map_is_the_users_then_the_logs(log):
     assert prepare_vertical(replace(log, input_map="mixed:0.3"), FlightOptions()).input_map == "mixed:0.3"
     options = FlightOptions(input_map="power:1.5")
     assert prepare_vertical(replace(log, input_map="mixed:0.3"), options).input_map == "power:1.5"
-
-
-# -- refusals ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -183,9 +177,6 @@ def test_clocks_without_overlap_are_refused(log):
     shifted = changed(log, rotor_command_1=replace(command, time_s=command.time_s + 100.0))
     with pytest.raises(InputError, match="Expected a stretch of time in which"):
         prepare_vertical(shifted, FlightOptions())
-
-
-# -- references -------------------------------------------------------------------------------------------
 
 
 def remarks(log, **options) -> dict[str, str]:
@@ -280,8 +271,6 @@ def test_a_log_of_a_plane_is_refused_as_one(log):
         prepare_vertical(replace(log, vehicle="fixed wing"), FlightOptions())
 
 
-# -- A velocity that is logged at 10 Hz moves the gain by less than its interval --
-
 SEEDS = range(50, 58)
 
 
@@ -302,8 +291,6 @@ def test_gains_are_not_small():
     assert abs(error.mean()) < 2.0 * np.sqrt(np.mean(scatter**2) / error.size)
     assert abs(error.mean()) < 0.003
 
-
-# -- What lines between stamps do to one side of an equation is done to the other --
 
 GRID = Grid(0.0, 0.005, (range(4000),))
 
@@ -329,8 +316,6 @@ def test_amplitudes_shrink_as_those_of_a_line_between_stamps(frequency_hz):
     assert gains[0] < 1.0
 
 
-# -- Curves between stamps keep the size of what moves slowly, and trust no stamps that lie une --
-
 STAMPS = np.arange(0.0, 20.0, 0.1)
 AT = np.arange(1.0, 19.0, 0.01)
 
@@ -340,9 +325,6 @@ def test_numbers_near_the_largest_give_numbers():
     with np.errstate(all="ignore"):
         between, line = curve_between(STAMPS, values, AT), line_between(STAMPS, values, AT)
     assert np.array_equal(np.isfinite(between), np.isfinite(line))
-
-
-# -- Hours in which nothing was logged, or of which nothing is used, cost nothing and change no --
 
 
 def jumping(log: Recording, jump_s: float) -> Recording:

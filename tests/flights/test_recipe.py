@@ -128,9 +128,6 @@ def test_friction_of_an_estimator_is_in_the_interval(log):
     assert friction.interval == pytest.approx((measured.interval[0] - 0.03, measured.interval[1]), abs=1e-3)
 
 
-# -- what cannot be told ----------------------------------------------------------------------------------
-
-
 @pytest.mark.thorough
 def test_constant_reference_is_refused(log):
     hover = flown(seconds=30.0, amplitude=0.0, seed=12)[0]
@@ -253,9 +250,6 @@ def test_a_reference_of_one_frequency_is_told():
     assert frequency() == 0.0
 
 
-# -- options ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.thorough
 def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit):
     result = identify_flight(log, FlightOptions(compare=True))
@@ -312,9 +306,6 @@ def test_start_of_the_clock_does_not_matter(log, coarse_fit):
     assert result.window_s == pytest.approx((12_345.0, 12_374.99))
     for name, quantity in coarse_fit.quantities.items():
         assert result.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-9)
-
-
-# -- pools ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -433,9 +424,6 @@ def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
         identify_flight([fleet[0]] if logs is None else logs, windows=windows)
 
 
-# -- hover input --
-
-
 def test_without_a_gain_the_hover_input_is_where_thrust_is_the_weight():
     result = identify_flight(flown(1, seconds=40.0, amplitude=0.002, gust=0.3)[0])
     hover = result.quantities["hover_input"]
@@ -443,9 +431,6 @@ def test_without_a_gain_the_hover_input_is_where_thrust_is_the_weight():
     assert hover.verdict is Status.IDENTIFIED
     assert hover.interval[0] <= HOVER <= hover.interval[1]
     assert hover.std_error < 0.005 * HOVER
-
-
-# -- calibration of the hover input -----------------------------------------------------------------------
 
 
 @pytest.mark.calibration
@@ -459,11 +444,6 @@ def test_hover_intervals_cover():
     errors = np.array([(quantity.value - HOVER) / quantity.std_error for quantity in results])
     assert np.sqrt(np.mean(errors**2)) > 0.3
 
-
-# -- broken logs ------------------------------------------------------------------------------------------
-
-
-# -- Quantities before and after they are judged --
 
 LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
 INFINITY = float("inf")

@@ -247,8 +247,6 @@ def test_a_clock_that_jumps_by_days_takes_no_memory_for_them():
     assert peak < 50e6
 
 
-# -- Stamps that err go to the line of those around; those that are true, or drift, stay --
-
 STEP_S, ERROR_S = 0.004, 0.001
 
 
@@ -292,9 +290,6 @@ def test_errors_that_add_up_stay():
     log = recording(erring(2), even(), waits)
     result, _ = with_corrected_stamps(log)
     assert result.channel("rotor_command_1") is log.channel("rotor_command_1")
-
-
-# -- Telemetry beside commands: the lag that it tells, how it is used, and when it is not --
 
 
 @pytest.fixture(scope="module")

@@ -236,9 +236,6 @@ def test_what_cannot_be_tested_is_refused():
         robust(psi, columns).interval("z")
 
 
-# -- Confidence sets: every shape a quadratic inequality can give, roots to rounding, and how t --
-
-
 @pytest.mark.parametrize(
     ("coefficients", "wanted", "text"),
     [
@@ -289,8 +286,6 @@ def test_sets_that_are_none_are_refused():
         ConfidenceSet.whole_line().scaled(0.0)
 
 
-# -- Values that a ratio of quadratic forms allows, against a search over all of them --
-
 VALUES = np.linspace(-30.0, 30.0, 241)
 
 
@@ -331,8 +326,6 @@ def test_the_values_are_those_that_a_search_finds(seed, strength):
         inside = np.array([union.contains(float(value)) for value in VALUES])
         assert (inside == (ratios <= bound))[clear].all()
 
-
-# -- Sign perturbation: exact coverage for errors without moments and of changing size, and its --
 
 ROWS, RUNS = 50, 1000
 
@@ -427,8 +420,6 @@ def test_levels_and_instruments_that_do_not_fit_are_refused():
     with pytest.raises(CollinearError, match="independent instruments"):
         sign_perturbed_region(("a",), entries, entries, np.random.default_rng(0), level=0.95, sums=100)
 
-
-# -- Joint ellipses: their geometry, their quantile, and how often they hold the truth --
 
 COVARIANCE = np.array([[0.04, -0.9 * 0.2 * 30.0], [-0.9 * 0.2 * 30.0, 900.0]])
 CENTRE = np.array([0.4, 1.2e3])

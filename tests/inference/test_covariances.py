@@ -142,9 +142,6 @@ def test_widest_assumption_makes_the_interval():
     np.testing.assert_allclose(tilted.matrix[0, 1] / np.sqrt(4.0 * 9.0), 0.6 / 3.0)
 
 
-# -- kernels and quantiles --------------------------------------------------------------------------------
-
-
 @pytest.mark.thorough
 @given(count=st.integers(1, 30), bandwidth=st.integers(0, 40), seed=st.integers(0, 99))
 def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
@@ -169,8 +166,6 @@ def test_rule_of_thumb_and_quantiles_are_the_published_ones():
     assert chi_square_tail(400.0, 3) == pytest.approx(stats.chi2(3).sf(400.0), rel=1e-10)
     assert 0.0 < chi_square_tail(400.0, 3) < 1e-80
 
-
-# -- Covariance estimators against linearmodels and Stata, on the whole record and in chunks --
 
 cov = ev.covariances
 METHODS = (
@@ -237,9 +232,6 @@ def test_linearmodels_kernel_covariances(housing, kernel, name, bandwidth):
     estimator = cov.KernelRobust(kernel, cov.FixedBandwidth(float(bandwidth)))
     wanted = peer.fit(cov_type="kernel", kernel=name, bandwidth=bandwidth).cov
     np.testing.assert_allclose(fit.with_covariance(estimator).covariance, in_our_order(wanted), rtol=1e-8)
-
-
-# -- signals, chunks -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -360,8 +352,6 @@ def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):
         assert bounds[1][0] < low < high < bounds[1][1]
 
 
-# -- Kernels, bandwidths and fixed-b critical values: explicit sums, published formulas, simula --
-
 KERNELS = (Bartlett(), Parzen(), QuadraticSpectral())
 PEERS = {"bartlett": "bartlett", "parzen": "parzen", "quadratic_spectral": "qs"}
 
@@ -437,19 +427,3 @@ def test_fixed_b_quantiles_are_near_the_published_ones(b, share):
     degrees, seen = fixed_b_reference(Bartlett(), b)
     result = t_quantile(0.95, degrees) / np.sqrt(seen)
     assert result == pytest.approx(published, rel=share)
-
-
-@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)
-@pytest.mark.parametrize("b", [0.05, 0.2])
-def test_fixed_b_moments_are_those_of_the_kernel_on_a_bridge(kernel, b):
-    """Share and degrees follow from the mean and variance of Q over simulated bridges."""
-    runs, count = 4000, 400
-    steps = np.random.default_rng(3).standard_normal((runs, count))
-    centred = steps - steps.mean(axis=1, keepdims=True)
-    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    Q = np.einsum("ri,ij,rj->r", centred, kernel.weights(lag / (b * count)), centred, optimize=True) / count
-    expected_degrees, share = fixed_b_reference(kernel, b)
-    assert abs(Q.mean() - share) < 4.0 * Q.std() / np.sqrt(runs) + 1.0 / count
-    degrees = 2.0 * Q.mean() ** 2 / Q.var()
-    # The variance of a skewed variable: allow four standard errors of a generous kurtosis.
-    assert degrees == pytest.approx(expected_degrees, rel=4.0 * np.sqrt(8.0 / runs))

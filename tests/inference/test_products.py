@@ -74,9 +74,6 @@ def test_what_is_not_in_the_table_is_not_made_up():
         small + replace(small, sums=small.sums[:, : P - 1], tested=P - 1)
 
 
-# -- Blocks: how they are drawn, how long they are, and that sums over pieces are sums over row --
-
-
 @pytest.mark.thorough
 def test_on_the_circle_every_row_is_drawn_equally_often() -> None:
     plan, random, runs = block_plan(60, 6.0), np.random.default_rng(3), 4_000
@@ -114,9 +111,6 @@ def test_automatic_length_of_white_noise_is_short_and_that_of_a_trend_long() -> 
     assert float(np.median(white)) < 4.0
     assert automatic_block_length(np.arange(1000.0)[:, None]) > 60.0
     assert automatic_block_length(np.ones((100, 1))) == 1.0
-
-
-# -- Covariance row by row: its formula, and that it holds a slow column in bins with a power o --
 
 
 def equation_of(P, e):

@@ -9,7 +9,7 @@ from scipy import stats
 from statsmodels.stats.meta_analysis import combine_effects
 from statsmodels.stats.outliers_influence import OLSInfluence
 
-from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, shared_slopes, steps
+from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, steps
 from eivor.inference.random_effects import (
     Groups,
     moment_between,
@@ -70,9 +70,6 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
 
 
-# -- Drifts, steps, slopes on covariates, deviations: against least squares of others, by hand, --
-
-
 def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None) -> Ordered:
     """Rows whose own variances are next to nothing unless said otherwise."""
     y = np.asarray(y, dtype=float)
@@ -111,29 +108,6 @@ def test_a_step_is_the_best_of_all_pairs_of_means():
     assert result.p_values[0] < 0.01 < result.p_values[1]
 
 
-def test_slopes_are_those_of_least_squares_with_means_and_lines_of_their_own():
-    rng = np.random.default_rng(3)
-    sizes, position = [9, 12], np.concatenate([np.arange(9.0), np.arange(12.0)])
-    x = rng.standard_normal((2, 21))
-    y = (
-        0.7 * x[0]
-        - 0.2 * x[1]
-        + np.repeat([1.0, 5.0], sizes)
-        + 0.1 * position
-        + 3.0 * rng.standard_normal(21)
-    )
-    weights = rng.uniform(0.5, 2.0, 21)
-    nothing = np.zeros(2), np.full(2, np.inf)
-    slopes = shared_slopes(
-        Groups(np.array(sizes)), Groups(np.array([2])), y, weights, position[None, :], x, *nothing
-    )
-    current = np.repeat(np.eye(2), sizes, axis=0)
-    truth = sm.WLS(y, np.column_stack([x.T, current, current * position[:, None]]), weights=weights).fit()
-    assert truth.scale > 1.0
-    assert slopes.values[0] == pytest.approx(truth.params[:2])
-    assert slopes.covariance[0] == pytest.approx(truth.cov_params()[:2, :2])
-
-
 def test_deviations_are_externally_studentized_residuals():
     y, _ = drawn_courses(4, 12)
     y[5] += 6.0
@@ -146,9 +120,6 @@ def test_deviations_are_externally_studentized_residuals():
     expected = 2 * stats.t.sf(np.abs(truth.resid_studentized_external), 9)
     assert p_values[far] == pytest.approx(expected[far])
     assert (p_values[~far] == 1.0).all()
-
-
-# -- Single estimates that lie far from those before and after them --
 
 
 def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:

@@ -12,10 +12,9 @@ from eivor.inference.diagnostics.excitation import (
     band_power,
     block_sums,
     blocks_of,
-    information,
     strongest_swings,
 )
-from eivor.inference.diagnostics.record import Subject, equation_products
+from eivor.inference.diagnostics.record import Subject
 from eivor.inference.diagnostics.residuals import (
     GROUPS,
     LONGEST,
@@ -104,32 +103,6 @@ def test_where_the_input_is_below_the_residual():
     assert power.share_above[0] > 0.99
 
 
-def test_information_names_the_combination_that_is_worst():
-    rng = np.random.default_rng(5)
-    standard_normal = rng.standard_normal(1000)
-    X = np.column_stack(
-        [
-            standard_normal,
-            1e3 * (standard_normal + 0.1 * rng.standard_normal(1000)),
-            rng.standard_normal(1000),
-        ]
-    )
-    products = equation_products(instruments=X, jacobian=X, residual=np.ones(1000), blocks=10)
-    result = information(products, instrumental=False)
-    correlation = np.array([[a @ b / np.sqrt((a @ a) * (b @ b)) for a in X.T] for b in X.T])
-    np.testing.assert_allclose(result.matrix, correlation, rtol=1e-6, atol=1e-9)
-    assert result.condition == pytest.approx(np.linalg.cond(correlation), rel=1e-6)
-    words = result.worst(("friction", "gain", "bias"))
-    assert words in {"0.71 friction - 0.71 gain", "0.71 gain - 0.71 friction"}
-    # with the columns as instruments the information is the same
-    np.testing.assert_allclose(
-        information(products, instrumental=True).matrix, correlation, rtol=1e-6, atol=1e-9
-    )
-
-
-# -- Constancy of parameters and leverage of stretches: formulas written out, size, power, seco --
-
-
 def tenths(count: int) -> tuple[tuple[int, int], ...]:
     """Stretches of ten rows each."""
     return tuple((10 * k, 10 * k + 10) for k in range(count))
@@ -209,9 +182,6 @@ def test_scores_of_zero_are_constant():
     assert constancy(np.zeros((64, 2)), np.eye(2)).p_value == pytest.approx(0.5)
 
 
-# -- leverage ---------------------------------------------------------------------------------------------
-
-
 def test_leverage_is_the_estimate_without_the_stretch():
     scores, _, X, y = scores_of(4)
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
@@ -228,8 +198,6 @@ def test_leverage_is_the_estimate_without_the_stretch():
     np.testing.assert_array_equal(leverage.most, most)
     np.testing.assert_allclose(leverage.largest, leverage.in_std_errors[most, [0, 1]])
 
-
-# -- Parameters and residuals that vary periodically: what varies, with which period, by how mu --
 
 STEP = 0.05
 BLOCKS = 128

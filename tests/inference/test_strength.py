@@ -167,9 +167,6 @@ def test_fewer_independent_instruments_than_columns_have_no_strength():
     assert result.smallest_eigenvalue == result.cragg_donald == 0.0
 
 
-# -- Strength of instruments against the algebra of two-stage least squares; J's distribution;  --
-
-
 def problem(seed: int, rows: int = 200, count: int = 5) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     Z = rng.standard_normal((rows, count))
@@ -198,9 +195,6 @@ def test_the_worst_ground_decides_and_stands_first(order):
         assert list(Status).index(verdict(kept).status) == best
 
 
-# -- LS against instruments: Durbin and Wu-Hausman of linearmodels; size and power of the robus --
-
-
 def two_stage_weights(products: EquationProducts) -> np.ndarray:
     return np.linalg.solve(products.instrument_mean, products.sensitivity)
 
@@ -223,25 +217,6 @@ def test_linearmodels_durbin_and_wu_hausman(case):
     assert test.durbin_p_value == pytest.approx(peer.durbin().pval, rel=1e-6)
     assert test.wu == pytest.approx(peer.wu_hausman().stat, rel=1e-6)
     assert test.wu_p_value == pytest.approx(peer.wu_hausman().pval, rel=1e-6)
-
-
-def test_covariance_is_that_of_the_difference_of_influence_functions():
-    """The statistic from the difference of both estimates and of their influence functions, row by row."""
-    y, endogenous, exogenous, excluded = drawn_endogeneity(0, 0.3, 640)
-    products = data.products_of(y, endogenous, exogenous, excluded, 128)
-    result = endogeneity(products, two_stage_weights(products))
-    theta, X, Z, _ = data.two_stage(y, endogenous, exogenous, excluded)
-    least_squares = np.linalg.lstsq(X, y, rcond=None)[0]
-    fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
-    e_ls = y - X @ least_squares
-    # under the hypothesis both errors are one; least squares' own is what its influence is made of
-    influence = np.linalg.solve(fitted.T @ X, (fitted * e_ls[:, None]).T) - np.linalg.solve(
-        X.T @ X, (X * e_ls[:, None]).T
-    )
-    sums = influence.T.reshape(128, 5, -1).sum(axis=1)[:, :1]
-    cosines = np.cos(np.pi / 128 * np.outer(np.arange(1, result.averages + 1), np.arange(128) + 0.5))
-    variance = 2.0 * np.sum((cosines @ sums) ** 2) / result.averages
-    assert result.statistic == pytest.approx((theta - least_squares)[0] ** 2 / variance, rel=1e-6)
 
 
 def drawn_endogeneity(seed, endogenous=0.0, count=800, memory=0.8):
@@ -291,9 +266,6 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
         assert (result.p_value < 0.001) == endogenous
         slope = float(X[:, 0] @ y / (X[:, 0] @ X[:, 0]))
         assert result.difference[0] == pytest.approx(theta - slope, rel=1e-6)
-
-
-# -- Hansen's J against Stata and linearmodels, by the two-step route, and its size in autocorr --
 
 
 def parts(result):

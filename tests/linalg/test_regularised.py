@@ -37,9 +37,6 @@ def ill_posed(seed):
     return A, A @ truth + 1e-3 * rng.standard_normal(60), truth
 
 
-# -- against dense formulas -------------------------------------------------------------------------------
-
-
 def pulled_least_squares(A, b, strength, towards):
     """(A'A + a D^2) theta = A'b + a D^2 towards by the normal equations."""
     D2 = np.diag(np.sum(A**2, axis=0))
@@ -83,9 +80,6 @@ def test_columns_without_error_are_not_pulled():
     np.testing.assert_allclose(solve.theta[1:], left, rtol=1e-4)
     exact = RegularisedTotalLeastSquares().solve(LinearSystem(A, b, np.diag([0.0, 0.0, 0.0, 1.0])))
     np.testing.assert_allclose(exact.theta, LeastSquares().solve(LinearSystem(A, b)).theta, rtol=1e-9)
-
-
-# -- cross-validation -----------------------------------------------------------------------------
 
 
 def test_cross_validation_counts_the_rows_that_a_root_stands_for():

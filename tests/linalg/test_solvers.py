@@ -46,9 +46,6 @@ def covariance(seed: int, size: int) -> np.ndarray:
     return root @ root.T / size
 
 
-# -- least squares ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("solver", LEAST)
 @settings(max_examples=30)
 @given(seed=st.integers(0, 999), rows=st.integers(3, 30), scale=st.floats(1e-8, 1e8))
@@ -98,9 +95,6 @@ def test_high_condition_numbers_are_not_squared(solver):
     solve = solver.solve(LinearSystem(A, A @ theta))
     np.testing.assert_allclose(solve.theta, theta, atol=1e-6)
     assert solve.condition > 1e7
-
-
-# -- total least squares ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -187,9 +181,6 @@ def test_score_correction_makes_the_derivative_of_the_objective(solver):
     np.testing.assert_allclose(curvature, sensitivity, rtol=1e-5, atol=1e-6)
 
 
-# -- refusals ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("solver", [*LEAST, *TOTAL])
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_collinear_columns_are_refused_in_any_units(solver, scale):
@@ -260,9 +251,6 @@ def test_row_covariances_that_do_not_fit_are_refused():
         weighted_total_least_squares(LinearSystem(A, b), nothing)
 
 
-# -- triangular roots -------------------------------------------------------------------------------------
-
-
 @given(cuts=st.lists(st.integers(0, 60), max_size=5), columns=st.integers(1, 5), seed=st.integers(0, 99))
 def test_merged_roots_have_the_products_of_all_rows(cuts, columns, seed):
     rows = np.random.default_rng(seed).standard_normal((60, columns))
@@ -282,8 +270,6 @@ def test_roots_in_blocks_are_the_root(monkeypatch):
     monkeypatch.setattr(system, "COPIED_ROWS", 37)
     np.testing.assert_allclose(np.abs(triangular_root(rows)), np.abs(whole), rtol=1e-11)
 
-
-# -- Forward errors against 50-digit arithmetic: what the augmented systems are for --
 
 ROWS, UNKNOWNS, PROBLEMS = 20, 3, 100
 RELATIVE_RESIDUAL = 1e-6

@@ -244,8 +244,6 @@ def test_without_rosbags_one_sentence_says_what_to_install(tmp_path, monkeypatch
         read_log(path)
 
 
-# -- A channel map names fields of a bag's topics --
-
 MAP = """
 name = "rig"
 frame = "ned"

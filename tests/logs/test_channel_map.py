@@ -19,8 +19,6 @@ from eivor.signals.channels import CurveSide
 from eivor.signals.recording import DataSheet
 from motions.turning_logs import turned
 
-# -- channel_map --
-
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
 
@@ -178,25 +176,6 @@ def test_maps_that_are_not_there(table):
         read_log(table / "t.csv", channel_map=table / "latin.toml")
     with pytest.raises(ChannelMapError, match=r"a column 't'|a column"):
         read_log(table / "t.csv", channel_map="rotorpy")
-
-
-@pytest.mark.parametrize(
-    ("valid", "stated", "low", "high"),
-    [
-        ([0, 10], "", 0, 1),  # motors that stand still are not saturated
-        ([-5, 10], "", 2, 1),
-        ([0, 10], "both", 3, 1),
-        ([0, 10], "none", 0, 0),
-        ([-5, 10], "upper", 0, 1),
-        ([-5, 10], "lower", 2, 0),
-    ],
-)
-def test_which_bounds_are_saturation(tmp_path, valid, stated, low, high):
-    values = [0.0, 0.0, 0.0, 4.0, 10.0] if valid[0] == 0 else [-5.0, 0.0, -5.0, 4.0, 10.0]
-    pl.DataFrame({"t": np.arange(5.0), "pwm": values}).write_csv(tmp_path / "t.csv")
-    text = f'saturates = "{stated}"\n' if stated else ""
-    r = read(tmp_path, HEAD + f'[columns.pwm]\nvalid = {valid}\n{text}[channels.input]\ncolumn = "pwm"\n')
-    assert r.channels["input"].quality.saturated == low + high
 
 
 @pytest.mark.parametrize(

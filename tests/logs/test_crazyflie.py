@@ -2,7 +2,6 @@
 
 import re
 import struct
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -172,32 +171,6 @@ def test_maps_that_do_not_fit(tmp_path, rule, words):
     (tmp_path / "m.toml").write_text(text)
     with pytest.raises(ChannelMapError, match=words):
         read(tmp_path, flight(), channel_map=tmp_path / "m.toml")
-
-
-def test_a_flight_reads_back_as_it_was(tmp_path):
-    """The example flight as a Crazyflie would log it, with the accelerometer on a later clock of its own."""
-    channels = read_log(str(resources.files("eivor.data") / "example_flight.parquet")).channels
-    named = {"stateEstimate.z": "position_z", "stateEstimate.vz": "velocity_z"}
-    named |= {f"stateEstimate.q{part}": f"attitude_{part}" for part in "wxyz"}
-    named |= {"ctrltarget.z": "reference_position_z", "ctrltarget.vz": "reference_velocity_z"}
-    powers = [np.rint(20.0 * channels[f"rotor_command_{rotor}"].values).astype(int) for rotor in range(1, 5)]
-    log = UsdLog()
-    motors = [f"motor.m{rotor}(I)" for rotor in range(1, 5)]
-    log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name in named), *motors)
-    log.add_type(0, "estAcceleration", "acc.z(f)")
-    late_us = round(1e6 * np.sqrt(2.0) / (2.0 * np.pi * 30.0))
-    force = channels["specific_force_body_z"].values / G
-    for row, time_s in enumerate(channels["velocity_z"].time_s):
-        stamp = round(1e6 * time_s) + 5_000_000
-        values = [channels[name].values[row] for name in named.values()]
-        log.add_record(0xFFFF, stamp, *values, *(int(power[row]) for power in powers))
-        log.add_record(0, stamp + late_us, force[row])
-    read_back = read(tmp_path, log).channels
-    for name in (*named.values(), "specific_force_body_z"):
-        np.testing.assert_allclose(read_back[name].values, channels[name].values, atol=1e-5)
-        np.testing.assert_allclose(read_back[name].time_s, channels[name].time_s, atol=2e-6)
-    np.testing.assert_allclose(read_back["rotor_command_2"].values, powers[1] / 65535.0)
-    assert read_back["reference_velocity_z"].held
 
 
 # What is wrong with a file.

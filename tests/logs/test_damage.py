@@ -16,17 +16,7 @@ import numpy as np
 import polars as pl
 import pytest
 from backports import zstd
-from bag_writer import (
-    EPOCH_S,
-    blank,
-    header,
-    mavros_messages,
-    px4_messages,
-    stores,
-    vector,
-    write_ros1,
-    write_ros2,
-)
+from bag_writer import blank, header, mavros_messages, px4_messages, stores, vector, write_ros1, write_ros2
 from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
 from dataflash_writer import told as told_dataflash
 from hypothesis import HealthCheck, given, settings
@@ -285,9 +275,6 @@ def test_file_names_of_several_lines(tmp_path):
     assert read_log(tmp_path / "a\nb.parquet").channels
 
 
-# -- Damaged and hostile bags: what is sound is read, or one sentence says what is wrong, and n --
-
-
 @pytest.fixture(scope="module")
 def store():
     return dict(zip(("ros1", "ros2"), stores(), strict=True))
@@ -486,26 +473,10 @@ def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, k
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_stamps_that_cannot_be(tmp_path, store):
-    messages = list(inertial(store["ros2"]))
-    messages[10][3].header.stamp.sec = 0
-    messages[10][3].header.stamp.nanosec = 0
-    messages[20][3].header.stamp.sec = EPOCH_S + 10_000_000
-    r = read_log_bags(write_ros2(tmp_path / "flight", messages, store["ros2"], StoragePlugin.MCAP))
-    channel = r.channels["specific_force_body_y"]
-    assert channel.values.size == 58
-    assert channel.time_s[-1] == pytest.approx(0.59)
-    assert "left out: 2" in told(r, "time_stamps")
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_an_mcap_of_others_is_refused_with_its_schemas(read, sound):
     other = sound["mcap"].replace(b"ros2msg", b"jsonsch")
     with pytest.raises(MissingReaderError, match=r"sensor_msgs/msg/Imu \(jsonsch\).*mcap cat"):
         read(other, "mcap")
-
-
-# -- Damaged DataFlash logs: what is sound is read, the rest is counted, and nothing else happe --
 
 
 def writer(n=60):

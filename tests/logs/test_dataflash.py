@@ -242,9 +242,6 @@ def test_density_of_the_air_by_the_barometer(tmp_path, flight):
     assert "air_density" not in read(tmp_path, broken).channels
 
 
-# -- DataFlash logs in text: what the binary log of the same flight holds --
-
-
 @pytest.fixture(scope="module")
 def flight_text():
     return simulated(seed=3, duration=2.0)
@@ -312,9 +309,6 @@ def test_damaged_lines_are_left_out_and_counted(read_text, flight_text):
     assert abs(log.channels["velocity_z"].values.size - 50) <= 3
 
 
-# -- Every message of a DataFlash log, and every number in it, as pymavlink has it --
-
-
 def all_messages(path):
     """All messages of a log, by name."""
     with path.open("rb") as stream:
@@ -375,8 +369,6 @@ def test_every_code_of_a_field(tmp_path):
 def test_a_real_log(recordings):
     assert assert_alike(recordings / "ardupilot" / "log_0036_mechanical_failure.bin") > 46_000
 
-
-# -- Flights of known truth, as firmwares of ArduPilot log them: identified, and the intervals  --
 
 TRUTH = {"viscous_friction": 0.4, "input_gain": 39.2266, "effective_lag": 0.04, "hover_input": 0.25}
 LOITER, SYSTEM_IDENTIFICATION, THROTTLE_AXIS = 5, 25, 13

@@ -178,8 +178,6 @@ def peak_of(path):
     return peak
 
 
-# -- MATLAB and HDF5 files: vectors, matrices, structures; damaged ones are refused with a sent --
-
 MAP = """
 name = "rig"
 frame = "ned"

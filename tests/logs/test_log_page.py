@@ -14,10 +14,9 @@ import numpy as np
 import polars as pl
 import pytest
 from dataflash_writer import simulated
-from usd_writer import fixed
 
 from eivor.cli.main import app
-from eivor.logs import logging_advice, read_log
+from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.read import log_formats, readable_formats
 from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
@@ -43,18 +42,6 @@ def test_formats_and_limits_are_named():
     assert all(words in formats for words in unread.values())
     assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
     assert f"{MAX_CELLS // 1_000_000} million needed numbers" in formats
-
-
-def test_the_card_of_a_crazyflie_logs_what_is_read(tmp_path):
-    config = PAGE.partition("on:fixedFrequency\n250")[2].partition("```")[0]
-    variables = [line for line in config.splitlines()[2:] if line]
-    rows = np.random.default_rng(0).normal(size=(20, len(variables)))
-    (tmp_path / "log00").write_bytes(fixed(2, [f"{name}(f)" for name in variables], rows).bytes())
-    r = read_log(tmp_path / "log00")
-    assert sorted(channel.source for channel in r.channels.values()) == sorted(variables)
-    assert {"velocity_z", "rotor_command_4", "reference_position_z"} <= set(r.channels)
-    advised = " ".join(logging_advice("crazyflie"))
-    assert all(name.partition(".")[0] in advised for name in variables)
 
 
 def test_maps_of_the_page_are_maps():
@@ -83,8 +70,6 @@ def test_recipes_of_channel_maps(tmp_path, column, logged, rule, meant):
     r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels[channel].values, meant)
 
-
-# -- The commands and the Python of the page on logs run as they stand --
 
 COMMANDS_PAGE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\$ (.*)$", COMMANDS_PAGE, re.MULTILINE)

@@ -41,8 +41,6 @@ from eivor.motions.identify import identify_flight
 from eivor.report.flight import logging_advice_for
 from eivor.signals.recording import LogOrigin, utc_time
 
-# -- read --
-
 
 def written(tmp_path, content, name="log"):
     path = tmp_path / name
@@ -216,25 +214,6 @@ def test_tables_in_other_encodings(tmp_path, content, words):
         read_log(path)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        "only words: høj\n".encode("latin-1"),
-        codecs.BOM_UTF16_LE + "only words".encode("utf-16-le"),
-        b"\xff\xfe",
-        b"\xff\xfe\x00",
-        b"a,\xe9\x01,b\n",
-    ],
-)
-def test_what_only_resembles_them(tmp_path, content):
-    path = tmp_path / "t.csv"
-    path.write_bytes(content)
-    with pytest.raises(UnknownFormatError, match="content is that of none of them"):
-        read_log(path)
-
-
-# -- Which machine wrote a log, with what, and when --
-
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
@@ -290,8 +269,6 @@ def test_a_written_recording_keeps_its_origin(tmp_path):
         write_recording(replace(log, origin=origin), tmp_path / "log.parquet")
         assert read_log(tmp_path / "log.parquet").origin == origin
 
-
-# -- Logs that come through a pipe --
 
 TABLE = b"time,velocity_z\n0,1\n0.1,2\n"
 
@@ -378,8 +355,6 @@ def test_paths_that_are_none(path):
         read_log(path)
 
 
-# -- Columns that are there and cannot be used: what is said of them --
-
 TIME_S = 0.01 * np.arange(1000)
 COLUMNS = {
     "time": TIME_S,
@@ -410,8 +385,6 @@ def test_an_accelerometer_without_an_attitude_is_said_to_be_of_no_use():
     )
     assert results.startswith("Without an attitude the accelerometer cannot be turned to the world's axes")
 
-
-# -- Columns of joined tables, which have values in some of the rows only --
 
 ROWS = 1000
 OWN_TIME_S = 0.01 * np.arange(ROWS)

@@ -28,8 +28,6 @@ from eivor.logs.table.columnar import write_recording
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 
-# -- table --
-
 
 def csv(tmp_path, text, **options):
     path = tmp_path / "t.csv"
@@ -311,8 +309,6 @@ def test_tables_that_are_damaged_or_of_another_log(folder):
         read_log(folder)
 
 
-# -- Columns whose cells are lists: a map names an element, and without one they are told from  --
-
 ROWS = 40
 VECTORS = np.arange(3.0 * ROWS).reshape(ROWS, 3) / 8.0
 TIMES = np.arange(ROWS) * 0.02
@@ -398,8 +394,6 @@ def test_maps_that_are_wrong(tmp_path, mapped, old, new, words):
     with pytest.raises(ChannelMapError, match=f"(?s){words}"):
         mapped(path, MAP.replace(old, new))
 
-
-# -- arrays --
 
 T = np.linspace(0.0, 2.0, 201)
 COLUMNS = {

@@ -80,8 +80,6 @@ def test_what_is_turned_by_the_mixer_turns_that_way():
         assert np.sign(torque) == pytest.approx(np.array(item))
 
 
-# -- Turning in ArduPilot's logs: fast logging of RATE tells effectiveness and lag; sweeps are  --
-
 DEG = 180.0 / np.pi
 #: Signs of forward, left, up in forward, right, down.
 DOWN = {"x": 1.0, "y": -1.0, "z": -1.0}
@@ -132,8 +130,6 @@ def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     assert roll.verdict is Status.IDENTIFIED
     assert roll.interval[0] <= Vehicle().effectiveness[0] <= roll.interval[1]
 
-
-# -- Setpoints of attitude and rates of a PX4 log, by who made them --
 
 COUNT = 8
 TIME = np.arange(COUNT, dtype=np.float64)

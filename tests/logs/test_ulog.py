@@ -15,14 +15,12 @@ from ulog_writer import UlogWriter, flight, flight_log, message
 
 from eivor.errors import CorruptLogError, EmptyLogError, UsageError
 from eivor.logs import read_log
-from eivor.logs.ulog.channels import are_pulses, as_shares, motor_outputs, pulse_range, topic_delays
+from eivor.logs.ulog.channels import are_pulses, as_shares, motor_outputs, topic_delays
 from eivor.logs.ulog.topics import Topic
 from eivor.motions.vertical.select import INPUTS
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
 from logs.ulog_writer import UlogWriter as UlogWriter_pulse
-
-# -- ulog --
 
 
 def read(tmp_path, writer):
@@ -93,18 +91,6 @@ def test_modes_without_height_control_are_told(tmp_path):
     )
     channels = read(tmp_path, writer).channels
     np.testing.assert_array_equal(channels["input_open_loop"].values[-6:], [1.0, 0.0, 0.0, 1.0, 1.0, 0.0])
-
-
-def test_the_autopilot_s_hover_thrust_is_read_where_it_is_valid(tmp_path):
-    writer = flight().topic(
-        "hover_thrust_estimate",
-        [0.0, 1.0, 2.0],
-        hover_thrust__float=np.array([0.5, 0.4, 0.3], dtype=np.float32),
-        valid__bool=np.array([False, True, True]),
-    )
-    np.testing.assert_allclose(
-        read(tmp_path, writer).channels["hover_thrust_estimate"].values, [np.nan, 0.4, 0.3]
-    )
 
 
 @pytest.mark.parametrize(
@@ -367,23 +353,6 @@ def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):
     assert capfd.readouterr().out == ""
 
 
-def test_the_decoder_gets_one_message_of_each_topic(tmp_path, monkeypatch):
-    from pyulog import core
-
-    given = []
-
-    class Counting(core.ULog):
-        def __init__(self, *arguments, **options):
-            super().__init__(*arguments, **options)
-            given.extend(data.data["timestamp"].size for data in self.data_list)
-
-    monkeypatch.setattr(core, "ULog", Counting)
-    r = read(tmp_path, flight())
-    assert len(given) > 3
-    assert set(given) == {1}
-    assert r.channels["attitude_w"].time_s.size > 100
-
-
 def test_a_nested_format(tmp_path):
     writer = UlogWriter()
     writer.definitions += message("F", b"vehicle_status:uint64_t timestamp;inner[2] part;uint8_t nav_state;")
@@ -505,24 +474,7 @@ def test_a_log_is_read_with_them(tmp_path):
     )
 
 
-# -- Motor outputs in microseconds become shares of the range that the log's parameters give --
-
 RISING = np.linspace(1100.0, 1900.0, 5)
-
-
-def test_the_range_in_force_is_the_outputs_own_or_else_that_of_all():
-    selected = {"PWM_MAIN_MIN2": 1100.0, "PWM_MAIN_MAX2": 1900.0, "PWM_MIN": 1000.0, "PWM_MAX": 2000.0}
-    result = pulse_range("PWM_MAIN", 1, selected)
-    assert result is not None
-    assert (result.low, result.high, result.names) == (1100.0, 1900.0, ("PWM_MAIN_MIN2", "PWM_MAIN_MAX2"))
-    np.testing.assert_allclose(
-        result.share(np.array([900.0, 1100.0, 1500.0, 2000.0, np.nan])), [0, 0, 0.5, 1, np.nan]
-    )
-    general = pulse_range("PWM_MAIN", 0, {**selected, "PWM_MAIN_MIN1": -1.0, "PWM_MAIN_MAX1": -1.0})
-    assert general is not None
-    assert general.names == ("PWM_MIN", "PWM_MAX")
-    assert pulse_range("PWM_MAIN", 0, {}) is None
-    assert pulse_range("PWM_MAIN", 0, {"PWM_MIN": 2000.0, "PWM_MAX": 1000.0}) is None
 
 
 def test_what_is_no_pulse_width_stays():

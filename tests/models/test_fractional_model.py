@@ -153,9 +153,6 @@ def test_bad_input_is_told(call, error, text):
         call()
 
 
-# -- The noise that fractional columns share, against closed forms and sums term by term --
-
-
 def of_noise(noise, count=60, operator=None, **more):
     signals = ev.Signals(2.0, {"x": np.zeros(count), "z": np.zeros(count)}, noise={"x": noise})
     return FilteredSignals(signals, operator or FractionalDifference(), **more)

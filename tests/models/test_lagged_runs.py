@@ -9,18 +9,15 @@ import pytest
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models import lagged_runs
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay, nothing_moves
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import AxisRows, Parameter
 from eivor.models.separable import Nuisance
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
-from eivor.signals.filters import actuator_state, first_order_lag
+from eivor.signals.filters import first_order_lag
 
 STEP_S = 0.02
 AT = {"actuator_lag": 0.1}
 LAG = Nuisance(ACTUATOR_LAG, np.geomspace(0.02, 0.5, 12))
-
-
-# -- a motion in few lines: v' = a u - c v - d sign(v), with a lag -------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -65,9 +62,6 @@ def drive(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]
             pushed = throttle[k] + (pushed - throttle[k]) * np.exp(-STEP_S / fine / 0.15)
     noise = rng.standard_normal((2, count))
     return velocities + 0.002 * noise[0], accelerations + 0.05 * noise[1], throttle
-
-
-# -- rows --------------------------------------------------------------------------------------------------
 
 
 def columns(seed: int, *, candidates: int = 1, instruments: int = 4, **more) -> AxisColumns:
@@ -175,28 +169,6 @@ def test_every_parameter_has_a_column():
         ShapeError, match="a fixed or moving column for each of 3 parameters; received 1 and 1"
     ):
         problem.rows(AT)
-
-
-def test_a_lag_shorter_than_the_step_has_the_slope_of_longer_ones():
-    """Samples do not move with it, so that a derivative there would make intervals many times too wide."""
-    step_s = 0.01
-    command = np.sin(2.0 * np.pi * 0.3 * step_s * np.arange(1000))[:, None]
-
-    def slope(lag_s: float, resolution: float) -> float:
-        (lag, _) = lag_and_delay(step_s=resolution)
-
-        def state(nuisances):
-            return actuator_state(command, step_s=step_s, lag_s=nuisances[lag.name], delay_s=0.0)
-
-        return float(np.linalg.norm(lag.derivative(state, {lag.name: lag_s})))
-
-    longer = slope(0.03, 0.0)
-    assert slope(0.002, 0.0) < 0.2 * longer
-    assert 0.6 * longer < slope(0.002, step_s) < longer
-    assert slope(0.03, step_s) == longer
-
-
-# -- Runs in frequency: there and back, Parseval's sums, the edges of the band, smoothing by a  --
 
 
 @pytest.mark.parametrize("length", [300, 301, 1000, 6000, 6001])

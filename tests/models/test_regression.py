@@ -91,8 +91,6 @@ def test_noise_that_was_not_given_is_asked_for():
     assert not zero.instruments_share_noise()
 
 
-# -- Predictions that are fitted where they are not used --
-
 COUNT = 1000
 ALL = np.ones(COUNT, dtype=np.bool_)
 
@@ -113,8 +111,6 @@ def test_without_columns_or_with_too_few_samples_it_is_the_mean(columns):
     if columns:
         np.testing.assert_allclose(fitted, values.mean())
 
-
-# -- Instrument rules against filters that are written out, and flights of several vehicles tog --
 
 STEP_S = 0.01
 

@@ -131,9 +131,6 @@ def test_the_response_is_the_specific_force_and_else_the_acceleration():
     assert logged == pytest.approx([0.3, 0.02, -GRAVITY])
 
 
-# -- shared noise -----------------------------------------------------------------------------------------
-
-
 def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
     """C by its definition: a mean over the rows of gains times an autocovariance at the record's age."""
     result = np.zeros((len(left), len(right)))

@@ -132,8 +132,6 @@ def recording_of_example() -> ev.Recording:
     return example_flight()
 
 
-# -- Quantities that another motion of the same flight tells: the thrust gain beside turning --
-
 LOG = turned(3, seconds=16.0)
 MOTIONS = {"vertical": Vertical()}
 
@@ -206,8 +204,6 @@ def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
     with_coupled_axes(weak, MOTIONS, [logging("input", "acceleration_z")], [None])
     assert passed == [()]
 
-
-# -- The rover of the examples: a motion of another package, which nothing in Eivor knows --
 
 ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
 
@@ -299,7 +295,5 @@ def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, stat
     assert found.status.value == status
     assert re.match(sentence, " ".join(found.sentences))
 
-
-# -- An interval without an end is refused as such: no sentence of a motion gives it a width --
 
 AT = VerdictInputs((), 100.0, 100.0, exogenous=True, direct=False, used_s=60.0)

@@ -199,8 +199,6 @@ def test_a_real_log_without_excitation_is_refused(recordings):
     assert flight.verdict.status is Status.REFUSED
 
 
-# -- Rates some tenths of a second ahead, of the torque setpoints alone --
-
 VEHICLE = Vehicle_ahead()
 AHEAD_TRUTH = {
     **{f"{name}_effectiveness": item for name, item in zip(AXES, VEHICLE.effectiveness, strict=True)},

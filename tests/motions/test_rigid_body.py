@@ -217,8 +217,6 @@ def test_a_quaternion_of_another_length_is_refused(flight):
         identify_flight(changed(log, **longer), model=RigidBody(known(SPEC)))
 
 
-# -- The rigid body of a real Crazyflie: logs of its SD card, without setpoints --
-
 #: Arm [m] and mass [kg] of that vehicle.
 ARM, MASS = 0.028, 0.027
 VEHICLE = KnownVehicle("Crazyflie", ((ARM, -ARM), (-ARM, -ARM), (-ARM, ARM), (ARM, ARM)), (-1, 1, -1, 1))

@@ -216,8 +216,6 @@ def test_a_plan_is_told(multisine: FlightPlan):
     }
 
 
-# -- Plans as tables, missions and trajectories, read back --
-
 HOME = (47.3977, 8.5456)
 NUMBER = (int, float)
 ITEM = {"type", "autoContinue", "command", "doJumpId", "frame", "params"}

@@ -211,8 +211,6 @@ def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
     assert len(set(page.server.workers.pids()) - before) == 1
 
 
-# -- Real drops, many of them: every one is answered, and memory, files and processes are as be --
-
 #: What memory may have grown by [bytes].
 GROWN = 50_000_000
 

@@ -105,9 +105,6 @@ def test_what_the_script_looks_for_is_there(page):
         assert len(page.all(id=name)) == 1, name
 
 
-# -- What the page is given is what the command line gives --
-
-
 @pytest.fixture(scope="module")
 def content() -> bytes:
     """The first 30 s of the example flight as the bytes of a log."""

@@ -285,8 +285,6 @@ def test_options_are_declared_once(page):
     assert all(name in str(refused) for name in kinds if name != "lag_from")
 
 
-# -- What a page may ask for, and absurd JSON --
-
 LOG = "a" * 32
 
 
@@ -361,9 +359,6 @@ def test_options_are_of_their_kind(options, sentence):
 
 def test_a_number_beyond_all_is_infinite():
     assert asked(max_tilt=10**400).options == {"max_tilt": float("inf")}
-
-
-# -- A log that is a folder is sent as one: its files are kept beside each other, under plain n --
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,6 @@ from eivor.signals.channels import (
 from eivor.signals.recording import Frame
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
 
-# -- canonical --
-
 THROTTLE = CanonicalChannel("throttle", "", held=True, free_unit=True)
 SPEED = CanonicalChannel("forward_speed", "m/s")
 SIDEWAYS = CanonicalChannel("sideways_speed", "m/s", flipped=True)

@@ -66,9 +66,6 @@ def test_state_is_that_of_a_general_integrator(lag_s, delay_s):
     np.testing.assert_allclose(result, states, atol=1e-8)
 
 
-# -- Causal filters by FFT against sums term by term --
-
-
 @pytest.mark.parametrize("count", [1, 2, 31, 32, 33, 64, 500])
 def test_an_inverse_filter_solves_the_recursion(count):
     weights = 5.0 * fractional_weights(0.7, count)
@@ -77,9 +74,6 @@ def test_an_inverse_filter_solves_the_recursion(count):
     for k in range(count):
         solved[k] = ((k == 0) - weights[1 : k + 1] @ solved[:k][::-1]) / weights[0]
     assert reciprocal(weights) == pytest.approx(solved, abs=1e-15)
-
-
-# -- Rates of change of sampled series --
 
 
 def test_polynomials_of_degree_six_are_exact_inside():
@@ -94,9 +88,6 @@ def test_short_series_have_a_derivative_too():
     np.testing.assert_allclose(time_derivative(np.array([1.0, 2.0, 3.0]), 0.5), [2.0, 2.0, 2.0])
 
 
-# -- An onboard low-pass on the grid, against the transfer function that it is --
-
-
 @pytest.mark.parametrize(("step_s", "cutoff_hz"), [(0.002, 80.0), (0.01, 80.0), (0.005, 30.0)])
 def test_lines_between_samples_are_filtered_exactly_also_beyond_half_the_grids_rate(step_s, cutoff_hz):
     time = step_s * np.arange(300)
@@ -106,9 +97,6 @@ def test_lines_between_samples_are_filtered_exactly_also_beyond_half_the_grids_r
     _, expected, _ = lsim(([omega**2], [1.0, np.sqrt(2.0) * omega, omega**2]), series - series[0], time)
     result = low_passed(series[:, None], step_s=step_s, cutoff_hz=cutoff_hz)[:, 0]
     np.testing.assert_allclose(result, expected + series[0], atol=1e-12)
-
-
-# -- Attitudes as angles --
 
 
 def test_angles_are_those_of_successive_turns_and_yaw_goes_on():

@@ -104,8 +104,6 @@ def test_order_is_the_slope_of_the_spectrum():
         assert slope == pytest.approx(2.0 * order, abs=0.06)
 
 
-# -- Noises that are neither white and normal nor fractional have the moments that they say --
-
 COUNT = 200_000
 NOISES = [
     ev.AutoregressiveNoise(0.4, 0.9),
@@ -163,9 +161,6 @@ def test_tails_without_a_standard_deviation(degrees: float) -> None:
         ev.HeavyTailedNoise(1.0, degrees)
 
 
-# -- What a data sheet says of a sensor's noise --
-
-
 def test_density_over_a_bandwidth_and_the_rounding_of_a_step_add_up():
     assert DataSheet(density=0.002, bandwidth_hz=50.0).std(200.0) == pytest.approx(0.002 * 50.0**0.5)
     assert DataSheet(density=0.002).std(200.0) == pytest.approx(0.02)
@@ -179,8 +174,6 @@ def test_sheets_that_say_nothing(stated):
     with pytest.raises(UsageError):
         DataSheet(**stated)
 
-
-# -- Order and strength of a noise from a record at rest, over many seeds --
 
 RUNS = 500
 

@@ -124,9 +124,6 @@ def test_windows_are_cut_to_the_span_or_refused(window):
             interval_within(window, span)
 
 
-# -- signals ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_signals_convert_and_leave_their_arrays_alone():
     whole, single = np.arange(5), np.linspace(0.0, 1.0, 5, dtype=np.float32)
@@ -198,9 +195,6 @@ def test_noise_of_a_channel_that_is_not_there_is_refused():
         Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": WhiteNoise(0.1)})
 
 
-# -- Stamps that err are evened; every other kind of stamps stays as it is --
-
-
 def erring(step_s: float, error_s: float, seconds: float = 40.0):
     """Even times, and stamps of them that err."""
     even = np.arange(0.0, seconds, step_s)
@@ -228,9 +222,6 @@ def test_it_is_said():
     (findings,) = channel_findings({"velocity_z": channel})
     assert findings.name == "time_stamps"
     assert "evened: velocity_z 10000" in findings.message
-
-
-# -- Members of families of channels, and their order --
 
 
 @pytest.mark.parametrize(

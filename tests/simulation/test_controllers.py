@@ -127,8 +127,6 @@ def test_loops_called_stable_are(altitude, gain, integral):
     assert accepted == stable
 
 
-# -- The simulator of vertical motion against an independent integration, and batches against s --
-
 STEP_S = 0.01
 VEHICLES = VerticalVehicles(
     viscous_friction=np.array([0.18, 0.87, 0.4, 0.5]),

@@ -137,8 +137,6 @@ def test_impossible_excitations_are_refused(make, said):
         make()
 
 
-# -- With no noise and no gust on the linear simulator, every method finds the parameters --
-
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
 #: Relative tolerance of K and of K_u.
 EXACT, SPECTRAL = 1e-6, 0.015

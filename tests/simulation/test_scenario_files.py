@@ -277,8 +277,6 @@ def test_least_squares_errs_as_the_reference_says(name):
     assert np.all(np.abs(rmse - REFERENCE[name]) < allowed), (rmse, REFERENCE[name], allowed)
 
 
-# -- The flight that comes with the package, over many seeds --
-
 SEEDS = 14
 #: The bounds are crossed by chance once in a thousand sets of seeds.
 CHANCE = 1e-3
@@ -300,8 +298,6 @@ def test_it_is_accepted_and_its_intervals_hold_the_truth():
     assert min(held.values()) >= binom.ppf(CHANCE, SEEDS, 0.93), held
     assert sum(held.values()) >= binom.ppf(CHANCE, 4 * SEEDS, 0.93), held
 
-
-# -- A user's own series from a file beside the scenario: what is read, and what is refused --
 
 SCENARIO = "viscous_friction = 0.293\ninput_gain = 0.021\nsamples = 60\n"
 SERIES = '[excitation]\nkind = "series"\nvalues = {{ file = "{file}", column = "{column}" }}\n'
@@ -435,8 +431,6 @@ def test_a_study_depends_on_the_numbers_and_not_on_the_file(tmp_path):
     assert results["three.csv"] != results["one.csv"]
 
 
-# -- Flights of a whole vehicle from TOML: what is read, what is refused, those that come with  --
-
 VEHICLE = """
 kind = "rigid-body"
 duration = 0.2
@@ -542,8 +536,6 @@ def test_shipped_flights_fly(name):
     assert np.abs(flight.truth.angular_rate[:, :2]).max() > 0.5
     assert np.abs(flight.truth.torque_setpoint).max() < 1.0
 
-
-# -- The page of the scenario files holds what the registry holds, and what it shows can be rea --
 
 pytest.importorskip("griffe")
 

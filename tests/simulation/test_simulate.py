@@ -185,8 +185,6 @@ def test_disturbance_without_variation_cannot_be_scaled():
         simulate(scenario, rng())
 
 
-# -- What both simulators share: trajectories, wind, sensor errors --
-
 STEP_S = 0.01
 
 
@@ -225,8 +223,6 @@ def test_errors_have_their_levels_over_the_record(kind):
         assert rms == pytest.approx(getattr(noise, name), rel=0.05)
 
 
-# -- Flights of the own simulator: logs against the truth, and one specification against anothe --
-
 QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
 LOUD = VerticalFlightSpec(
     viscous_friction=0.7,
@@ -257,9 +253,6 @@ def identical(first: SimulatedFlight, second: SimulatedFlight) -> None:
         np.testing.assert_allclose(
             getattr(first.truth, part.name), getattr(second.truth, part.name), rtol=1e-12, atol=1e-12
         )
-
-
-# -------------------------------------------------------------------------------------- log and truth
 
 
 def test_log_without_noise_is_the_truth():
@@ -306,9 +299,6 @@ def test_controller_answers_the_noise_that_is_logged():
     np.testing.assert_allclose(thrust, GRAVITY + gains.velocity_gain * error, rtol=1e-12)
 
 
-# ------------------------------------------------------------------------- a flight is its specification
-
-
 @pytest.mark.thorough
 def test_flight_does_not_depend_on_its_batch():
     others = [replace(QUIET, seed=seed, delay=0.02, viscous_friction=0.2) for seed in range(30, 30 + BATCH)]
@@ -317,9 +307,6 @@ def test_flight_does_not_depend_on_its_batch():
     identical(batch[-2], fly(LOUD))
     identical(next(simulate_vertical_flights([LOUD, *others[:3]])), batch[-2])
     identical(batch[0], fly(others[0]))
-
-
-# ------------------------------------------------------------------------------------------ refusals
 
 
 @pytest.mark.parametrize(

@@ -131,9 +131,6 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 
 
-# -- records -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("intersample", list(Intersample))
 def test_height_is_the_integral_of_velocity(intersample):
     """Against the trapezoidal rule on a smooth input, whose error is small."""
@@ -167,18 +164,12 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
     assert np.abs(found_a[inner] - a[inner]).max() < 1.1e-3 * max(abs(acceleration), 0.01)
 
 
-# -- noises and ratios -------------------------------------------------------------------------------
-
-
 def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
     """The disturbance likewise: ratios of the paper to what is in a record."""
     made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))
     noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
     # 4000 samples tell a standard deviation to 1.1 %
     assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
-
-
-# -- the whole study ---------------------------------------------------------------------------------
 
 
 def test_nrmse_is_the_papers():

@@ -58,15 +58,6 @@ def small(tmp_path):
     return package
 
 
-def test_circles_count_late_and_typing_imports(small):
-    graph = house.import_graph(house.modules(small))
-    assert graph["small.room.three"] == {"small.one"}
-    assert [sorted(circle) for circle in house.circles(graph)] == [
-        ["small.one", "small.room.three", "small.two"]
-    ]
-    assert house.circles(house.import_graph(house.modules(small), at_start=True)) == []
-
-
 def test_counts_of_a_package(small):
     counted = house.architecture(small)
     assert counted == {

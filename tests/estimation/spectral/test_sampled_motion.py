@@ -12,7 +12,7 @@ import pytest
 import eivor as ev
 from eivor.errors import EstimationError
 from eivor.estimation import spectral_iv
-from eivor.estimation.pair_whitening import PairedBins, PairWhitening, responses
+from eivor.estimation.pair_whitening import PairWhitening, responses
 from eivor.estimation.sampled_motion import NoiseModel, SampledMotion, SampledRecord, unitary_bins
 from eivor.estimation.spectral_iv import spectral_giv_of_flights
 from eivor.flights.options import FlightOptions
@@ -20,7 +20,7 @@ from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
 from eivor.lab.records import Intersample
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.models.separable import LaggedReferences, SampledState, SeparableProblem
+from eivor.models.separable import LaggedReferences, SeparableProblem
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording
@@ -77,8 +77,6 @@ def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
         ratios.append(float((pair.conj() * C.solved(pair)).real.sum() / (2 * pair.shape[1])))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.02)
 
-
-# -- Spectral methods of flights: lag and delay are nuisances, noises are told, and verdicts ar --
 
 TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}
 
@@ -178,9 +176,6 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     assert spectral_iv._squared_distance(spectral_giv, moved) > farthest
 
 
-# -- pairs ------------------------------------------------------------------------------------------------
-
-
 def run_of(count: int, step_s: float = 0.1) -> SpectralRun:
     return SpectralRun(0, count, step_s, (0.04, 4.0))
 
@@ -205,26 +200,3 @@ def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_sample
     at_a_line = np.abs(columns[:, 2]) > 0.5 * np.abs(columns[:, 2]).max()
     assert np.abs(left[at_a_line]).max() < 8e-3 * np.abs(b * columns[at_a_line, 2]).max()
     assert np.abs(plain[at_a_line]).max() > 0.1 * np.abs(b * columns[at_a_line, 2]).max()
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_the_noises_of_a_pair_are_those_that_made_it() -> None:
-    rng, run = np.random.default_rng(2), run_of(8000, 0.02)
-    layout = BinRows((run,))
-    state = SampledState(0, np.nan, np.nan, np.zeros(2))
-    pairs = PairedBins(layout, np.array([0.5, 2.0]), state)
-    series = 0.05 * rng.standard_normal((8000, 3)) * np.array([0.1, 1.0, 0.0])
-    moving = run.spectrum(np.column_stack([np.gradient(series[:, 0], 0.02), -series[:, 0], series[:, 1]]))
-    bins = SpectralRegression(
-        np.column_stack([moving[:, 2], moving[:, 0]]),
-        np.column_stack([moving[:, 1], 0.0 * moving[:, 0]]),
-        np.empty((run.count, 0), dtype=complex),
-        (),
-        layout,
-    )
-    velocity, acceleration, disturbance = pairs.fitted_noises(bins)
-    assert velocity.strength == pytest.approx(0.005 * 0.2, rel=0.1)
-    assert acceleration.strength == pytest.approx(0.05 * 0.2, rel=0.1)
-    assert abs(velocity.order) < 0.1
-    assert abs(acceleration.order) < 0.1
-    assert disturbance.strength < 0.3 * acceleration.strength

@@ -202,8 +202,6 @@ def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
     assert (separated > FARTHEST).mean() < 0.004 < (separated > 13.8).mean()
 
 
-# -- Pairs of residuals, bin by bin, against matrices of two rows and two columns --
-
 BINS = 5
 
 
@@ -227,9 +225,6 @@ def as_pair(dense: np.ndarray) -> PairSpectrum:
 def test_solutions_are_those_of_the_matrices(dense: np.ndarray, pair: np.ndarray) -> None:
     expected = np.linalg.solve(dense, pair.T[:, :, None])[:, :, 0].T
     np.testing.assert_allclose(as_pair(dense).solved(pair), expected, rtol=1e-12)
-
-
-# -- The equations against their naive form, bin by bin, and the linear rows that stand for the --
 
 
 @pytest.fixture

@@ -78,8 +78,6 @@ def test_a_filter_that_was_not_passed_is_told(passed):
     assert all(reason.status is Status.WEAK for reason in reasons_kept)
 
 
-# -- Which columns pass a known onboard filter, and what is left of it when readers took its de --
-
 STEP_S, ONBOARD_CUTOFF_HZ = 0.002, 30.0
 OWN_S = np.sqrt(2.0) / (2.0 * np.pi * ONBOARD_CUTOFF_HZ)
 TIME = STEP_S * np.arange(2000)
@@ -114,8 +112,6 @@ def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     np.testing.assert_allclose(damping, mean_over_step(sine(5.0)))
     np.testing.assert_allclose(as_logged(terms[THRUST], sine(5.0), None), sine(5.0))
 
-
-# -- The whole band: where it reaches, and what it is worth in air that turns the vehicle --
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=5.0, seed=2)
 ROTORS = SPEC.vehicle.rotors
@@ -166,8 +162,6 @@ def test_what_comes_back_through_the_controller_cancels_in_it():
     assert np.mean(lower) < -0.001
     assert abs(np.mean(whole)) < 0.3 * abs(np.mean(lower))
 
-
-# -- Axes agree about the lag in calm air; not where a delay is given wrong, or air moves the v --
 
 LAGS_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
 KNOWN = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)

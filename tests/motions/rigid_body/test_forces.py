@@ -78,8 +78,6 @@ def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
         assert moved == [column.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for column in problem.columns]
 
 
-# -- What drag off the centre of mass and spinning rotors turn, against the simulated rotors an --
-
 BESIDE_SPEC = shipped_rigid_body_flight("crazyflie")
 STILL = (0.0, 0.0, 0.0)
 INERTIA_OF_A_ROTOR, HEIGHT_M = 2e-8, 0.006
@@ -167,8 +165,6 @@ def test_a_log_that_begins_in_the_air_counts_once_rotors_no_longer_know_how_they
     assert begin == pytest.approx(SETTLED_S, abs=0.02)
 
 
-# -- Velocity, and the force that its change tells, on the body's axes --
-
 RATE_HZ = 100.0
 TIME = np.arange(400) / RATE_HZ
 VELOCITY = np.column_stack([np.sin(TIME), 0.5 * TIME, np.cos(2.0 * TIME)])
@@ -192,8 +188,6 @@ def test_without_attitude_neither_is_known():
     assert force_by_velocity(signals) is None
     assert body_velocity(signals) is None
 
-
-# -- Velocity along z out of the accelerometer, where none is logged --
 
 STEP_S = 0.01
 TIME_S = STEP_S * np.arange(4000)
@@ -237,8 +231,6 @@ def test_without_a_force_there_is_none():
     blind = Signals(rate_hz=100.0, channels={"angular_rate_x": np.zeros(100)})
     assert inferred_velocity(blind, [slice(0, 100)]) is None
 
-
-# -- One inertia of the rotors for all axes: when it is told, and that it is worth what it clai --
 
 ONE_SPEC = shipped_rigid_body_flight("crazyflie")
 ONE_INERTIA_OF_A_ROTOR = 5e-8

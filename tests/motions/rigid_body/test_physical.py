@@ -356,8 +356,6 @@ def test_intervals_include_what_is_supplied():
     assert all(share >= 0.8 for share in coverage.values()), coverage
 
 
-# -- Combinations of parameters against the equations of motion that they stand in --
-
 ROTORS = Rotors(
     positions=((0.1, 0.12, 0.0), (0.1, -0.12, 0.0), (-0.1, -0.12, 0.0), (-0.1, 0.12, 0.0)),
     spins=(1, -1, 1, -1),

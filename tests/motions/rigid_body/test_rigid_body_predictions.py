@@ -74,8 +74,6 @@ def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_miss
     assert reported.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
 
 
-# -- Position, velocity, attitude and rates some tenths of a second ahead, of the rotors alone --
-
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))
 ROTORS = SPEC.vehicle.rotors
 KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
@@ -141,30 +139,6 @@ def test_true_numbers_predict_every_quantity(flight, truth):
         assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
         assert entry.rms[-1] < 0.08 * lagless.rms[-1]
     assert prediction.predicts
-
-
-def test_a_body_that_turns_on_is_predicted_by_its_rates():
-    """Constant rates about an axis that leans: the attitude that stays as it is, is exact."""
-    from eivor.flights.motion import Starts
-    from eivor.motions.rigid_body.predict import _angle, _unchanged
-
-    rates = np.array([0.4, -0.8, 1.1])
-    body = np.zeros((13, 1))
-    body[3:6, 0], body[6:10, 0], body[10:13, 0] = (1.0, 2.0, -1.0), (0.8, 0.0, 0.6, 0.0), rates
-    starts = Starts(np.array([0]), (1000,), 0.0005)
-    unchanged = _unchanged(body, starts)
-
-    def turning(state: np.ndarray, _now: np.ndarray) -> np.ndarray:
-        w, x, y, z = state
-        p, q, r = rates
-        return 0.5 * np.stack(
-            [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
-        )
-
-    propagate = starts.propagate(body[6:10], turning)
-    assert _angle(propagate, unchanged[:, 6:10]).max() < 1e-5
-    assert _angle(-propagate, unchanged[:, 6:10]).max() < 1e-5
-    assert np.allclose(unchanged[0, :3, 0], [0.5, 1.0, -0.5])
 
 
 @pytest.mark.thorough

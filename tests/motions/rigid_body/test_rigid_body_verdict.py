@@ -93,8 +93,6 @@ def test_a_digital_filter_is_less_late_than_a_continuous_one():
     assert "drag_z" not in allowances
 
 
-# -- What is refused at once: attitudes in another order, rates in degrees, rotors that never d --
-
 REFUSED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
 REFUSED_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
 PARTS = [f"attitude_{part}" for part in "wxyz"]
@@ -163,8 +161,6 @@ def test_rotors_that_never_differ_are_refused_with_the_axes_that_they_do_not_tur
         prepared_refused(with_values(log, **unturned))
 
 
-# -- A steady wind is told where the vehicle yaws, and spoils the drags across alone --
-
 WIND_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
 WIND_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
 AT = {"actuator_lag": ROTORS.lag_up, "delay": ROTORS.delay}
@@ -215,8 +211,6 @@ def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
     assert not any("wind of about" in reason for reason in reasons["roll_gain"])
     assert flight.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)
 
-
-# -- Measured speeds of rotors with noise: what it does to columns, and total least squares tha --
 
 BASE = shipped_rigid_body_flight("crazyflie")
 MEASURED_ROTORS = BASE.vehicle.rotors

@@ -178,8 +178,6 @@ def test_known_numbers_and_vehicles_are_checked_in_python():
         KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
 
 
-# -- Descriptions of vehicles: what they say, and what is refused --
-
 ROTORS = Rotors(
     positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
     spins=(1, -1),
@@ -244,8 +242,6 @@ def test_several_need_equally_many_rotors():
     with pytest.raises(UsageError, match="equally many rotors"):
         side_by_side([VEHICLE, replace(VEHICLE, rotors=three)])
 
-
-# -- Rotors that the vehicle file has in another order than the flight shows --
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
 ROTOR_ROTORS = SPEC.vehicle.rotors

@@ -225,9 +225,6 @@ def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
         assert judged(FRICTION, strength=known).status is status
 
 
-# -- Systematic parts --
-
-
 def parts(name: str, found=(), **changed):
     known = systematic_uncertainties(PARTS, inputs(found, **changed))
     return [(item.counts.value, item.below, item.above, item.sentence) for item in known.get(name, ())]

@@ -219,9 +219,6 @@ def test_a_tilt_that_no_sensor_has_is_told_as_such():
     )
 
 
-# -- Terms that the model leaves out: the tests tell those that are missed, and no others --
-
-
 @pytest.fixture(scope="module")
 def log_left():
     return flown(seconds=30.0, seed=5)[0]

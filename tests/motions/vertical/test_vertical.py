@@ -63,8 +63,6 @@ def test_lag_and_delay_have_profile_sets_and_their_sum_is_known_best(fit):
         assert item.interval[0] <= item.value <= item.interval[1]
 
 
-# -- Flights near the ground, in rotor radii: gain and hover input are weak, however quiet the  --
-
 RADIUS = 0.2
 
 
@@ -115,8 +113,6 @@ def test_the_radius_comes_from_a_vehicle_too(tmp_path: Path):
     with pytest.raises(InputError, match="rotor_radius"):
         of_vehicle(Vertical(), str(file))
 
-
-# -- What the autopilot holds its hover input to be, beside the one that is identified --
 
 HOVER, START, REACH = 0.495, 0.55, 0.2
 TIME = np.arange(0.0, 30.0, 0.1)
@@ -183,9 +179,6 @@ def test_a_hover_that_is_not_identified_or_no_thrust_is_not_compared(log):
         assert not [finding.name for finding in result.findings if finding.name.startswith("hover")]
 
 
-# -- What is told of the supply: a fall of its voltage, and a long flight without one --
-
-
 @pytest.fixture(scope="module")
 def prepared():
     return prepare_vertical(flown(seconds=150.0, noise=0.3)[0], FlightOptions())
@@ -231,9 +224,6 @@ def test_flights_of_a_pool_are_named(prepared):
     first, second = supply_findings((prepared, prepared))
     assert first.message.startswith("flight 0: No battery voltage")
     assert second.name == "voltage_not_logged"
-
-
-# -- Intercept and bend of the thrust curve together say whether the input map fits --
 
 
 def bend(value: float) -> Difference:

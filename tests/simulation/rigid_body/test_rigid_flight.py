@@ -15,7 +15,6 @@ from eivor.motions.rigid_body.dynamics import coefficients_of, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import Cascade, FlightController, Sensor, gains_of, mixer_of, torque_limits
-from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
@@ -78,9 +77,6 @@ def vectors(flight: RigidBodyFlight, stem: str, parts: str = "xyz") -> np.ndarra
     return np.column_stack([values(flight, f"{stem}_{part}") for part in parts])
 
 
-# -------------------------------------------------------------------------------------- log and truth
-
-
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_log_of_exact_sensors_is_the_truth():
     flight = fly(QUIET)
@@ -122,25 +118,6 @@ def test_references_are_followed():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_setpoints_do_to_the_body_what_they_say():
-    """Behind the rotors' lag each torque setpoint accelerates as the control effectiveness says."""
-    short = replace(VEHICLE, rotors=replace(VEHICLE.rotors, lag_up=1e-3, lag_down=1e-3, inertia=0.0))
-    injected = AxisExcitations(
-        SteppedExcitation((0.02, -0.02), 0.05),
-        SteppedExcitation((0.02, -0.02), 0.07),
-        SteppedExcitation((0.05, -0.05), 0.09),
-    )
-    spec = replace(QUIET, vehicle=short, injection=injected, duration=0.5, trajectory=TrajectoryKind.HOVER)
-    truth = fly(replace(spec, attitude=AxisExcitations())).truth
-    slopes = np.diff(truth.angular_rate, axis=0) / QUIET.step_s
-    converged = np.all(np.abs(np.diff(truth.torque_setpoint, axis=0, prepend=0.0)) < 1e-3, axis=1)[:-1]
-    for axis, effectiveness in enumerate(truth.control_effectiveness):
-        torque = truth.torque_setpoint[:-1, axis][converged]
-        result = torque @ slopes[converged, axis] / (torque @ torque)
-        assert result == pytest.approx(effectiveness, rel=0.05)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_equations_of_the_truth_hold():
     """Least squares of the rates' increments on interval means gives the parameters that the truth names."""
     truth = fly(replace(QUIET, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, inertia=0.0)))).truth
@@ -175,9 +152,6 @@ def mean_squares(command: np.ndarray, speed: np.ndarray, step_s: float, lag_s: f
     away, left = speed - command, np.exp(-step_s / lag_s)
     once, twice = lag_s * (1.0 - left) / step_s, lag_s * (1.0 - left**2) / (2.0 * step_s)
     return command**2 + 2.0 * command * away * once + away**2 * twice
-
-
-# ---------------------------------------------------------------------------------------- sensors
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -231,9 +205,6 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
     assert channels["velocity_z"].time_s.size == 200
 
 
-# ------------------------------------------------------------------------- a flight is its specification
-
-
 def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
     for part in fields(RigidBodyTruth):
         item, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
@@ -270,9 +241,6 @@ def test_flights_of_several_lengths_keep_their_order():
     specs = [replace(QUIET, duration=0.2), replace(QUIET, duration=0.1), replace(QUIET, duration=0.2, seed=1)]
     flights = list(simulate_rigid_body_flights(specs))
     assert [flight.truth.time_s.size for flight in flights] == [100, 50, 100]
-
-
-# ------------------------------------------------------------------------------------------ refusals
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -349,8 +317,6 @@ def test_friction_of_the_truth_is_that_of_the_flights_speeds():
     sideways = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
     assert viscous_friction(flown(2.0, attitude=sideways)) == pytest.approx(0.2)
 
-
-# -- Mixer, loops and delay line by themselves --
 
 ANGLES = np.pi / 3.0 * np.arange(6) + 0.2
 HEXACOPTER = Vehicle(

@@ -93,9 +93,6 @@ def test_small_steps_agree_with_scipys_integrator():
     np.testing.assert_allclose(bodies[-1], solved.y[:, -1], atol=1e-9)
 
 
-# ------------------------------------------------------------------------------ rotors with inertia
-
-
 def test_rotors_that_speed_up_turn_the_body_the_other_way():
     """RotorPy has no inertia of rotors; here the yaw rate is that of the closed form."""
     vehicle = replace(SMALL, rotors=replace(ROTORS, inertia=2e-9, torque_ratio=0.0, lag_down=0.03))
