@@ -297,20 +297,27 @@ def measured_resets(
     Landings and height holds begin so. Lines through both sides differ in the middle by the jump, wherever it
     is between them; at a kink they do not differ.
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
     found = np.zeros(reference.size, dtype=np.bool_)
     if reference.size > 4 * reach:
         before, after = reference[reach : -3 * reach], reference[3 * reach : -reach]
         jump = np.abs(2.0 * (after - before) - reference[4 * reach :] + reference[: -4 * reach])
         gap, left = away[reach : -3 * reach], away[3 * reach : -reach]
-        whole = minimum_filter1d(jump, reach + 1) > JUMP_SHARE * gap
+        whole = -_largest_around(-jump, reach + 1) > JUMP_SHARE * gap
         found[2 * reach : -2 * reach] = whole & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
     width = max(round(EQUAL_S / step_s), 2)
-    moved = maximum_filter1d(measured, width) - minimum_filter1d(measured, width)
-    equal = (maximum_filter1d(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
-    return stretches(maximum_filter1d(found, 2 * reach + 1) | maximum_filter1d(equal, width + 3))
+    moved = _largest_around(measured, width) + _largest_around(-measured, width)
+    equal = (_largest_around(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
+    return stretches(_largest_around(found, 2 * reach + 1) | _largest_around(equal, width + 3))
+
+
+def _largest_around(values: np.ndarray, width: int) -> np.ndarray:
+    """Largest of so many values around each, mirrored at the ends (scipy.ndimage takes longer to import)."""
+    largest, reach = np.pad(values, (width // 2, width - width // 2 - 1), mode="symmetric"), 1
+    while 2 * reach <= width:
+        largest, reach = np.maximum(largest[:-reach], largest[reach:]), 2 * reach
+    rest = width - reach
+    return np.maximum(largest[: largest.size - rest], largest[rest:])
 
 
 def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
