@@ -18,7 +18,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.references import jumps
 from eivor.flights.timestamps import (
-    CommandClock,
+    Clock,
     as_issued,
     command_clock,
     corrected_stamps,
@@ -96,7 +96,7 @@ def test_nothing_is_put_into_gaps_or_beside_missing_values():
     time = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(3.0, 4.0, 0.02)])
     values = np.ones(time.size)
     values[10] = np.nan
-    issued = as_issued(command(time, values), CommandClock(0.02, 0.01))
+    issued = as_issued(command(time, values), Clock(0.02, 0.01))
     assert not ((issued.time_s > 0.99) & (issued.time_s < 3.0)).any()
     assert np.isnan(issued.values).sum() == 1
     assert not ((issued.time_s > time[9]) & (issued.time_s < time[10])).any()
@@ -110,7 +110,7 @@ def thinned(log, every: int):
     return changed(replace(log, parameters={}), rotor_command_1=fewer)
 
 
-def lateness(kept: Channel, clock: CommandClock) -> float:
+def lateness(kept: Channel, clock: Clock) -> float:
     """Time by which a logged command of a controller of 4 ms is late on the grid [s]."""
     grid = Grid(1.0, 0.01, (range(5500),))
     issued = command(0.004 * np.arange(15000))
@@ -125,7 +125,7 @@ def test_a_command_in_force_at_even_instants_of_a_logger_is_late_by_less_than_th
     looked = command(instants, np.cos(0.004 * np.floor(instants / 0.004 + 1e-9)))
     clock = command_clock(looked, [])
     assert abs(lateness(looked, clock)) < clock.slack_s == pytest.approx(0.0025)
-    assert lateness(looked, CommandClock(0.01, 0.01)) > 0.0039
+    assert lateness(looked, Clock(0.01, 0.01)) > 0.0039
 
 
 @pytest.mark.thorough

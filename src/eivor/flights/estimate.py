@@ -541,7 +541,7 @@ def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
 def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagPrior | None:
     """Lag by one motion; None where it cannot be identified, or not be trusted."""
     try:
-        log = part_to_read(upward(log), options.window)
+        log = upward(part_to_read(log, options.window))
         rates_hz = dict(motion.select(log, options).rates_hz)
         if rates_hz.pop(COMMAND) < LEAST_COMMAND_HZ or min(rates_hz.values()) < LEAST_STATE_HZ:
             return None

@@ -40,7 +40,6 @@ from eivor.flights.result import (
 )
 from eivor.flights.verdict import VerdictInputs
 from eivor.inference.bootstrap import Bootstrap, check_draws
-from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.models.separable import NoInstruments, SeparableProblem
@@ -271,6 +270,8 @@ class _Pool:
             pool = self._pooled(problem)
             estimate = pool.whole()
         sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
+        sums = LAG_SUMS if pool.nuisance_names[:1] == (ACTUATOR_LAG.name,) else {}
+        of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}
         fit = Fit(
             problem,
             estimate,
@@ -281,7 +282,7 @@ class _Pool:
             sensors,
             without_prior,
             pool,
-            {**{name: item.profile for name, item in sets.items()}, **_of_lags(pool)},
+            {**{name: item.profile for name, item in sets.items()}, **_known(of_lags)},
             motion.checks(problem, estimate, shortened),
         )
         inputs = verdict_inputs(motion, flights, self.chosen, fit)
@@ -356,12 +357,6 @@ def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
     joint = pool.joint
     names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
     return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
-
-
-def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
-    if pool.nuisance_names[:1] != (ACTUATOR_LAG.name,):
-        return {}
-    return _known({name: pool.lag_set(parts) for name, parts in LAG_SUMS.items()})
 
 
 def _known(items: Mapping[str, T | None]) -> dict[str, T]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,11 @@ from eivor.flights.references import (
     noise_levels,
     references,
 )
-from eivor.flights.timestamps import CommandClock, as_issued, command_clock, known_clock
+from eivor.flights.timestamps import Clock, as_issued, command_clock, known_clock
 from eivor.signals.channels import common_side
 from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import CONTROLLER_RATE, Channel, Finding, Recording, interval_within
+from eivor.signals.recording import CONTROLLER_RATE, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
 from eivor.tools import Bool, Float
 
@@ -46,10 +45,7 @@ BESIDE_S = 30.0
 def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -> PreparedFlight:
     """Put a recording on one grid and find the runs that can be used."""
     window = None if options.window is None else interval_within(options.window, recording.span_s)
-    log = part_to_read(upward(recording), options.window)
-    selected = motion.select(log, options)
-    for channel in selected.channels:
-        refuse_empty(log, channel)
+    log, selected = _selected(part_to_read(recording, options.window), motion, options)
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected, options.controller_rate_hz)
@@ -62,8 +58,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     if window is not None:
         standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
     usable = standing.copy()
-    for limit in selected.limits:
-        usable &= (channels[limit.channel] >= limit.low) & (channels[limit.channel] <= limit.high)
+    for name, least in selected.at_least.items():
+        usable &= channels[name] >= least
     runs = _runs(standing, usable, grid.step_s)
     used = mask_of(runs, grid.count) & usable
     candidates = references(log, motion.channels.references, grid, used)
@@ -140,34 +136,43 @@ def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
 
 
-def refuse_empty(log: Recording, channel: Channel) -> None:
-    """Raise for a channel without values."""
-    if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
-        dropped = channel.quality.duplicated_stamps + channel.quality.backward_stamps
-        raise MissingChannelError(
-            f"values in the channel '{channel.name}' of {log.name}",
-            f"{channel.time_s.size} samples, {int(np.isfinite(channel.values).sum())} of them numbers"
-            f"{f'; {dropped} were dropped, because their stamp repeats or goes backward' if dropped else ''}",
-            "Check the clock: stamps increase." if dropped else "Log it, or use another channel.",
-        )
+def _selected(
+    recording: Recording, motion: Motion[Any], options: FlightOptions
+) -> tuple[Recording, Selection]:
+    """The log, z up, and the channels of a motion, none of them empty."""
+    log = upward(recording)
+    selected = motion.select(log, options)
+    for channel in selected.channels:
+        if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
+            dropped = channel.quality.duplicated_stamps + channel.quality.backward_stamps
+            why = f"; {dropped} were dropped, because their stamp repeats or goes backward" if dropped else ""
+            numbers = int(np.isfinite(channel.values).sum())
+            raise MissingChannelError(
+                f"values in the channel '{channel.name}' of {log.name}",
+                f"{channel.time_s.size} samples, {numbers} of them numbers{why}",
+                "Check the clock: stamps increase." if dropped else "Log it, or use another channel.",
+            )
+    return log, selected
 
 
-def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, CommandClock]:
+def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, Clock]:
     """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
     rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
-    clocks: dict[str, CommandClock] = {}
-    for command in (item for item in selected.commands if item.held):
-        # made one at a time: those of a long log do not fit into memory together
-        others = (log.channels[name] for name in log.channels if name not in names)
-        read = partial(command_clock, command, others, selected.issued_within_s)
-        clocks[command.name] = known_clock(command, known_hz) if known_hz else read()
-    return clocks
+    held = {command.name: command for command in selected.commands if command.held}
+    if known_hz:
+        return {name: known_clock(command, known_hz) for name, command in held.items()}
+    # made one at a time: those of a long log do not fit into memory together
+    others = [name for name in log.channels if name not in names]
+    return {
+        name: command_clock(command, map(log.channels.__getitem__, others), selected.issued_within_s)
+        for name, command in held.items()
+    }
 
 
 def _gridded(
-    selected: Selection, grid: Grid, clocks: Mapping[str, CommandClock]
+    selected: Selection, grid: Grid, clocks: Mapping[str, Clock]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
     """Values of every channel on the grid, and where all of them stand on data."""
     commands = {command.name for command in selected.commands}
@@ -196,11 +201,8 @@ def overview(
     recording: Recording, motion: Motion[Any], options: FlightOptions
 ) -> tuple[str, tuple[tuple[float, float], ...]]:
     """How it is known when the vehicle moved, and the stretches in which it did [s]."""
-    log = upward(recording)
-    log = log.part(*log.span_s, OVERVIEW_STEP_S)
-    selected = motion.select(log, options)
-    for channel in selected.channels:
-        refuse_empty(log, channel)
+    log = recording.part(*recording.span_s, OVERVIEW_STEP_S)
+    log, selected = _selected(log, motion, options)
     grid = common_grid(selected.channels, selected.commands, step_s=OVERVIEW_STEP_S)
     level = np.mean([on_grid(command, grid)[0] for command in selected.commands], axis=0)
     active = selected.active(log, grid, level)

@@ -13,7 +13,7 @@ from eivor.errors import EstimationError, InstrumentError, MissingChannelError, 
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, curve_between, line_between
 from eivor.flights.references import NoiseLevel, Reference
-from eivor.flights.timestamps import CommandClock
+from eivor.flights.timestamps import Clock
 from eivor.inference.covariance import Classical, EqualWeightedCosines
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT
@@ -148,15 +148,6 @@ class InputFamily:
     least_rate_hz: float = 0.0  # Slower channels are passed over where there is another family [Hz]
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """Samples count only where a channel is within bounds."""
-
-    channel: str
-    low: float = -math.inf
-    high: float = math.inf
-
-
 @dataclass(frozen=True)
 class Selection:
     """Channels of one log by their role."""
@@ -171,7 +162,8 @@ class Selection:
     conditions: tuple[Channel, ...] = ()  # Others that enter
     #: Values in place of conditions that the log lacks
     constants: Mapping[str, float] = field(default_factory=dict)
-    limits: tuple[Limit, ...] = ()  # Which samples count
+    #: Which samples count: the lowest value of some channels
+    at_least: Mapping[str, float] = field(default_factory=dict)
     band_hz: tuple[float, float] = (0.04, 5.0)  # Band of spectral rows [Hz]
     findings: tuple[Finding, ...] = ()  # What a reader of the result should know of the choice
     #: The longest that the next command can be waited for [s], where the command's stamps do not show
@@ -248,7 +240,7 @@ def chosen_input(
 def matched_interpolation_filter(
     channels: dict[str, Float[np.ndarray, " n"]],
     selected: Selection,
-    clocks: dict[str, CommandClock],
+    clocks: dict[str, Clock],
     grid: Grid,
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Channels on a grid, commands and what was measured spread by each other's triangles."""
@@ -305,7 +297,7 @@ class PreparedFlight:
     grid: Grid  # Times of the samples
     estimated: tuple[str, ...] = ()  # Roles of the selection whose channel comes from an estimator
     measured: tuple[str, ...] = ()  # Those whose channel is declared to come from a sensor
-    #: What the command may be late or early by throughout, see `CommandClock` [s]
+    #: What the command may be late or early by throughout, see `Clock` [s]
     command_slack_s: float = 0.0
     #: Time between two commands where the log holds but some of them; zero where it holds every one [s]
     unlogged_step_s: float = 0.0

@@ -179,7 +179,7 @@ MORE_OFTEN = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class CommandClock:
+class Clock:
     """When a command was logged and when it was issued."""
 
     logged_s: float
@@ -223,15 +223,13 @@ class CommandClock:
         )
 
 
-def known_clock(command: Channel, rate_hz: float) -> CommandClock:
+def known_clock(command: Channel, rate_hz: float) -> Clock:
     """Clock of a held command whose controller's rate [Hz] is known."""
     logged = float(np.median(np.diff(command.time_s)))
-    return CommandClock(logged, logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz)
+    return Clock(logged, logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz)
 
 
-def command_clock(
-    command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf
-) -> CommandClock:
+def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf) -> Clock:
     """Read a held command's clock off its stamps, and the rates of other channels."""
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
@@ -240,7 +238,7 @@ def command_clock(
     if finer is None and often and jitter:
         finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
-        return CommandClock(logged, finer)
+        return Clock(logged, finer)
     jitters, quickest, sampled_with_it = [], np.inf, False
     for other in others:
         time_s = other.time_s
@@ -248,8 +246,8 @@ def command_clock(
         sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
         if time_s.size > 1:
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
-    as_logged = CommandClock(logged, logged)
-    unknown = CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
+    as_logged = Clock(logged, logged)
+    unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
     looked_at, turns = truth_of(jitters), steps / logged
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
@@ -257,7 +255,7 @@ def command_clock(
         return as_logged
     if looked_at and jitter:
         if _repeats(command):
-            return CommandClock(logged, logged / FINE_PARTS, looked=True)
+            return Clock(logged, logged / FINE_PARTS, looked=True)
         if not sampled_with_it:
             return unknown
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged and jitter:
@@ -274,8 +272,7 @@ def _repeats(command: Channel) -> bool:
         return False  # rounded values repeat by themselves
     same = np.flatnonzero(np.concatenate([[True], changes > 0.0, [True]]))
     times = np.diff(same)
-    limits = (values.min(), values.max())
-    few = (times <= MOST_TIMES) & ~np.isin(values[same[:-1]], limits)
+    few = (times <= MOST_TIMES) & ~np.isin(values[same[:-1]], (values.min(), values.max()))
     return bool(np.sum(times[few] - 1) >= REPEATED_SHARE * values.size)
 
 
@@ -308,7 +305,7 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
     return None if of_tenth and np.abs(away - np.rint(away)).max() <= 1e-3 else step
 
 
-def as_issued(command: Channel, clock: CommandClock) -> Channel:
+def as_issued(command: Channel, clock: Clock) -> Channel:
     """Return the command with what was issued between its stamps."""
     time, values = command.time_s, command.values
     distances = np.diff(time)

@@ -11,7 +11,7 @@ from eivor.errors import InputError, ShapeError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, Limit, PreparedFlight, Selection, chosen_input
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
     AcrossFlights,
     CardSection,
@@ -242,7 +242,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         responses={"acceleration": force},
         conditions=() if tilt is None else (tilt,),
         constants={"cos_tilt": 1.0},
-        limits=(Limit("cos_tilt", low=float(np.cos(np.deg2rad(options.max_tilt_deg)))),),
+        at_least={"cos_tilt": float(np.cos(np.deg2rad(options.max_tilt_deg)))},
         band_hz=SLOW_BAND_HZ if velocity.rate_hz < SLOW_VELOCITY_HZ else VERTICAL_BAND_HZ,
         findings=tuple(findings),
     )
