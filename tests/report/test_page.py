@@ -85,7 +85,7 @@ def test_the_page_is_told_in_order(pages, name):
     (sentence,) = main.all("p", class_="said")
     assert (
         sentence.text
-        == f"{result.verdict.status.shown}: {result.motion.words.meanings[result.verdict.status]}"
+        == f"{result.verdict.status.shown}: {result.motion.words.meaning(result.verdict.status)}"
     )
     assert main.children[0].classes[0] == "verdict"
     headings = [item.text for item in page.all("h2")]

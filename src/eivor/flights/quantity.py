@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 
 from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import Prior, Values
 from eivor.tools import Float
@@ -238,7 +239,8 @@ class Words:
 
     title: str  # Name of the motion, as a heading
     model: str  # Name in JSON documents
-    meanings: Mapping[Status, str]  # What each verdict means
+    identified: str  # What the verdict means that the motion is identified
+    refused: str  # And that it is not
     fly: str  # What to fly when nothing else helps, one sentence
     #: What samples are limited by, after "three seconds in the air in runs of a second or more,"
     limits: str = "inside the window"
@@ -252,6 +254,13 @@ class Words:
     another_log: str = "Give a log of a flight."  # What to do when it never does
     #: What to fly and to log, by the name of a log format
     advice: Callable[[str], tuple[CardSection, ...]] = lambda _format: ()
+    provisional: str = "no instrument: the numbers may be biased more than the intervals say."
+    weak: str = "the numbers are indications; something keeps the intervals from being trusted."
+
+    def meaning(self, status: Status) -> str:
+        """What a verdict means."""
+        meaning: str = getattr(self, status.value)
+        return meaning
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,6 +269,18 @@ class CardSection:
 
     title: str  # A few words
     sentences: tuple[str, ...]  # What to do
+
+
+def flight_card(
+    log_format_name: str, *, fly: tuple[str, ...], needed: tuple[str, ...] = (), setpoints: str = ""
+) -> tuple[CardSection, ...]:
+    """What to fly and to log; about logs of a format without advice, that of tables."""
+    advised = advising_format(log_format_name)
+    return (
+        CardSection("Fly", fly),
+        CardSection("Log", (*needed, *advised.advice(""))),
+        CardSection("Setpoints", (setpoints or advised.setpoints,)),
+    )
 
 
 # -- Quantity --

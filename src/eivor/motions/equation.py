@@ -439,12 +439,9 @@ class Machine(Motion[LaggedRuns]):
         return Words(
             title=self.title,
             model=self.name,
-            meanings={
-                Status.IDENTIFIED: f"{named} are identified within their intervals.",
-                Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-                Status.PROVISIONAL: "no instrument: disturbances may bias the numbers.",
-                Status.REFUSED: f"the log does not identify {named}.",
-            },
+            identified=f"{named} are identified within their intervals.",
+            refused=f"the log does not identify {named}.",
+            provisional="no instrument: disturbances may bias the numbers.",
             fly=self.move,
             no_lag="The state of the actuators was measured:\nthere is no lag to find.",
             where="in use",

@@ -358,7 +358,7 @@ def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
     return Document(
         ", ".join(flight.recording.name for flight in result.prepared),
         status,
-        result.motion.words.meanings[status],
+        result.motion.words.meaning(status),
         tuple(_sections(result, text, card=card)),
         details,
     )

@@ -16,7 +16,6 @@ from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Mo
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
-    CardSection,
     Counts,
     CoupledAxis,
     PlotData,
@@ -25,6 +24,7 @@ from eivor.flights.quantity import (
     QuantityTable,
     Trace,
     Words,
+    flight_card,
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
@@ -41,7 +41,6 @@ from eivor.flights.verdict import (
     record_rules,
 )
 from eivor.inference.verdict import Status
-from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import InstrumentRule
@@ -403,28 +402,16 @@ _MANOEUVRES = (
 )
 
 
-def rates_card(log_format_name: str) -> tuple[CardSection, ...]:
-    """What to fly and to log; about logs of a format without advice, that of tables."""
-    setpoints = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
-    return (
-        CardSection("Fly", _MANOEUVRES),
-        CardSection("Log", advising_format(log_format_name).advice("")),
-        CardSection("Setpoints", (setpoints,)),
-    )
-
-
+_SETPOINTS = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
 WORDS = Words(
     title="Turning about the body axes",
     model="body_rates",
-    meanings={
-        Status.IDENTIFIED: "the effectiveness of roll and pitch is identified, within its intervals.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: least squares has the effectiveness too small, the lag too long.",
-        Status.REFUSED: "the flight does not identify the effectiveness of roll and pitch.",
-    },
+    identified="the effectiveness of roll and pitch is identified, within its intervals.",
+    refused="the flight does not identify the effectiveness of roll and pitch.",
+    provisional="no instrument: least squares has the effectiveness too small, the lag too long.",
     fly=FLY,
     no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
-    advice=rates_card,
+    advice=partial(flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from eivor.flights.motion import (
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
 from eivor.flights.quantity import (
-    CardSection,
     Implications,
     Implied,
     Kind,
@@ -35,9 +35,8 @@ from eivor.flights.quantity import (
     QuantityTable,
     Trace,
     Words,
+    flight_card,
 )
-from eivor.inference.verdict import Status
-from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
@@ -262,33 +261,18 @@ _MANOEUVRES = (
 )
 
 
-def rigid_body_card(log_format_name: str) -> tuple[CardSection, ...]:
-    """What to fly and to log; about logs of a format without advice, that of tables."""
-    advised = advising_format(log_format_name)
-    needed = (
-        "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and "
-        "attitude."
-    )
-    return (
-        CardSection("Fly", _MANOEUVRES),
-        CardSection("Log", (needed, *advised.advice(""))),
-        CardSection("Setpoints", (advised.setpoints,)),
-    )
-
-
+_NEEDED = (
+    "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and attitude."
+)
 WORDS = Words(
     title="Rigid body",
     model="rigid_body",
-    meanings={
-        Status.IDENTIFIED: "thrust, roll and pitch gain and the lag are identified, within their intervals.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight does not identify the gains of thrust, roll and pitch.",
-    },
+    identified="thrust, roll and pitch gain and the lag are identified, within their intervals.",
+    refused="the flight does not identify the gains of thrust, roll and pitch.",
     fly=FLY,
     no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
-    advice=rigid_body_card,
+    advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
 )
 
 

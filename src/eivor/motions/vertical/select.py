@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,16 +15,14 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
     AcrossFlights,
-    CardSection,
     Covariate,
     Kind,
     QuantitySpec,
     QuantityTable,
     Words,
+    flight_card,
 )
 from eivor.flights.references import ReferenceSource
-from eivor.inference.verdict import Status
-from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.model import GRAVITY, CurveFamily
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
@@ -161,32 +160,18 @@ _MANOEUVRES = (
 )
 
 
-def vertical_card(log_format_name: str) -> tuple[CardSection, ...]:
-    """What to fly and to log; about logs of a format without advice, that of tables."""
-    advised = advising_format(log_format_name)
-    return (
-        CardSection("Fly", _MANOEUVRES),
-        CardSection("Log", advised.advice("")),
-        CardSection("Setpoints", (advised.setpoints,)),
-    )
-
-
 WORDS = Words(
     title="Vertical motion",
     model="vertical_motion",
-    meanings={
-        Status.IDENTIFIED: "the viscous friction is identified, within its interval.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight does not identify the viscous friction.",
-    },
+    identified="the viscous friction is identified, within its interval.",
+    refused="the flight does not identify the viscous friction.",
     fly=FLY,
     limits="inside the window and below the largest tilt",
     limited_by="tilt, window and gaps",
     loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
     no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
-    advice=vertical_card,
+    advice=partial(flight_card, fly=_MANOEUVRES),
 )
 
 # -- Select --
