@@ -151,8 +151,8 @@ class SystematicPart:
 
     quantities: tuple[str, ...]
     counts: Counts
-    #: From the inputs and the quantity's name to the part below and above; zeros for none
-    size: Callable[[VerdictInputs, str], tuple[float, float]]
+    #: From the inputs and the quantity's name to the part below and above, or to both alike; zero for none
+    size: Callable[[VerdictInputs, str], tuple[float, float] | float]
     sentence: Callable[[VerdictInputs], str]
 
 
@@ -214,7 +214,7 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
     return SystematicPart(
         quantities,
         counts,
-        lambda inputs, _: (inputs.command_slack_s, inputs.command_slack_s),
+        lambda inputs, _: inputs.command_slack_s,
         lambda inputs: (
             "The log does not show how often its command was issued: the lag may be "
             f"{1e3 * inputs.command_slack_s:.2g} ms longer or shorter than the data say."
@@ -224,14 +224,10 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
 
 def half_hold_part(quantities: tuple[str, ...]) -> SystematicPart:
     """Row of commands that may have been issued anywhere between those that are logged."""
-
-    def half_s(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
-        return inputs.half_hold_s, inputs.half_hold_s
-
     return SystematicPart(
         quantities,
         Counts.ADDED,
-        half_s,
+        lambda inputs, _: inputs.half_hold_s,
         lambda inputs: (
             f"The command is logged at {inputs.command_rate_hz:.3g} Hz, which lacks some that were issued: "
             f"the lag may be {1e3 * inputs.half_hold_s:.2g} ms longer or shorter."
@@ -248,7 +244,9 @@ def systematic_uncertainties(
         for name in part.quantities:
             if name not in inputs.quantities:
                 continue
-            below, above = part.size(inputs, name)
+            size = part.size(inputs, name)
+            # of what is not known there is no part
+            below, above = size if isinstance(size, tuple) else 2 * (size if math.isfinite(size) else 0.0,)
             if below > 0.0 or above > 0.0:
                 item = SystematicUncertainty(part.counts, below, above, part.sentence(inputs))
                 results[name] = (*results.get(name, ()), item)

@@ -32,7 +32,6 @@ from eivor.flights.verdict import (
     Limit,
     Rule,
     SystematicPart,
-    VerdictInputs,
     below_zero_rule,
     clock_part,
     disagreement_part,
@@ -260,23 +259,16 @@ ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or n
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 
 
-def _by_rotors(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    size = ROTOR_SHARE * abs(inputs.quantities[name].value)
-    return size, size
-
-
 PARTS = (
     disagreement_part(
         (*LAGS, *(item.name for axis in AXES for item in (axis.effectiveness, axis.damping, axis.reaction)))
     ),
     clock_part(LAGS),
-    SystematicPart(
-        LAGS, Counts.ADDED, lambda *_: (ROTOR_LAG_S, ROTOR_LAG_S), lambda _: f"{ROTORS}lag by 1 ms."
-    ),
+    SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, lambda _: f"{ROTORS}lag by 1 ms."),
     SystematicPart(
         tuple(axis.effectiveness.name for axis in AXES),
         Counts.ADDED,
-        _by_rotors,
+        lambda inputs, name: ROTOR_SHARE * abs(inputs.quantities[name].value),
         lambda _: f"{ROTORS}effectiveness by 2 %.",
     ),
 )

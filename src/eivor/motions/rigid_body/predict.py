@@ -28,16 +28,10 @@ from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
 from eivor.motions.rigid_body.regression import RotorStates, usual_state
 from eivor.motions.rigid_body.terms import (
-    ALL_DRAG_MOMENTS,
-    COUPLING,
-    DAMPING,
     DRAG,
     GAIN,
-    GYROSCOPIC_MOMENT,
-    LIFT,
-    LIFT_MOMENT,
-    OFFSET,
     QUADRATIC_DRAG,
+    REACTION,
     TERMS,
     THRUST,
     TURNING,
@@ -110,6 +104,22 @@ class LoggedState:
 # -- State propagation --
 
 
+def kinematics(
+    body: Float[np.ndarray, "13 starts"],
+    velocity: Float[np.ndarray, "3 starts"],
+    rates: Float[np.ndarray, "3 starts"],
+) -> Float[np.ndarray, "13 starts"]:
+    """Rate of change of states whose velocity and rates change so."""
+    w, x, y, z, p, q, r = body[6:BODY]
+    attitude = (
+        -(x * p + y * q + z * r),
+        w * p + y * r - z * q,
+        w * q + z * p - x * r,
+        w * r + x * q - y * p,
+    )
+    return np.concatenate([body[3:6], velocity, 0.5 * np.stack(attitude), rates])
+
+
 @dataclass(frozen=True)
 class StatePropagator:
     """Rates of change of a body's state at the samples of a flight."""
@@ -125,22 +135,14 @@ class StatePropagator:
         self, body: Float[np.ndarray, "13 starts"], now: Int[np.ndarray, " starts"]
     ) -> Float[np.ndarray, "13 starts"]:
         """Rate of change of states side by side at samples, driven by what the rotors do there."""
-        w, x, y, z, p, q, r = body[6:BODY]
-        rows = rotation(w, x, y, z)
-        rotors = RotorSums(self._states[:, now], self._states[:, now], r)  # of what answers no thrust counts
+        rows, states = rotation(*body[6:10]), self._states[:, now]
+        rotors = RotorSums(states, states, states[6])  # of what answers neither thrust nor spin-up counts
         force = self._of_terms(self._motion(body, rows, rotors), driving=False) + self._forces[:, now]
-        change = np.zeros_like(body)
-        change[0:3] = body[3:6]
+        velocity = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
-            for row, (a, b, c) in enumerate(rows):
-                change[3 + row] = a * force[3] + b * force[4] + c * force[5]
-            change[5] -= GRAVITY
-        change[6] = -0.5 * (x * p + y * q + z * r)
-        change[7] = 0.5 * (w * p + y * r - z * q)
-        change[8] = 0.5 * (w * q + z * p - x * r)
-        change[9] = 0.5 * (w * r + x * q - y * p)
-        change[10:13] = force[:3] * np.array(self.turns)[:, None]
-        return change
+            velocity = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
+            velocity[2] -= GRAVITY
+        return kinematics(body, velocity, force[:3] * np.array(self.turns)[:, None])
 
     def _motion(
         self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple], rotors: RotorSums
@@ -186,17 +188,7 @@ class StatePropagator:
 # -- Multi-step prediction --
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
-SMALL = (
-    *COUPLING,
-    *DAMPING,
-    *DRAG,
-    *QUADRATIC_DRAG,
-    LIFT,
-    *LIFT_MOMENT,
-    *OFFSET,
-    *GYROSCOPIC_MOMENT,
-    *ALL_DRAG_MOMENTS,
-)
+SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, REACTION, THRUST))
 #: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together or not
 #: at all.
 WITH_DRAG = {item.name: drag.name for item, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
@@ -310,7 +302,8 @@ def _of_flight(
     for name, model in models.items():
         body = StatePropagator(logged, vehicle, model.values, starts, what.turns, what.lifts)
         states[name] = model.words, starts.propagate(started, body)
-    states[UNCHANGED] = (STAYS, _unchanged(started, starts))
+    still = np.zeros((3, starts.samples.size))
+    states[UNCHANGED] = STAYS, starts.propagate(started, lambda body, _: kinematics(body, still, still))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
     return tuple(
         _error(name, words, quantity, predicted, measured, what.placed)
@@ -318,27 +311,6 @@ def _of_flight(
         if quantity not in what.omitted
         for name, (words, predicted) in states.items()
     )
-
-
-def _unchanged(
-    started: Float[np.ndarray, "13 starts"], starts: Starts
-) -> Float[np.ndarray, "horizons 13 starts"]:
-    """States of a body whose velocity and rates are those at the start."""
-    result = np.repeat(started[None], len(starts.steps), axis=0)
-    w, x, y, z = started[6:10]
-    speed = np.sqrt((started[10:13] ** 2).sum(axis=0))
-    axis = started[10:13] / np.where(speed > 0.0, speed, 1.0)
-    for number, step in enumerate(starts.steps):
-        horizon_s = step * starts.step_s
-        result[number, :3] += horizon_s * started[3:6]
-        c, (a, b, d) = np.cos(0.5 * speed * horizon_s), axis * np.sin(0.5 * speed * horizon_s)
-        result[number, 6:10] = (
-            w * c - x * a - y * b - z * d,
-            x * c + w * a + y * d - z * b,
-            y * c + w * b + z * a - x * d,
-            z * c + w * d + x * b - y * a,
-        )
-    return result
 
 
 def _error(

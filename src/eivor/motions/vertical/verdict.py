@@ -142,18 +142,7 @@ CLEAR_INTERCEPT = 0.4
 #: Smaller shares of a quantity are not worth a sentence.
 LEAST_SHARE = 0.002
 
-NOTHING = 0.0, 0.0
 _TILTS = tuple(tilt.name for tilt in TILTS.values())
-
-
-def _both(size: float) -> tuple[float, float]:
-    """A part to both sides; none where it is not known."""
-    return (size, size) if math.isfinite(size) else NOTHING
-
-
-def _estimator(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
-    measured = all("velocity" in flight.measured for flight in inputs.flights)
-    return NOTHING if measured else (ESTIMATOR_FRICTION, 0.0)
 
 
 def _difference(inputs: VerdictInputs, name: str) -> Difference | None:
@@ -181,40 +170,30 @@ def _size(inputs: VerdictInputs, name: str) -> float:
     return difference.half_width if inputs.corrected(name) else abs(difference.value)
 
 
-def _lag_offset(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
-    size = _size(inputs, OFFSET.name)
-    return _both(size) if inputs.corrected(OFFSET.name) else (size, 0.0)
-
-
-def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    return _both(_size(inputs, OFFSET.name) * inputs.checks.sensitivities.to(OFFSET.name, name))
-
-
-def _scale(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+def _scale(inputs: VerdictInputs, name: str) -> tuple[float, float] | float:
     both = _size(inputs, SCALE.name) * abs(inputs.quantities[name].value)
     difference = _difference(inputs, SCALE.name)
     if difference is None or inputs.corrected(SCALE.name) or name != FRICTION:
-        return _both(both)
+        return both
     return (0.0, both) if difference.value > 0.0 else (both, 0.0)
 
 
-def _measured_tilt(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+def _measured_tilt(inputs: VerdictInputs, name: str) -> float:
     """Tilts that are there and were not taken out, all to one side."""
     left = [tilt for tilt in _TILTS if not inputs.corrected(tilt)]
     return _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in left})
 
 
-def _unknown_tilt(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+def _unknown_tilt(inputs: VerdictInputs, name: str) -> float:
     """Tilts that may be there: as far as they are not known."""
     known = {} if inputs.sensors is None else inputs.sensors.differences
     widths = {tilt: known[tilt].half_width if tilt in known else TILT_UNKNOWN for tilt in _TILTS}
     return _tilt(inputs, name, {tilt: min(width, TILT_UNKNOWN) for tilt, width in widths.items()})
 
 
-def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> tuple[float, float]:
+def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float:
     sensitivities = inputs.checks.sensitivities
-    parts = (size * sensitivities.to(tilt, name) for tilt, size in sizes.items())
-    return _both(TILT_FACTOR * math.hypot(*parts))
+    return TILT_FACTOR * math.hypot(*(size * sensitivities.to(tilt, name) for tilt, size in sizes.items()))
 
 
 def _measured_tilt_sentence(inputs: VerdictInputs) -> str:
@@ -222,21 +201,21 @@ def _measured_tilt_sentence(inputs: VerdictInputs) -> str:
     return " ".join(_sensor_sentence(tilt)(inputs) for tilt in left if _difference(inputs, tilt) is not None)
 
 
-def _slow_command(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    slow = inputs.command_rate_hz < SLOW_COMMAND_HZ
-    late_s = inputs.half_hold_s if slow else inputs.command_slack_s
-    return _both(late_s * inputs.checks.sensitivities.to(OFFSET.name, name))
+def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
+    """What an offset in time between the sensors, or of the command, does."""
+    sensitivity: float = inputs.checks.sensitivities.to(OFFSET.name, name)
+    return size_s * sensitivity
+
+
+def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
+    return share * abs(inputs.quantities[name].value)
 
 
 def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     gain, intercept = inputs.quantities[name].value, inputs.quantities["intercept"].value
     left = 1.0 - intercept / GRAVITY  # g / U_h over K_u is one over this
-    if not left > 0.0:
-        return NOTHING
-    away = gain / left - gain
-    if abs(away) < LEAST_SHARE * abs(gain):
-        return NOTHING
-    return max(-away, 0.0), max(away, 0.0)
+    away = gain / left - gain if left > 0.0 else 0.0
+    return (max(-away, 0.0), max(away, 0.0)) if abs(away) >= LEAST_SHARE * abs(gain) else (0.0, 0.0)
 
 
 def _secant_sentence(inputs: VerdictInputs) -> str:
@@ -255,35 +234,28 @@ def _secant_sentence(inputs: VerdictInputs) -> str:
     )
 
 
-def _crossflow(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    share = CROSSFLOW * (inputs.checks.sideways_speed / CROSSFLOW_SPEED) ** 2
-    return _both(share * abs(inputs.quantities[name].value))
-
-
-def _supply(share: float) -> Callable[[VerdictInputs, str], tuple[float, float]]:
-    def size(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-        if name == HOVER and inputs.checks.drift is not None:
-            return NOTHING  # the line in time is the same change, and known closer
-        return _both(share * inputs.checks.omitted.supply_change * abs(inputs.quantities[name].value))
+def _supply(share: float) -> Callable[[VerdictInputs, str], float]:
+    def size(inputs: VerdictInputs, name: str) -> float:
+        # the line in time is the same change of the hover input, and known closer
+        known = name == HOVER and inputs.checks.drift is not None
+        return 0.0 if known else _by_share(inputs, name, share * inputs.checks.omitted.supply_change)
 
     return size
 
 
-def _drift(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+def _drift(inputs: VerdictInputs, name: str) -> float:
     """A quarter of what the hover input changes by in a flight: the mean distance from its middle."""
     drift = inputs.checks.drift
-    if drift is None:
-        return NOTHING
-    share = 0.25 * abs(drift.hover_change) / max(len(inputs.flights), 1)
-    return _both(share * inputs.quantities[name].value) if share > LEAST_SHARE else NOTHING
+    share = 0.0 if drift is None else 0.25 * abs(drift.hover_change) / max(len(inputs.flights), 1)
+    return share * inputs.quantities[name].value if share > LEAST_SHARE else 0.0
 
 
-def _periodic(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
+def _periodic(inputs: VerdictInputs, _name: str) -> float:
     swing = inputs.swing
     if swing is None:
-        return NOTHING
-    T = inputs.used_s
-    return _both(swing.amplitude / math.sqrt(2.0) * inputs.checks.velocity.coherent(1.0 / swing.period, T))
+        return 0.0
+    friction: float = inputs.checks.velocity.coherent(1.0 / swing.period, inputs.used_s)
+    return swing.amplitude / math.sqrt(2.0) * friction
 
 
 def _periodic_sentence(inputs: VerdictInputs) -> str:
@@ -303,7 +275,10 @@ PARTS = (
     SystematicPart(
         (FRICTION,),
         Counts.ADDED,
-        _estimator,
+        lambda inputs, _: (
+            0.0 if all("velocity" in flight.measured for flight in inputs.flights) else ESTIMATOR_FRICTION,
+            0.0,
+        ),
         lambda _: (
             "The velocity is not declared as measured: the dynamics of an estimator may be "
             f"{ESTIMATOR_FRICTION:g} 1/s of the friction."
@@ -316,21 +291,40 @@ PARTS = (
         _unknown_tilt,
         lambda _: "The tilt between attitude and accelerometer is not known better: sideways motion enters.",
     ),
-    SystematicPart((FRICTION, GAIN), Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
-    SystematicPart(SEARCHED, Counts.ADDED, _lag_offset, _sensor_sentence(OFFSET.name)),
+    SystematicPart(
+        (FRICTION, GAIN),
+        Counts.ADDED,
+        lambda inputs, name: _by_offset(inputs, name, _size(inputs, OFFSET.name)),
+        _sensor_sentence(OFFSET.name),
+    ),
+    SystematicPart(
+        SEARCHED,
+        Counts.ADDED,
+        lambda inputs, _: (
+            _size(inputs, OFFSET.name),
+            _size(inputs, OFFSET.name) if inputs.corrected(OFFSET.name) else 0.0,
+        ),
+        _sensor_sentence(OFFSET.name),
+    ),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
     SystematicPart(
         (FRICTION, GAIN),
         Counts.ADDED,
-        _slow_command,
+        lambda inputs, name: _by_offset(
+            inputs,
+            name,
+            inputs.half_hold_s if inputs.command_rate_hz < SLOW_COMMAND_HZ else inputs.command_slack_s,
+        ),
         lambda inputs: f"The command is logged at {inputs.command_rate_hz:.0f} Hz: its edges are not known.",
     ),
     SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
     SystematicPart(
         (GAIN,),
         Counts.ADDED,
-        _crossflow,
+        lambda inputs, name: _by_share(
+            inputs, name, CROSSFLOW * (inputs.checks.sideways_speed / CROSSFLOW_SPEED) ** 2
+        ),
         lambda inputs: (
             f"The vehicle flew sideways at {inputs.checks.sideways_speed:.1f} m/s (rms): rotors give another "
             "thrust in air that crosses them."
@@ -350,7 +344,7 @@ PARTS = (
     SystematicPart(
         (HOVER,),
         Counts.AT_LEAST,
-        lambda inputs, name: _both(max(HOVER_FLOOR * inputs.quantities[name].value, 0.0)),
+        lambda inputs, name: max(HOVER_FLOOR * inputs.quantities[name].value, 0.0),
         lambda _: (
             "Valid for this flight's conditions (wind, height, speed, battery, temperature): the interval is "
             f"at least ±{HOVER_FLOOR:.1%} wide."
@@ -447,10 +441,6 @@ def _at_end_of_delays(inputs: VerdictInputs) -> bool:
 
 #: A delay that is known less closely is not separated from the lag [s].
 DELAY_HALF_WIDTH_S = 0.02
-
-
-def _wide_delay(inputs: VerdictInputs) -> bool:
-    return inputs.quantities[DELAY.name].half_width >= DELAY_HALF_WIDTH_S
 
 
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
@@ -605,7 +595,7 @@ RULES = (
     ),
     Rule(
         (DELAY.name,),
-        _wide_delay,
+        lambda inputs: inputs.quantities[DELAY.name].half_width >= DELAY_HALF_WIDTH_S,
         Status.WEAK,
         lambda _: "The flight does not separate the delay from the lag.",
         QUICKER,
