@@ -264,18 +264,3 @@ def test_scipy_does_not_load_them():
         f"print([name for name in {WITHIN!r} if name in sys.modules])"
     )
     assert printed(code) == "[]"
-
-
-def test_they_are_whole_when_they_are_used():
-    code = (
-        "import sys\n"
-        "from eivor.__main__ import load_late\n"
-        "load_late()\n"
-        "import numpy as np, scipy.linalg\n"
-        "from numpy.testing import assert_allclose\n"
-        "assert_allclose(1.0, 1.0)\n"
-        "import numpy.f2py\n"
-        "print(callable(np.f2py.get_include), np.testing.assert_allclose is assert_allclose,"
-        f" [name for name in {WITHIN!r} if name not in sys.modules])"
-    )
-    assert printed(code) == "True True []"

@@ -354,23 +354,6 @@ def test_nothing_is_changed_by_a_parameter_of_zero(name):
     assert result.method == f"{name}_tikhonov"
 
 
-def test_intervals_cover_although_the_estimate_is_biased():
-    """By intervals of the spread alone hardly one in two would."""
-    covered, narrow, runs = 0, 0, 120
-    for run in range(runs):
-        rng = np.random.default_rng([6, run])
-        X = rng.standard_normal((60, 2))
-        rows = ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(60), regressors=X)
-        covariance = ev.identify(rows, M.regularised(M.least_squares(), parameter=0.1))
-        covariance = covariance.with_covariance(ev.covariances.Classical())
-        low, high = covariance.interval("theta_2")
-        covered += low <= 2.0 <= high
-        error = covariance.std_error("theta_2") ** 2 - covariance.solution.shrinkage.shift[1] ** 2
-        narrow += abs(covariance.parameters["theta_2"] - 2.0) <= 1.96 * np.sqrt(error)
-    assert narrow < 0.85 * runs
-    assert covered > 0.91 * runs
-
-
 def test_towards_the_estimate_of_another_method():
     """All the way it is that estimate; the input's gain of a white input is then that of least squares."""
     made, least = problem_of(7), M.least_squares()

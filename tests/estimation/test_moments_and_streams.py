@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 import eivor as ev
 from eivor.errors import ChannelMapError, EstimationError, InputError, TooFewSamplesError, UsageError
 from eivor.estimation.moments import CrossMoments, TriangularMoments
-from eivor.estimation.unknown_noise import RECORD_OVER_LAG, long_memory_covariance
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.linalg import AugmentedLeastSquares
 
@@ -272,18 +271,3 @@ def told(signals, method, of_input=1.0, of_motion=1.0):
 def test_units_change_nothing(signals, method, of_input, of_motion):
     in_others = told(signals, method, of_input, of_motion)
     np.testing.assert_allclose(in_others, told(signals, method), rtol=1e-6 if method in SOUGHT else 1e-8)
-
-
-def test_it_is_the_sum_over_lags():
-    rng = np.random.default_rng(1)
-    g, e = rng.standard_normal((40, 2)), rng.standard_normal(40)
-    most = 40 // RECORD_OVER_LAG
-    naive = np.zeros((2, 2))
-    for lag in range(-most, most + 1):
-        both = [(t + lag, t) for t in range(40) if 0 <= t + lag < 40]
-        of_g = sum(np.outer(g[t], g[s]) for t, s in both)
-        of_e = sum(e[t] * e[s] for t, s in both)
-        prediction = sum(g[t] * e[s] for t, s in both)
-        behind = sum(g[s] * e[t] for t, s in both)
-        naive += (1.0 - abs(lag) / (most + 1.0)) * (of_g * of_e + np.outer(prediction, behind)) / 40
-    np.testing.assert_allclose(long_memory_covariance(g, e), naive, rtol=1e-12)

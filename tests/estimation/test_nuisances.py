@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -294,20 +293,6 @@ def over(box, function):
     """Values of a function of one array for each variable, at the points of a box."""
     mesh = np.meshgrid(*box, indexing="ij")
     return np.asarray(function(*mesh), dtype=np.float64).ravel()
-
-
-@pytest.mark.parametrize("axes", [2, 3, 4])
-def test_a_narrow_valley_across_the_axes_is_followed(axes):
-    """The grid's least is some of its steps away from the least between them."""
-    least = np.array([0.31, 0.62, 0.45, 0.55])[:axes]
-
-    def valley(*values):
-        away = [value - item for value, item in zip(values, least, strict=True)]
-        across = sum((a - b) ** 2 for a, b in pairwise(away))
-        return sum(away) ** 2 + 400.0 * across
-
-    result = argmin(lambda box: over(box, valley), [np.linspace(0.0, 1.0, 5)] * axes)
-    np.testing.assert_allclose(result, least, atol=1e-4)
 
 
 def test_of_two_valleys_the_deeper_one_is_searched():

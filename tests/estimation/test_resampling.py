@@ -98,24 +98,6 @@ def test_the_seed_decides_and_is_told() -> None:
     assert given.seed is None
 
 
-@pytest.mark.thorough
-def test_the_spread_of_independent_rows_is_the_robust_standard_error() -> None:
-    """Block length one: White's heteroskedasticity-robust covariance, but for the chance of the runs."""
-    random = np.random.default_rng(12)
-    x = random.normal(size=2000)
-    Phi = np.column_stack([np.ones(2000), x])
-    y = Phi @ [1.0, 0.5] + random.normal(size=2000) * (0.5 + np.abs(x))
-    problem = regression(response=y, regressors=Phi)
-    result = bootstrap(problem, methods.least_squares(), runs=600, block_length=1, seed=1)
-    e = y - Phi @ result.values
-    bread = np.linalg.inv(Phi.T @ Phi)
-    robust = np.sqrt(np.diag(bread @ (Phi.T * e**2) @ Phi @ bread))
-    assert result.std_errors == pytest.approx(robust, rel=1e-3)
-    assert [result.std_error(name) for name in result.names] == pytest.approx(robust, rel=0.1)
-    assert result.pieces == 2000
-    assert result.block_length == 1.0
-
-
 def test_intervals_of_every_kind_are_their_formulas() -> None:
     result = bootstrap(rows_of(np.arange(ROWS), compensated=True), methods.generalized_iv(), runs=199, seed=2)
     value, column = result.values[0], result.replicates[:, 0]

@@ -229,25 +229,6 @@ def test_profile_does_not_depend_on_a_monotone_scale():
     assert high - low == pytest.approx(np.ptp(reached), rel=0.01)
 
 
-@pytest.mark.parametrize("noise", [0.05, 1.0])
-def test_derived_quantity_is_profiled_when_it_bends(noise):
-    fit = fit_of(noise)
-    low, high = fit.interval("a")
-    derived = ev.derived(fit, lambda p: float(np.exp(3.0 * p["a"])))
-    assert derived.profiled == (noise == 1.0)
-    assert derived.value == pytest.approx(np.exp(3.0 * fit.parameters["a"]))
-    assert derived.std_error == pytest.approx(3.0 * derived.value * fit.std_error("a"), rel=1e-4)
-    wanted = (np.exp(3.0 * low), np.exp(3.0 * high)) if derived.profiled else None
-    if wanted:
-        assert derived.interval == pytest.approx(wanted, rel=1e-6)
-    else:
-        half = derived.value * 1.5 * (high - low)
-        assert derived.interval == pytest.approx((derived.value - half, derived.value + half), rel=1e-4)
-    linear = ev.derived(fit, lambda p: p["a"] - 2.0 * p["b"])
-    assert not linear.profiled
-    assert linear.bend < 1e-9
-
-
 def test_what_cannot_be_derived_is_refused():
     fit = fit_of(4.0)
     with pytest.raises(UsageError, match="finite within the interval; received"):

@@ -52,13 +52,6 @@ def plain(report: FleetReport) -> str:
     return " ".join(captured.get().split())
 
 
-def of_hover(table: pl.DataFrame, value: np.ndarray, error: float) -> pl.DataFrame:
-    """Table with other hover inputs, of one standard error as a share of them."""
-    reach = 1.96 * error * value
-    numbers = {"value": value, "std_error": error * value, "low": value - reach, "high": value + reach}
-    return table.with_columns(pl.Series(f"{HOVER}.{part}", number) for part, number in numbers.items())
-
-
 def at(table: pl.DataFrame, column: str, rows: dict[int, object]) -> pl.DataFrame:
     """Table with a column changed in some rows."""
     values = table[column].to_list()
@@ -131,18 +124,6 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     assert "A log without a vehicle id stands alone under its own name" in text
 
 
-def test_a_share_above_its_bound_is_left_out_and_another_unit_has_no_bound() -> None:
-    table = fleet_rows(FleetSpec(vehicles=1, flights=6))
-    value = np.array([0.5, 0.52, 1.4, 0.48, 0.51, 0.49])
-    report = reported(FleetSpec(), of_hover(table, value, 0.05))
-    assert of(report, HOVER)["pooled"].to_list() == [5]
-    assert report.omitted.filter(quantity=HOVER)["reason"].to_list() == ["not below 1, the largest share"]
-    speeds = reported(FleetSpec(), of_hover(table, 1000.0 * value, 0.05))  # of rotors, in rad/s
-    (identified,) = of(speeds, HOVER).rows(named=True)
-    assert identified["pooled"] == 6
-    assert identified["low"] < 600.0 < identified["high"]
-
-
 def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
     """Voltage that hardly varies: its slope is what was expected, 1 +- 1 of the gain; density is told."""
     spec = FleetSpec(vehicles=4, flights=12, weather=0.05, battery=1e-4, seed=2)
@@ -173,17 +154,6 @@ def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
     assert identified["step_flight_first"] <= 18 <= identified["step_flight_last"]
     assert identified["step_low"] < -0.15 < identified["step_high"] < 0.0
     assert identified["step_start"] == fleet_rows(spec)["start"][int(identified["step_flight"]) - 1]
-
-
-def test_covariates_come_first_and_are_told():
-    spec = FleetSpec(vehicles=8, flights=30, weather=0.05, battery=0.05, seed=2)
-    report = reported(spec)
-    slopes = report.covariates.filter(pl.col("quantity") == GAIN).rows(named=True)
-    for slope, power in zip(slopes, (1.0, 1.5), strict=True):
-        assert slope["slope"] == pytest.approx(power, abs=3 * slope["std_error"])
-        assert slope["std_error"] < 0.15
-    unknown = fleet_rows(spec).drop("air_density", "battery_voltage")
-    assert not reported(spec, unknown).covariates.height
 
 
 def test_covariates_of_any_name_are_taken_out() -> None:

@@ -11,7 +11,7 @@ import pytest
 import scipy
 import scipy.linalg
 import scipy.stats
-from flight_logs import FRICTION, LAG_S, changed, flown
+from flight_logs import FRICTION, LAG_S, flown
 from scipy import stats
 
 import eivor as ev
@@ -298,49 +298,6 @@ def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencie
     narrow = result.interval(K, 0.9)
     assert result.interval(K) == quantity.interval
     assert low < narrow[0] < narrow[1] < high
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.thorough
-def test_other_levels_of_a_set_are_not_read_back(two_frequencies, gusty, tmp_path):
-    for log in (two_frequencies, gusty):
-        result = ev.identify_flight(log)
-        path = tmp_path / "fit.json"
-        path.write_text(result.to_json())
-        saved = ev.load_fit(path)
-        assert saved.interval(K) == result.interval(K)
-        if log is gusty:
-            assert saved.interval(K, 0.9) == pytest.approx(result.interval(K, 0.9))
-            continue
-        with pytest.raises(UsageError, match="a set for weak instruments"):
-            saved.interval(K, 0.9)
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.thorough
-def test_strong_instruments_keep_the_interval_about_the_estimate(gusty):
-    result = ev.identify_flight(gusty)
-    quantity, wald = result.quantities[K], result.fit.sets[K].wald.hull
-    assert wald == result.estimate.interval(K)
-    assert quantity.interval == quantity.widened(wald)
-    assert quantity.interval[0] < wald[0] < wald[1] < quantity.interval[1]
-    fields = json.loads(result.to_json())["parameters"][K]
-    assert fields["sets"]["wald"] == [list(wald)]
-    assert fields["interval"] == list(quantity.interval)
-    assert list(fields["sets"]) == ["wald", "profile", "anderson_rubin"]
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_a_measured_state_has_no_lag_to_go_over(gusty):
-    command = gusty.channels["rotor_command_1"]
-    measured = changed(
-        gusty, "rotor_command_1", rotor_speed_1=replace(command, name="rotor_speed_1", held=False)
-    )
-    result = ev.identify_flight(measured)
-    sets = result.fit.sets[K]
-    assert sets.profile.is_bounded
-    assert sets.profile.contains(result.quantities[K].value)
-    assert sets.profile.length == pytest.approx(sets.wald.length, rel=0.5)
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

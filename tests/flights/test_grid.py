@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import GAIN, changed, flown, prepare_vertical, recording
 from flight_logs import STEP_S as EXCURSIONS_STEP_S
 from flight_logs import STEP_S as FRAMES_STEP_S
+from flight_logs import changed, flown, prepare_vertical, recording
 from flight_logs import channel as channel_airborne
 from flight_logs import channel as channel_frames
 from hypothesis import given
@@ -424,13 +424,3 @@ def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
     for name, quantity in was.quantities.items():
         assert flight.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
         assert flight.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
-    # the tilt is made up: the cosine of those samples is wrong, and would be seen in the gain
-    excursions = [(1.0 + i, 1.2 + i) for i in range(18)]
-    quantity = identify_flight(tilting(log, *excursions)).quantities["input_gain"]
-    assert abs(quantity.value - GAIN) < 3.0 * quantity.std_error
-    assert quantity.half_width < 0.1 * GAIN

@@ -91,18 +91,6 @@ def test_without_a_declared_noise_it_says_what_to_do(log):
     assert "--noise estimate" in sentence
 
 
-@pytest.mark.thorough
-def test_generalized_iv_by_references_needs_no_noise_and_by_past_inputs_is_provisional(log):
-    by_references = ev.identify_flight(log, method="generalized_iv")
-    friction = by_references.quantities["viscous_friction"]
-    assert friction.interval[0] < FRICTION < friction.interval[1]
-    by_inputs = ev.identify_flight(log, method="generalized_iv", instruments=("lags",))
-    assert by_inputs.verdict.status.value in ("provisional", "refused")
-    assert any(
-        sentence.startswith("Past inputs are the instruments") for sentence in by_inputs.verdict.sentences
-    )
-
-
 @pytest.mark.parametrize(
     ("noise", "words"),
     [

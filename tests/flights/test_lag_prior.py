@@ -82,26 +82,6 @@ def test_a_given_lag_is_one_unknown_less(monkeypatch):
 
 
 @pytest.mark.thorough
-def test_bounds_are_a_uniform_prior(log):
-    """Bounds that say more than the flight; wider ones only cut what it says."""
-    alone, between, wide = (
-        ev.identify_flight(log, lag=lag) for lag in (None, ev.Bounds(0.042, 0.06), ev.Bounds(0.03, 0.08))
-    )
-    known = [ev.identify_flight(log, lag=ev.Bounds(lag_s, lag_s)) for lag_s in (0.042, 0.051, 0.06)]
-    for name in ("viscous_friction", "input_gain", "intercept"):
-        low, high = between.quantities[name].interval
-        assert low <= min(item.parameters[name] for item in known)
-        assert high >= max(item.parameters[name] for item in known)
-        assert wide.quantities[name].interval == alone.quantities[name].interval
-    assert known[1].parameters["effective_lag"] == pytest.approx(0.051, abs=1e-3)
-    lag = between.quantities["effective_lag"]
-    assert 0.042 <= lag.value <= 0.06
-    assert lag.half_width <= 1.96 * 0.009 / np.sqrt(3.0)
-    assert wide.quantities["effective_lag"].interval[0] >= 0.03
-    assert wide.quantities["effective_lag"].half_width <= alone.quantities["effective_lag"].half_width
-
-
-@pytest.mark.thorough
 def test_neither_lag_nor_delay_is_searched():
     good = flown(seconds=15.0)[0]
     none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))

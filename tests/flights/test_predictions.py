@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, GAIN, HOVER, LAG_S, flown, prepare_vertical
+from flight_logs import FRICTION, GAIN, LAG_S, flown, prepare_vertical
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.estimation.methods import by_name, identify
 from eivor.flights.motion import HorizonErrors, MultiStepPrediction, Starts, multi_step_predictions, starts_of
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
@@ -50,19 +49,6 @@ def test_the_truth_predicts(problem):
     one_step, open_loop = left(problem, TRUTH)
     assert one_step < 0.02
     assert open_loop < 0.005
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_the_simpler_models_come_from_the_same_flight(problem):
-    simple_models = Vertical().abilities.prediction.simple_models(
-        problem, identify(problem, by_name("least_squares"))
-    )
-    assert set(simple_models) == {"least_squares", "hover"}
-    hover = simple_models["hover"].values
-    assert hover["viscous_friction"] == hover["actuator_lag"] == hover["delay"] == 0.0
-    assert hover["input_gain"] == pytest.approx(9.80665 / HOVER**2, rel=0.01)
-    assert simple_models["least_squares"].values["actuator_lag"] == 0.0
-    assert left(problem, simple_models["least_squares"].values)[0] < left(problem, hover)[0]
 
 
 def error(model: str, quantity: str, size: float) -> HorizonErrors:

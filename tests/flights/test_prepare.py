@@ -9,13 +9,12 @@ import pytest
 from flight_logs import STEP_S, changed, channel, flown, prepare_vertical
 
 from eivor.errors import InputError, MissingChannelError, UsageError
-from eivor.flights.grid import MARGIN_S, MEMORY_S, Grid, curve_between, line_between
+from eivor.flights.grid import Grid, curve_between, line_between
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import triangle_mean
-from eivor.models.separable import LaggedInputs
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.motion import Vertical, vertical_flight
+from eivor.motions.vertical.motion import vertical_flight
 from eivor.signals.recording import Channel, Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
@@ -353,23 +352,3 @@ def test_a_jump_of_the_clock_costs_what_a_pause_costs():
     for name, quantity in paused.quantities.items():
         # stamps of a million seconds are rounded to a tenth of a nanosecond
         assert jumped.quantities[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std_error)
-
-
-@pytest.mark.thorough
-def test_only_the_samples_used_are_searched():
-    log = flown(seconds=30.0)[0]
-    prepared = prepare_vertical(log, FlightOptions(window=(20.0, 24.0)))
-    short = prepared.shortened
-    assert prepared.signals.sample_count == 3000
-    assert short.signals.sample_count == pytest.approx((4.0 + MEMORY_S + MARGIN_S) / STEP_S, abs=2)
-    assert short.used_s == prepared.used_s
-    np.testing.assert_array_equal(short.grid.time_s[short.used], prepared.grid.time_s[prepared.used])
-    np.testing.assert_array_equal(short.used_input, prepared.used_input)
-    motion = Vertical()
-    for item in ({"actuator_lag": 0.3, "delay": 0.04}, {"actuator_lag": 0.02, "delay": 0.0}):
-        whole, cut = (
-            motion.problem((flight,), LaggedInputs(1, 20)).rows(item) for flight in (prepared, short)
-        )
-        for name in ("response", "regressors", "instruments"):
-            was = getattr(whole, name)
-            np.testing.assert_allclose(getattr(cut, name), was, rtol=0.0, atol=1e-10 * np.abs(was).max())

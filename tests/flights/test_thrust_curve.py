@@ -95,19 +95,6 @@ def test_what_was_found_is_told_and_can_be_typed(log):
 
 
 @pytest.mark.thorough
-def test_the_curve_rests_on_the_accelerometer_s_bias(log):
-    flight = commanded(log, Power(1.5), thrust=False)
-    curves = [
-        ev.identify_flight(flight, input_map="fit", accelerometer_bias=bias).quantities["thrust_curve"]
-        for bias in (0.05, 0.5)
-    ]
-    widths = [curve.half_width for curve in curves]
-    assert widths[1] > 1.5 * widths[0]
-    # half a m/s^2, two standard deviations, of 9.8 m/s^2
-    assert widths[1] == pytest.approx(1.5 * 1.96 * 0.5 / 9.81, rel=0.5)
-
-
-@pytest.mark.thorough
 def test_curvature_alone_is_refused_when_it_cannot_tell(log):
     identify_flight = ev.identify_flight(
         commanded(log, Power(1.5), thrust=False), input_map="fit", accelerometer_bias=math.inf

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.bootstrap import BlockScheme, autocovariance, automatic_block_length, block_plan
+from eivor.inference.bootstrap import BlockScheme, autocovariance, automatic_block_length
 from eivor.inference.covariance import ByRow
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.products import Products, block_edges, products_of_rows
@@ -72,15 +72,6 @@ def test_what_is_not_in_the_table_is_not_made_up():
         small + table()
     with pytest.raises(UsageError, match="received products of 2 instruments"):
         small + replace(small, sums=small.sums[:, : P - 1], tested=P - 1)
-
-
-@pytest.mark.thorough
-def test_on_the_circle_every_row_is_drawn_equally_often() -> None:
-    plan, random, runs = block_plan(60, 6.0), np.random.default_rng(3), 4_000
-    counts = np.zeros(60)
-    for _ in range(runs):
-        counts += np.bincount(plan.rows_of(plan.drawn(random)), minlength=60)
-    assert np.abs(counts / runs - 1.0).max() < 5.0 / np.sqrt(runs)
 
 
 def test_autocovariance_is_its_formula() -> None:

@@ -55,17 +55,6 @@ def test_statsmodels_ljung_box():
     assert whiteness.p_value == pytest.approx(float(peer["lb_pvalue"].iloc[0]), rel=1e-6)
 
 
-@pytest.mark.thorough
-def test_size_of_the_whiteness_test():
-    runs = 1500
-    e = np.random.default_rng(2).standard_normal((runs, 400))
-    results = [residual_whiteness(item) for item in e]
-    rejected = sum(result.p_value < 0.05 for result in results)
-    assert stats.binom.ppf(1e-4, runs, 0.045) <= rejected <= stats.binom.ppf(1.0 - 1e-4, runs, 0.065)
-    outside = sum(result.outside for result in results)
-    assert abs(outside / (20 * runs) - 0.05) < 0.005
-
-
 def test_a_residual_of_zeros_or_of_few_samples_is_white():
     assert residual_whiteness(np.zeros(100)).p_value == 1.0
     assert residual_whiteness(np.zeros(100)).durbin_watson == 2.0

@@ -11,22 +11,13 @@ import pytest
 from dataflash_writer import flight_log, simulated
 from scipy.io import savemat
 
-from eivor.errors import (
-    ChannelMapError,
-    EivorError,
-    EmptyLogError,
-    LogTooLargeError,
-    MissingReaderError,
-    UsageError,
-)
-from eivor.flights import prepare
+from eivor.errors import ChannelMapError, EivorError, EmptyLogError, LogTooLargeError, MissingReaderError
 from eivor.flights.grid import upward
 from eivor.logs import common, read_log
 from eivor.logs.common import KeptChannels
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash import messages as places_of_messages
 from eivor.logs.table import columnar
-from eivor.motions.identify import identify_flight
 from eivor.signals.recording import Channel, Frame, Recording
 
 
@@ -117,25 +108,6 @@ def test_a_part_of_a_long_log_is_its_samples_and_what_is_in_force(tmp_path, monk
     thin = made.part(*made.span_s, 0.05)
     assert 20.0 <= thin.channels["input"].rate_hz < 30.0
     assert thin.channels["reference_position_z"].rate_hz == pytest.approx(10.0, rel=0.05)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-def test_a_window_of_a_long_log_is_identified_alike(tmp_path, monkeypatch):
-    monkeypatch.setattr(prepare, "BESIDE_S", 9.0)
-    whole, made = long_log(tmp_path, monkeypatch)
-    fits = [identify_flight(log, window=(10.0, 25.0)) for log in (whole, made)]
-    assert fits[1].prepared[0].grid.count < fits[0].prepared[0].grid.count
-    assert [finding.name for finding in fits[1].findings] == [finding.name for finding in fits[0].findings]
-    for name, quantity in fits[0].quantities.items():
-        # the grid begins elsewhere, so that a run may have a sample more or less, and an interval, which is a
-        # union over delays, one delay more or less
-        item = fits[1].quantities[name]
-        if np.isfinite(quantity.std_error):
-            assert abs(item.value - quantity.value) <= 0.1 * quantity.std_error, name
-            assert item.interval[0] < quantity.value < item.interval[1]
-    with pytest.raises(UsageError, match=r"spans 0\.00 to 29\.99 s"):
-        identify_flight(made, window=(40.0, 50.0))
 
 
 def limited(begin, limit):

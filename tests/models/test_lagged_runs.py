@@ -171,19 +171,6 @@ def test_every_parameter_has_a_column():
         problem.rows(AT)
 
 
-@pytest.mark.parametrize("length", [300, 301, 1000, 6000, 6001])
-@pytest.mark.parametrize("step_s", [0.01, 0.005, 0.1])
-def test_band_keeps_every_frequency_inside_and_none_outside(length, step_s):
-    run = SpectralRun(0, length, step_s, (0.04, 5.0))
-    every = np.fft.rfftfreq(length, step_s)
-    low = max(0.04, 1.5 / (length * step_s))
-    # The Nyquist bin of an even length is real: it has no imaginary row.
-    nyquist = 0.5 / step_s
-    inside = (every >= low * (1 - 1e-12)) & (every <= 5.0 * (1 + 1e-12)) & (every < nyquist * (1 - 1e-12))
-    np.testing.assert_allclose(run.frequency_hz, every[inside], rtol=1e-12)
-    assert run.count == inside.sum()
-
-
 @pytest.mark.parametrize(("seconds", "degree"), [(14.9, 0), (15.0, 1), (40.0, 1)])
 def test_long_runs_lose_a_line_in_time_and_short_ones_a_constant(seconds, degree):
     """Thrust of one command falls during a flight, for any weights and in rows of either kind."""

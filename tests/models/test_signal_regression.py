@@ -13,7 +13,7 @@ from eivor.errors import MissingChannelError, MissingNoiseError, TooFewSamplesEr
 from eivor.models.regression import Column, Equation, Parameter, lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise, fractional_difference
+from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
 
 NAMES = ("velocity_z", "specific_force_z", "input", "cos_tilt")
@@ -193,29 +193,6 @@ def test_shared_noise_is_the_mean_over_the_rows_that_are_used(order, offset, mas
         regressor_noise_covariance, naive_shared(columns, columns, signals, 3, rows), rtol=1e-9, atol=1e-14
     )
     np.testing.assert_allclose(regressor_noise_covariance, regressor_noise_covariance.T, rtol=1e-12)
-
-
-def test_shared_noise_is_what_noise_really_adds_to_the_products():
-    count, runs = 40, 4000
-    rng = np.random.default_rng(12)
-    noise = FractionalNoise(0.5, -0.4)
-    gain = rng.uniform(0.5, 1.0, count)
-    columns = (Column("input"), Column("input", 2, 3.0, "cos_tilt"))
-    quiet = {name: np.zeros(count) for name in ("input", "velocity_z", "specific_force_z")}
-    signals = Signals(5.0, {**quiet, "cos_tilt": gain}, noise={"input": noise})
-    equation = Equation(Column("specific_force_z"), tuple((Parameter(c.name), c) for c in columns))
-    problem = SignalRegression(signals, equation, lags("input", 0, 4))
-    drawn = fractional_difference(0.5 * rng.standard_normal((count, runs)), -0.4)
-    sums = []
-    for instrument in range(5):
-        psi = drawn[4 - instrument : count - instrument]
-        both = (drawn[4:], 3.0 * gain[4:, None] * drawn[2 : count - 2])
-        sums.extend((psi * phi).mean(axis=0) for phi in both)
-    products = np.array(sums)
-    error = products.std(axis=1) / np.sqrt(runs)
-    expected = problem.instrument_noise_covariance()[:, :2].ravel()
-    # Ten means within four and a half standard errors.
-    assert np.all(np.abs(products.mean(axis=1) - expected) < 4.5 * error)
 
 
 def test_noise_is_never_assumed_to_be_zero():

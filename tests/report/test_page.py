@@ -23,7 +23,7 @@ from eivor.motions.identify import identify_flight
 from eivor.report.document import Cell, Document, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
-from eivor.report.html import own, rendered
+from eivor.report.html import rendered
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 
@@ -237,37 +237,6 @@ def test_what_is_vendored_is_the_release(name):
     for file, digest in release["sha256"].items():
         assert hashlib.sha256((folder / file).read_bytes()).hexdigest() == digest
     assert "MIT" in (folder / release["licence"]).read_text(encoding="utf-8")
-
-
-def luminance(colour: str) -> float:
-    shares = [int(colour[item : item + 2], 16) / 255.0 for item in (1, 3, 5)]
-    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(first: str, other: str) -> float:
-    """Ratio of WCAG 2.2, 1.4.3."""
-    low, high = sorted((luminance(first), luminance(other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def test_words_stand_out_from_their_paper_in_both_themes():
-    style = own("page.css")
-    themes = [
-        dict(re.findall(r"--([\w-]+): (#\w{6})", block))
-        for block in re.findall(r"\{([^{}]*--paper:[^{}]*)\}", style)
-    ]
-    assert len(themes) == 3
-    assert themes[1] == themes[2]
-    for theme in themes[:2]:
-        for status in (item.value for item in Status):
-            for ink in ("ink", "soft", status):
-                assert contrast(theme[ink], theme[f"{status}-paper"]) >= 4.5
-            assert contrast(theme[status], theme["paper"]) >= 4.5
-        for ink in ("ink", "soft", "accent"):
-            assert contrast(theme[ink], theme["paper"]) >= 4.5
-        for look in ("measured", "predicted", "residual", "second", "third", "fourth", "edge"):
-            assert contrast(theme[look], theme["paper"]) >= 3.0
 
 
 def chart(time_s: np.ndarray, values: np.ndarray) -> Chart:

@@ -229,13 +229,3 @@ def test_choices_are_those_that_there_are():
     for entries in known.values():
         assert all(entry["name"] and entry["words"] for entry in entries)
     assert [item["needs"] for item in work["plans"] if item["name"] == "qgc"] == [["home"]]
-
-
-@pytest.mark.usefixtures("coarse_search")
-@pytest.mark.thorough
-def test_several_logs_are_pooled_and_told_apart(tmp_path, content):
-    other = content + content.splitlines(keepends=True)[-1].replace(b"29.99", b"30.00", 1)
-    outcome, _ = identified(tmp_path, {"a.csv": content, "b.csv": other})
-    assert outcome is None
-    path = json.loads((tmp_path / "result.json").read_bytes())
-    assert [item["name"] for item in path["logs"]] == ["a.csv", "b.csv"]

@@ -124,19 +124,6 @@ def test_windows_are_cut_to_the_span_or_refused(window):
             interval_within(window, span)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_signals_convert_and_leave_their_arrays_alone():
-    whole, single = np.arange(5), np.linspace(0.0, 1.0, 5, dtype=np.float32)
-    single[2] = np.nan
-    before = single.copy()
-    mask = [True, True, False, True, True]
-    signals = Signals(2.0, {"input": whole, "velocity_z": single}, valid=mask)
-    assert [signals.channel(name).dtype for name in ("input", "velocity_z")] == [np.float64, np.float64]
-    np.testing.assert_array_equal(single, before)
-    assert signals.valid.tolist() == mask
-    assert (signals.step_s, signals.sample_count) == (0.5, 5)
-
-
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
 def test_signals_refuse_rates_that_are_none(rate):
     with pytest.raises(NonFiniteError, match=r"Expected a positive rate in Hz; received rate_hz="):

@@ -247,36 +247,6 @@ def test_unknown_shipped_scenario():
         shipped_scenario("rihc")
 
 
-#: RMSE of least squares in per cent, K and K_u: reference errors over the bound times the bound, 200 runs
-#: (method page, section 10).
-REFERENCE = {
-    "v": (9.1 * 0.674, 8.0 * 0.547),
-    "rich": (5.3 * 0.565, 7.0 * 0.150),
-    "rich-high": (11 * 2.05, 14 * 0.750),
-    "rich-dynamic": (4.4 * 1.58, 3.7 * 0.833),
-    "white": (6.3 * 1.29, 4.2 * 0.246),
-}
-
-
-@pytest.mark.parametrize("name", REFERENCE)
-def test_least_squares_errs_as_the_reference_says(name):
-    """Least squares is biased by the noises, so that its error tells their sizes and shapes apart."""
-    runs = 60
-    scenario = shipped_scenario(name)
-    errors = np.empty((runs, 2))
-    for run, stream in enumerate(np.random.default_rng(17).spawn(runs)):
-        channels = simulate(scenario, stream).signals.channels
-        rows = np.column_stack([-channels["velocity_z"], channels["input"]])
-        theta = np.linalg.lstsq(rows, channels["acceleration_z"], rcond=None)[0]
-        errors[run] = 100.0 * (theta / [0.293, 0.021] - 1.0)
-    squares = errors**2
-    rmse = np.sqrt(squares.mean(axis=0))
-    error = squares.std(axis=0) / (2.0 * rmse)
-    # Three standard errors of the difference, and half a unit of the printed digit (at most 5 %).
-    allowed = 3.0 * error * np.sqrt(1 / runs + 1 / 200) + 0.03 * rmse
-    assert np.all(np.abs(rmse - REFERENCE[name]) < allowed), (rmse, REFERENCE[name], allowed)
-
-
 SEEDS = 14
 #: The bounds are crossed by chance once in a thousand sets of seeds.
 CHANCE = 1e-3

@@ -15,9 +15,7 @@ from typer.testing import CliRunner, Result
 import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import ParameterError
-from eivor.lab import figures
 from eivor.lab.disturbances import Arma
-from eivor.lab.paper import named_readings, run_paper
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import read_study, shipped_scenario
 from eivor.lab.study import MethodScore, run_study, scores
@@ -25,19 +23,12 @@ from eivor.process_pool import LocalProcesses
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.excitation import Disturbance, WhiteDisturbance
 from eivor.tools import Float
-from validation.paper.page import page_parts
 
 SMALL = ("paper", "--runs", "3", "--workers", "1")
 
 
 def eivor(*arguments: str) -> Result:
     return CliRunner().invoke(app, list(arguments))
-
-
-@pytest.fixture(scope="module")
-def two_readings() -> list[figures.PaperResult]:
-    chosen = named_readings(("ratios-of-variances", "white-input"))
-    return list(run_paper(chosen, runs=3, workers=1))
 
 
 def test_tables_have_measured_beside_printed():
@@ -48,22 +39,6 @@ def test_tables_have_measured_beside_printed():
     assert "none" in run.output  # two delayed inputs have no total least squares solution
     assert "No reading gives the printed tables." in run.output
     assert max(map(len, run.output.splitlines())) <= 80
-
-
-@pytest.mark.thorough
-def test_weak_instruments_are_told(two_readings):
-    run = eivor(*SMALL, "--readings", "white-input")
-    text = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."
-    assert " ".join(run.output.split()).count(text) == 2
-    assert max(map(len, run.output.splitlines())) <= 80
-    assert text not in " ".join(eivor(*SMALL, "--readings", "ratios-of-variances").output.split())
-    document = figures.paper_document(two_readings, seconds=1.0)
-    counts = [
-        item["methods"]["extended_iv"]["weak"] for part in document["readings"] for item in part["examples"]
-    ]
-    assert counts == [0, 0, 3, 3]
-    page = page_parts(two_readings)["example 1"]
-    assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
 
 
 @pytest.mark.parametrize(

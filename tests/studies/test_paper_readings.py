@@ -23,7 +23,6 @@ from eivor.lab.paper import (
     PaperReading,
     PaperResult,
     estimates,
-    integrated_height,
     named_readings,
     nearness,
     nrmse,
@@ -32,7 +31,6 @@ from eivor.lab.paper import (
     run_together,
     trial_generator,
 )
-from eivor.lab.records import Intersample
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import FractionalNoise
@@ -129,20 +127,6 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals).theta[-2]
     far = np.abs(result["generalized_iv"] / shared - 1.0).max()
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
-
-
-@pytest.mark.parametrize("intersample", list(Intersample))
-def test_height_is_the_integral_of_velocity(intersample):
-    """Against the trapezoidal rule on a smooth input, whose error is small."""
-    t = 0.2 * np.arange(4000)
-    drive = np.sin(0.02 * t)
-    K, K_u = TRUTH.values()
-    w = 0.02
-    velocity = K_u * (K * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-K * t)) / (K**2 + w**2)
-    height = integrated_height(velocity, drive, intersample=intersample)
-    expected = np.concatenate([[0.0], np.cumsum(0.1 * (velocity[1:] + velocity[:-1]))])
-    tolerance = 2e-2 if intersample is Intersample.HOLD else 1e-4
-    assert np.abs(height - expected).max() < tolerance * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(

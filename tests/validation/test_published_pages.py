@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import polars as pl
@@ -18,12 +17,11 @@ from validation.flight_recipe.trials import published_grid, read_trial_table
 from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
 from validation.paper.claims import claims_suite, claims_tables
 from validation.studies import read_as, read_rows
-from validation.suite_files import Suite, coverage_suite, read_suite
+from validation.suite_files import Suite, coverage_suite
 from validation.unknown_noise import study as unknown_noise
 
 DOCS = Path(__file__).parents[2] / "docs"
 STUDIES = DOCS / "studies"
-SUITES = Path(__file__).parents[2] / "validation" / "efficiency"
 
 
 def part_of(page: str, part: str) -> str:
@@ -81,20 +79,6 @@ def test_coverage_is_as_required_and_need_not_be(coverage):
     assert "rich, viscous_friction 0.900" in each.measured
     always = coverage_requirements(coverage.with_columns(pl.col("count").alias("hits")))
     assert [item.met for item in always] == [False, False, False]
-
-
-def test_suites_of_parts_have_the_records_of_the_whole_suite():
-    whole = {(item.scenario, item.samples): item.study for item in efficiency.efficiency_suite().studies}
-    held, quick = (
-        {(item.scenario, item.samples): item.study for item in read_suite(SUITES / name).studies}
-        for name in ("held.toml", "quick.toml")
-    )
-    assert set(held) == {(a, b) for a in efficiency.HELD for b in efficiency.OVER_BOUND}
-    assert all(study == whole[key] for key, study in held.items())
-    assert quick.keys() == whole.keys()
-    for key, study in quick.items():
-        assert study == dataclasses.replace(whole[key], methods=study.methods)
-        assert set(study.methods) < set(whole[key].methods)
 
 
 def test_pages_have_every_row_of_their_grids():

@@ -46,18 +46,6 @@ def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> Sam
     return SampledMotion(record, scenario.viscous_friction, scenario.input_gain, blend)
 
 
-def test_without_noise_only_the_transient_is_left() -> None:
-    motion = motion_of(Intersample.HOLD, 0.0)
-    first, second = motion.residuals()
-    assert np.abs(first).max() < 1e-12
-    shape = motion.memory
-    t = (shape.conj() * second).real.sum() / (np.abs(shape) ** 2).sum()
-    assert np.abs(second - t * shape).max() < 1e-10 * np.abs(second).max()
-    assert abs(t) > 1e-6
-    left = motion.whole(np.array([t]), motion.nuisance_shapes(ramps=False))
-    assert np.abs(left[1]).max() < 1e-10 * np.abs(second).max()
-
-
 def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
     """Residuals of simulated noises have the spectrum of the model, within chance."""
     motion, count = motion_of(Intersample.HOLD, 0.0, 4001), 4001
@@ -113,17 +101,6 @@ def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
     messages = [finding.message for finding in result.findings if finding.name == "fitted_noise"]
     assert len(messages) == 1
     assert "per root of Hz, at 1 Hz" in messages[0]
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.thorough
-def test_a_likelihood_under_control_is_provisional_at_most() -> None:
-    result = identified("whittle_ml")
-    assert result.verdict.status is Status.PROVISIONAL
-    assert result.fit is not None
-    assert result.fit.estimate.method == "whittle_ml"
-    low, high = result.quantities["viscous_friction"].interval
-    assert low < FRICTION < high
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -304,17 +304,6 @@ def test_thrust_maps_have_constants_of_their_own():
             assert parameters[name].estimate.unit == unit
 
 
-@pytest.mark.thorough
-def test_the_widest_covariance_and_every_candidate_count():
-    values = combinations_of(QUADROTOR)
-    errors, other = with_errors(values, 0.01), with_errors({n: 1.1 * v for n, v in values.items()}, 0.02)
-    both = Combinations(errors.names, (*errors.candidates, *other.candidates))
-    known = known_of(QUADROTOR)
-    tolds = [physical_parameters(item, known)["drag_x"].estimate for item in (errors, other, both)]
-    assert tolds[2].value == tolds[0].value
-    assert tolds[2].interval == pytest.approx((tolds[0].interval[0], tolds[1].interval[1]))
-
-
 def test_wrong_calls_are_told():
     with pytest.raises(ShapeError, match="of 2 combinations"):
         Combinations.of_values({"a": 1.0, "b": 2.0}, np.eye(3))

@@ -14,9 +14,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
-from eivor.lab.disturbances import Arma
 from eivor.lab.scenario_files import shipped_rigid_body_flight
-from eivor.motions.identify import identify_flight
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
@@ -25,53 +23,18 @@ from eivor.report.terminal import on_terminal
 from eivor.report.validation import validation_document
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
-from eivor.simulation.excitation import Multisine
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, Sensors, TorqueDisturbance
+from eivor.simulation.rigid_body_spec import Sensors
 
 BASE = shipped_rigid_body_flight("crazyflie")
 #: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.
 GYRO_HZ, FORCE_HZ, DELAY_S = 80.0, 30.0, 0.004
-DECAY = float(np.exp(-1.0 / (BASE.rate_hz * 0.3)))
-SHOVES = TorqueDisturbance(*[Arma(4.0 * float(np.sqrt(1.0 - DECAY**2)), (DECAY,))] * 3)
-SWEPT = AxisExcitations(*[Multisine(0.05, 0.3, 8.0)] * 3)
-
-
-def spec(seed: int, **changes: object) -> RigidBodyFlightSpec:
-    sensors = replace(
-        BASE.sensors,
-        angular_rate=replace(BASE.sensors.angular_rate, cutoff_hz=GYRO_HZ),
-        specific_force=replace(BASE.sensors.specific_force, cutoff_hz=FORCE_HZ),
-    )
-    vehicle = replace(BASE.vehicle, rotors=replace(BASE.vehicle.rotors, delay=DELAY_S))
-    controller = replace(BASE.controller, quickness=2.0, derivative_share=1.0)
-    made = replace(BASE, vehicle=vehicle, sensors=sensors, controller=controller, seed=seed, injection=SWEPT)
-    return replace(made, torque_disturbance=SHOVES, **changes)
 
 
 def motion(**known: float) -> RigidBody:
     rotors = BASE.vehicle.rotors
     positions = tuple((x, y) for x, y, _ in rotors.positions)
     return RigidBody(KnownVehicle("simulated", positions, rotors.spins, **known))
-
-
-def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
-    flights = [flight for item in specs for flight in simulate_rigid_body_flights([item])]
-    assert all(flight.flew for flight in flights)
-    return flights
-
-
-@pytest.mark.thorough
-def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_misses():
-    (flight,) = flown(spec(2))
-    truth = flight.truth.parameters.torque_gains
-    known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)
-    reported = identify_flight(flight.recording, model=known)
-    missed = identify_flight(flight.recording, model=known, method="least_squares")
-    for name, gain in zip(("roll_gain", "pitch_gain"), truth, strict=False):
-        assert reported.quantities[name].value == pytest.approx(gain, rel=0.05)
-        assert missed.quantities[name].value != pytest.approx(gain, rel=0.1)
-    assert reported.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
 
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))

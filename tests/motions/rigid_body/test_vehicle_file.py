@@ -73,19 +73,6 @@ def test_rotors_one_by_one(loaded, spins):
     assert vehicle.arm_scale == KnownNumber(1.0, 0.02)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_layouts_turn_as_their_mixers_mix(layout):
-    """Columns of roll, pitch, yaw and thrust at right angles, and neighbours that spin against each other."""
-    for rotors in LAYOUTS[layout].values():
-        x, y, spin = np.array(rotors).T
-        mixer = np.array([y, -x, spin, np.ones(4)])
-        products = mixer @ mixer.T
-        np.testing.assert_allclose(products, np.diag(np.diag(products)), atol=1e-12)
-        np.testing.assert_allclose(np.hypot(x, y), 1.0)
-        around = spin[np.argsort(np.arctan2(y, x))]
-        assert np.all(around[1:] == -around[:-1])
-
-
 @pytest.mark.parametrize(
     ("numbering", "mixed"),
     [  # signs of (roll right, pitch nose down, yaw left) of each motor in the autopilots' own tables

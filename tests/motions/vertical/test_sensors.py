@@ -21,7 +21,6 @@ from eivor.motions.vertical.misspecification import (
     either_sentence,
     omitted_terms,
     omitted_variable_tests,
-    sensitivities,
     sensor_agreement_sentence,
     sentence,
 )
@@ -331,27 +330,3 @@ def test_what_is_missed_has_a_name_and_a_size():
     assert by_ground.missed("ground_effect")
     assert by_ground.supply_change == 0.0
     assert not OmittedTerms({"supply": Difference(0.01, 0.001)}).missed("supply")
-
-
-def test_a_tilt_moves_the_estimate_as_its_sensitivity_says(log):
-    """Two routes: a flight whose acceleration leans, and the sensitivity at the flight that does not."""
-    like, method = log.channels["velocity_z"], reference_iv()
-    v = 2.0 * log.channels["reference_velocity_z"].values
-    away = [replace(like, name=f"velocity_{axis}", values=part) for axis, part in (("x", v), ("y", 0.0 * v))]
-
-    def estimated(lean):
-        force = log.channels["specific_force_z"]
-        leaning = replace(force, values=force.values + lean * np.gradient(v, STEP_S))
-        climbing = replace(like, values=like.values + lean * v)
-        flights = (prepare(changed(log, leaning, climbing, *away), VERTICAL, FlightOptions()),)
-        problem = VERTICAL.problem(flights, instruments(flights, FlightOptions(), method).rule)
-        estimate = identify(problem, method)
-        return sensitivities(problem, estimate, flights), estimate.parameters
-
-    lean = 0.1
-    (known, level), (_, leaning) = estimated(0.0), estimated(lean)
-    moved = leaning["input_gain"] - level["input_gain"]
-    assert moved == pytest.approx(lean * known.to("tilt_x", "input_gain"), rel=0.3)
-    # the velocity leans here as well; with the acceleration alone the friction would grow as the gain does
-    grown = 2.0 * level["viscous_friction"]
-    assert known.to("tilt_x", "viscous_friction") == pytest.approx(grown, rel=0.05)

@@ -198,25 +198,6 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         validate(fit_of(reported), high_up)
 
 
-@pytest.mark.thorough
-def test_flights_of_a_pool_share_a_term_and_the_voltage_that_the_gain_belongs_to():
-    logs = []
-    for seed, full in ((5, 16.0), (6, 15.0)):
-        item = flown(seconds=20.0, seed=seed)[0]
-        volts = full * sagging(item)
-        logs.append(
-            commanded(
-                with_channel(replace(item, name=f"{seed}"), "battery_voltage", volts),
-                lambda U, volts=volts: U / (volts / 15.5) ** 2,
-            )
-        )
-    fit = identify_flight(logs, terms=("voltage",))
-    assert fit.motion.mean_voltage == pytest.approx(15.5, abs=0.02)
-    assert near(fit.quantities["voltage_exponent"], 2.0)
-    assert near(fit.quantities["input_gain"], GAIN)
-    assert len({row.quantities["voltage_exponent"].value for row in fit.by_flight}) == 1
-
-
 def test_without_instruments_terms_are_provisional(log):
     fit = identify_flight(log, terms=("quadratic-drag",), method="least_squares")
     assert fit.quantities["quadratic_drag"].verdict.value == "provisional"
