@@ -119,7 +119,7 @@ class Rotors:
     """
 
     positions: tuple[tuple[float, ...], ...]  # From the centre of mass, forward, left, up [m]
-    #: +1 where the reaction torque on the body points up: it turns clockwise as seen from above; else -1
+    # +1 where the reaction torque on the body points up: it turns clockwise as seen from above; else -1
     spins: tuple[int, ...]
     highest_speed: float  # Commands above it are cut off [rad/s]
     thrust_quadratic: float  # c2 [N/(rad/s)^2]
@@ -520,10 +520,10 @@ class Vehicle:
     """A rigid body that flies on rotors."""
 
     mass: float  # With everything on board [kg]
-    #: About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz, and Ixy, Ixz, Iyz of the matrix
+    # About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz, and Ixy, Ixz, Iyz of the matrix
     inertia: tuple[float, ...]
-    rotors: Rotors
-    drag: BodyDrag = field(default_factory=BodyDrag)
+    rotors: Rotors  # What drives it
+    drag: BodyDrag = field(default_factory=BodyDrag)  # What the air does to the body
 
     def __post_init__(self) -> None:
         positive("mass", self.mass)
