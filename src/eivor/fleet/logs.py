@@ -140,11 +140,6 @@ LINES, GIVEN_LIST_TABLE, PATH_COLUMN = ".txt", ".csv", "path"
 HEADER_BYTES = 1 << 16
 
 
-def is_list(path: Path) -> bool:
-    """Whether a file is a list of logs, and not a log itself; raises OSError where it cannot be opened."""
-    return path.suffix.lower() == LINES or _delimiter(path) != ""
-
-
 def listed(path: Path) -> Generator[Log, None, None]:
     """Logs of a list, in its order; their paths are from its folder."""
     rows = _lines(path) if path.suffix.lower() == LINES else _rows(path, _delimiter(path))
@@ -222,19 +217,15 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
             with os.scandir(path) as entries:
                 for entry in entries:
                     name = f"{inside}/{entry.name}" if inside else entry.name
-                    if not _is_folder(entry):
+                    is_folder = False
+                    with suppress(OSError):  # what cannot be identified is a file
+                        is_folder = entry.is_dir()  # or a link to one
+                    if not is_folder:
                         yield str(path / entry.name), name
                     elif not entry.is_symlink():
                         waiting.append(name)
         except OSError as error:
             note(error)
-
-
-def _is_folder(entry: os.DirEntry[str]) -> bool:
-    """Whether it is a folder or a link to one; what cannot be identified is a file."""
-    with suppress(OSError):
-        return entry.is_dir()
-    return False
 
 
 # -- Search for logs --
@@ -261,7 +252,8 @@ def logs_found(given: str) -> LogsFound:
             return _among_folder(path)
         if path.is_file():
             one = [named_log(str(path), path.name)]
-            return LogsFound(_logs_of_list(path) if is_list(path) else LogList.of(one), 0)
+            is_list = path.suffix.lower() == LINES or _delimiter(path) != ""
+            return LogsFound(_logs_of_list(path) if is_list else LogList.of(one), 0)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
@@ -335,32 +327,18 @@ def _parts_of_folder(folder: Path) -> FolderParts:
 
 def is_log(path: Path) -> bool:
     """Whether a file is a log: its name ends like one's, or a reader knows its content."""
-    if path.name.lower().endswith(
-        (*FURTHER_ENDINGS, *(end for log_format in log_formats() for end in log_format.endings))
-    ):
+    endings = (end for log_format in log_formats() for end in log_format.endings)
+    if path.name.lower().endswith((*FURTHER_ENDINGS, *endings)):
         return True
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False
         result = format_at(path)
+        if result.name == "csv":
+            fitting_map(open_csv(path).names, path.name)  # refuses what is no log
     except (OSError, EivorError):
         return False
-    return result.is_read and (result.name != "csv" or _is_known_table(path))
-
-
-def _is_known_table(path: Path) -> bool:
-    try:
-        fitting_map(_columns(path), path.name)
-    except EivorError:
-        return False
-    return True
-
-
-def _columns(path: Path) -> tuple[str, ...]:
-    try:
-        return open_csv(path).names
-    except EivorError:
-        return ()
+    return result.is_read
 
 
 def _logs_of_list(path: Path) -> LogList:

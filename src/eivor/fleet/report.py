@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -39,6 +39,7 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
+    table,
 )
 from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
@@ -57,13 +58,9 @@ MOST = 20
 FAR = 20.0
 
 
-def titled(wording: QuantitySpec) -> str:
-    """Words, symbol and unit of a quantity."""
-    return f"{wording.words} {wording.symbol}{_in_unit(wording)}"
-
-
-def _in_unit(wording: QuantitySpec) -> str:
-    return f" [{wording.shown_unit}]" if wording.shown_unit else ""
+def symbol_of(wording: QuantitySpec) -> str:
+    """Symbol and unit of a quantity."""
+    return f"{wording.symbol} [{wording.shown_unit}]" if wording.shown_unit else wording.symbol
 
 
 def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
@@ -93,21 +90,6 @@ def mean_text(row: Row, wording: QuantitySpec) -> tuple[str, str]:
 
 def _is_of_one_flight(row: Row) -> bool:
     return all(row.get(name) is not None for name in ONLY)
-
-
-def mean_footnote(rows: Sequence[Row]) -> Iterator[str]:
-    """Return what the mark of `mean_text` means, where there is one."""
-    if any(map(_is_of_one_flight, rows)):
-        yield "† of its only flight: how much flights differ is not in it."
-
-
-def singles_told(report: FleetReport) -> Iterator[str]:
-    """Return what is done with logs that have no vehicle, where there are any."""
-    if report.flights[SINGLE].any():
-        yield (
-            "A log without a vehicle id stands alone under its own name, and counts for no type. "
-            "eivor fleet run --vehicle-from says which vehicle each log is of."
-        )
 
 
 def _two_digits(number: float) -> str:
@@ -190,12 +172,11 @@ def report_differences(report: FleetReport) -> list[str]:
 
 def report_omitted(report: FleetReport) -> list[str]:
     """Return what was left out, and why."""
-    selected = []
-    for row in report.omitted.iter_rows(named=True):
-        words = report.motion.quantities[row["quantity"]].words
-        flights = "1 flight" if row["flights"] == 1 else f"{row['flights']} flights"
-        selected.append(f"{words}: {flights}; {row['reason']}.")
-    return selected
+    return [
+        f"{report.motion.quantities[row['quantity']].words}: {row['flights']} "
+        f"{'flight' if row['flights'] == 1 else 'flights'}; {row['reason']}."
+        for row in report.omitted.iter_rows(named=True)
+    ]
 
 
 def report_covariates(report: FleetReport) -> list[str]:
@@ -285,7 +266,14 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
         yield Section("By type", (_members(report, types, "vehicle"), *few))
     vehicle_rows = _displayed(report.vehicles)
     vehicles = list(vehicle_rows.iter_rows(named=True))
-    notes = [*few_footnote(vehicles, "flights"), *mean_footnote(vehicles), *singles_told(report)]
+    notes = list(few_footnote(vehicles, "flights"))
+    if any(map(_is_of_one_flight, vehicles)):
+        notes.append("† of its only flight: how much flights differ is not in it.")
+    if report.flights[SINGLE].any():
+        notes.append(
+            "A log without a vehicle id stands alone under its own name, and counts for no type. "
+            "eivor fleet run --vehicle-from says which vehicle each log is of."
+        )
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         firsts = "those that change or differ first; the JSON has all."
         notes.append(f"{MOST_VEHICLES} of {count} vehicles, {firsts}")
@@ -299,9 +287,8 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     yield from section("Taken out before changes were sought", Bullets, report_covariates(report))
 
 
-def _notes(notes: Iterator[str] | list[str]) -> tuple[Bullets, ...]:
-    note_texts = tuple(notes)
-    return (Bullets(note_texts),) if note_texts else ()
+def _notes(notes: Iterable[str]) -> tuple[Bullets, ...]:
+    return (Bullets(texts),) if (texts := tuple(notes)) else ()
 
 
 def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
@@ -329,16 +316,16 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
         wording = report.motion.quantities[row["quantity"]]
         name = linked(row["name"], row["sha256"], links or {})
         value = Cell(*interval_text(row, wording, ("value", "low", "high")))
-        expected = Cell(f"{row['expected'] * wording.scale:.4g}")
-        cells.append((name, Cell(row["vehicle"]), Cell(titled(wording)), value, expected))
+        expected = f"{row['expected'] * wording.scale:.4g}"
+        cells.append((name, row["vehicle"], f"{wording.words} {symbol_of(wording)}", value, expected))
     columns = (
         TableColumn("flight", strong=True),
-        TableColumn("vehicle"),
-        TableColumn("quantity"),
+        "vehicle",
+        "quantity",
         TableColumn("value", right=True, whole=True, below=Tone.FAINT),
         TableColumn("the others", right=True, whole=True),
     )
-    yield TableOf(columns, tuple(cells))
+    yield table(columns, cells)
     if report.deviating.height > MOST:
         yield Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
 
@@ -346,9 +333,9 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
 def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
     """Types of vehicles, or vehicles of flights; each is named in the first of its rows."""
     key = ("type",) if of == "vehicle" else VEHICLE
-    columns = [
+    columns: list[str | TableColumn] = [
         TableColumn(key[-1], strong=True),
-        TableColumn("quantity"),
+        "quantity",
         TableColumn("mean", right=True, whole=True, below=Tone.FAINT),
         TableColumn("between", right=True, whole=True, below=Tone.FAINT),
         TableColumn(f"next {of}", right=True, whole=True),
@@ -364,16 +351,16 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
         member = tuple(row[name] for name in key)
         omitted = f"{row['left_out']} left out" if row.get("left_out") else ""
         line = (
-            Cell("" if member in seen else member[-1]),
-            Cell(titled(wording)),
+            "" if member in seen else member[-1],
+            f"{wording.words} {symbol_of(wording)}",
             Cell(*mean_text(row, wording)),
             Cell(*between_text(row, across, wording)),
-            Cell(next_text(row, wording)),
+            next_text(row, wording),
             Cell(f"{row['pooled']}", omitted),
         )
-        cells.append((*line, Cell(row["course"])) if of == "flight" else line)
+        cells.append((*line, row["course"]) if of == "flight" else line)
         seen.add(member)
-    return TableOf(tuple(columns), tuple(cells))
+    return table(columns, cells)
 
 
 # -- JSON fleet --
@@ -494,7 +481,7 @@ def _line(
     numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
     value, low, high = (wording.scale * number.to_numpy() for number in numbers)
     flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
-    symbol = f"{wording.symbol}{_in_unit(wording)}"
+    symbol = symbol_of(wording)
     table = number_table(
         ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
