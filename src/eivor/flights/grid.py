@@ -403,14 +403,3 @@ class _TurnedChannels(MadeChannels):
 def _turned(channel: Channel) -> Channel:
     known = canonical_channel(channel.name)
     return replace(channel, values=-channel.values) if known is not None and known.flipped else channel
-
-
-# -- Noise level --
-
-
-def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
-    """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples."""
-    if values.size < 4:
-        return 0.0
-    third = np.diff(values, n=3)
-    return float(np.median(np.abs(third)) / 0.6744897501960817 / np.sqrt(20.0))

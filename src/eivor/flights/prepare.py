@@ -191,8 +191,6 @@ def _gridded(
     return channels, good
 
 
-# -- Overview --
-
 #: Distance of samples [s]: shorter than what begins or ends a flight, and than that of slow telemetry.
 OVERVIEW_STEP_S = 0.05
 
@@ -263,9 +261,6 @@ def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Mo
     if len(levels) == 2 and max(levels) > LARGEST_INPUT_RATIO * min(levels):
         return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""
-
-
-# -- Terms --
 
 
 def check_options(motion: Motion[Any], options: FlightOptions) -> None:

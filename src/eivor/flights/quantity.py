@@ -15,8 +15,6 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import Prior, Values
 from eivor.tools import Float
 
-# -- Covariates across flights --
-
 
 @dataclass(frozen=True, slots=True)
 class Covariate:
@@ -38,7 +36,7 @@ class AcrossFlights:
     identified_by: tuple[str, ...] = ()
 
 
-# -- Allowance --
+# -- Systematic uncertainties --
 
 Interval = tuple[float, float]
 
@@ -84,7 +82,7 @@ def widened(
     return low, high
 
 
-# -- Coupled axis --
+# -- What motions hand to other rooms --
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +97,6 @@ class CoupledAxis:
     needs: Mapping[str, tuple[str, ...]]
 
 
-# -- Drawn rows --
-
-
 @dataclass(frozen=True, slots=True)
 class Drawn:
     """What a draw of flights says, before quantities are derived from it."""
@@ -109,9 +104,6 @@ class Drawn:
     parameters: Mapping[str, float]
     nuisances: Values
     sums: Mapping[str, float]  # Those of `Resampling.sums` there, over the flights drawn
-
-
-# -- Implied quantities --
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +126,6 @@ class Implications:
 
     numbers: tuple[Implied, ...] = ()
     contradictions: tuple[str, ...] = ()
-
-
-# -- Predicted --
 
 
 class Horizon(Enum):
@@ -170,9 +159,6 @@ class SimpleModel:
     values: Mapping[str, float]  # Every linear parameter and every nuisance
 
 
-# -- Plot data --
-
-
 @dataclass(frozen=True)
 class Trace:
     """One axis over the samples of all runs, run after run: what was measured and what the model says."""
@@ -197,9 +183,6 @@ class PlotData:
     reference: Float[np.ndarray, " n"] | None = None  # What was requested of the vehicle, in the same unit
 
 
-# -- Tracked --
-
-
 @dataclass(frozen=True)
 class TrackedParameter:
     """A parameter that is followed over a flight, and the rows that identify it."""
@@ -210,8 +193,6 @@ class TrackedParameter:
     intercept: Prior | None
     descriptions: tuple[str, ...]  # The same in sentences
 
-
-# -- Quantities without a lag --
 
 #: Its name among simple models, and what it is.
 NAME, WORDS = "least_squares", "no-lag least squares"
@@ -228,9 +209,6 @@ def least_squares_without_lag(problem: LaggedRuns, nuisance_values: Values) -> S
     fitted = np.linalg.lstsq(rows / sizes, response)[0] / sizes
     names = (parameter.name for parameter in problem.parameters)
     return SimpleModel(WORDS, {**without, **dict(zip(names, fitted.tolist(), strict=True))})
-
-
-# -- Words of a motion --
 
 
 @dataclass(frozen=True, slots=True)

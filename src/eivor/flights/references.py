@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
-from eivor.flights.grid import Between, Grid, line_between, on_grid, white_noise_std
+from eivor.flights.grid import Between, Grid, line_between, on_grid
 from eivor.signals.channels import canonical_channel, family_members, unit_of
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
@@ -94,6 +94,14 @@ def _by_channel(
             raise UsageError(expected, f"'{name}'", remedy)
         declareds.update(dict.fromkeys(members, declared))
     return declareds
+
+
+def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples."""
+    if values.size < 4:
+        return 0.0
+    third = np.diff(values, n=3)
+    return float(np.median(np.abs(third)) / 0.6744897501960817 / np.sqrt(20.0))
 
 
 def share_left(

@@ -12,7 +12,7 @@ from importlib.resources import files
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError, UsageError, did_you_mean
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
@@ -23,7 +23,6 @@ from eivor.planning.vehicle import (
     Shape,
     VehicleGuess,
     candidates,
-    check_target,
 )
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
@@ -287,7 +286,10 @@ def make_plan(
     if seed < 0:
         raise UsageError("a seed of zero or more", f"{seed}", "Any such integer will do.")
     target = target or vehicle.requested or "friction"
-    check_target(target)
+    if target not in TARGETS:
+        known = ", ".join(TARGETS)
+        remedy = did_you_mean(target, TARGETS, f"Plan for one of {known}.")
+        raise UsageError(f"one of {known}", f"{target!r}", remedy)
     if shape not in ("", *KINDS):
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
@@ -354,7 +356,7 @@ def _half_width(result: FlightEstimate, target: str) -> float:
     return width if math.isfinite(width) else math.inf
 
 
-# -- Mission --
+# -- Files --
 
 #: Commands of MAVLink.
 WAYPOINT, LOITER, TAKEOFF, CHANGE_SPEED = 16, 17, 22, 178
@@ -408,17 +410,12 @@ def _item(command: int, frame: int, params: list[float | None]) -> dict[str, obj
     return item
 
 
-# -- Samples --
-
-
 def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:
     """Time [s], height above take-off [m], velocity [m/s] and acceleration [m/s^2] at about that rate."""
     every = max(round(1.0 / (rate_hz * STEP_S)), 1)
     columns = np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])
     return columns[::every]
 
-
-# -- Offboard --
 
 #: Setpoints per second.
 OFFBOARD_RATE_HZ = 20.0
@@ -455,8 +452,6 @@ def _program(file: str, numbers: str = "") -> str:
     return files("eivor.planning").joinpath(file).read_text(encoding="utf-8").replace(MARK, numbers)
 
 
-# -- Table --
-
 COLUMNS = ("time", "reference_position_z", "reference_velocity_z", "reference_acceleration_z")
 TABLE_RATE_HZ = 50.0
 
@@ -467,8 +462,6 @@ def csv_text(plan: FlightPlan) -> str:
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"
 
 
-# -- Trajectory --
-
 TRAJECTORY_RATE_HZ = 50.0
 
 
@@ -478,8 +471,6 @@ def rotorpy_text(plan: FlightPlan) -> str:
     numbers = "".join(f"        [{', '.join(f'{value:.5g}' for value in row)}],\n" for row in rows)
     return _program("trajectory.txt", numbers)
 
-
-# -- Table of formats --
 
 #: Latitude and longitude [deg].
 Location = tuple[float, float]

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError, did_you_mean
+from eivor.errors import InputError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import GRAVITY
@@ -169,9 +169,6 @@ def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generat
     return Shape("steps", words, series)
 
 
-# -- Targets --
-
-
 @dataclass(frozen=True, slots=True)
 class ExportTarget:
     """A quantity of the vertical motion."""
@@ -189,14 +186,6 @@ TARGETS = {
     "gain": ExportTarget("input_gain", "input gain", "%", 100.0, relative=True),
     "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0),
 }
-
-
-def check_target(word: str) -> None:
-    """Refuse a word that is none of `TARGETS`."""
-    if word not in TARGETS:
-        known = ", ".join(TARGETS)
-        remedy = did_you_mean(word, TARGETS, f"Plan for one of {known}.")
-        raise UsageError(f"one of {known}", f"{word!r}", remedy)
 
 
 # -- Vehicle --

@@ -13,8 +13,6 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.tools import Float
 
-# -- Attitude --
-
 
 def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "3 n"]:
     """Roll, pitch and yaw of attitudes [rad]: about z first, then the new y, then the new x."""
@@ -167,9 +165,6 @@ def _collide(first: CanonicalChannel, other: CanonicalChannel) -> bool:
         stem.endswith("_*") and name.startswith(stem[:-1]) and name[len(stem) - 1 :].isdecimal()
         for stem, name in (names, names[::-1])
     )
-
-
-# -- Families --
 
 
 def family_members(name: str, among: Iterable[str]) -> list[str]:

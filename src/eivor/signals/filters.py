@@ -77,7 +77,7 @@ def first_order_lag(
     return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]
 
 
-# -- Causal filter --
+# -- Filters --
 
 #: Weights that are found one by one before the number of them is doubled.
 FIRST_WEIGHTS = 32
@@ -117,8 +117,6 @@ def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return first_weights
 
 
-# -- Derivative --
-
 #: Central differences over one, two and three samples to each side: exact for polynomials of degree six.
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 
@@ -133,8 +131,6 @@ def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.
     return derivative
 
 
-# -- Fast length --
-
 #: Prime factors of quick lengths: of fewer kinds more samples would be lost.
 FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23)
 
@@ -144,9 +140,6 @@ def fast_length(count: int) -> int:
     # a length divides a high power of the product of the factors when it has no others
     power = prod(FACTORS) ** max(count.bit_length(), 1)
     return next(length for length in range(count, 0, -1) if power % length == 0)
-
-
-# -- Low pass --
 
 
 def low_passed(

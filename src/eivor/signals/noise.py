@@ -62,8 +62,6 @@ def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
 _kept_response = lru_cache(maxsize=16)(_response)
 
 
-# -- Fractional growth --
-
 BLOCK = 4_096
 
 
@@ -222,9 +220,6 @@ def check_std(std: float) -> None:
         expected = f"up to {LARGEST_STD:g}" if is_valid else "of zero or more"
         remedy = "Give it in the channel's own unit."
         raise NonFiniteError(f"a standard deviation {expected}", f"std={std}", remedy)
-
-
-# -- Further noises --
 
 
 @dataclass(frozen=True, slots=True)

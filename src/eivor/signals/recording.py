@@ -17,8 +17,6 @@ from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import evened
 from eivor.tools import Bool, Float, html_table
 
-# -- Data sheet --
-
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
@@ -75,9 +73,6 @@ def utc_time(seconds: float) -> datetime | None:
     except (OverflowError, ValueError):
         return None
     return moment if EARLIEST <= moment <= LATEST else None
-
-
-# -- Derived channels --
 
 
 class MadeChannels(Mapping[str, "Channel"]):
