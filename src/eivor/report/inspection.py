@@ -119,6 +119,13 @@ class Inspection(_Tried):
         return AirborneTime(rule, active, used, flight.used_s, flight.references)
 
     @property
+    def calibration(self) -> tuple[str, ...]:
+        """Offset, scale and tilt between two measurements of one response, in words."""
+        comparison, fit = self.motion.abilities.sensors, None if self.result is None else self.result.fit
+        sensors = None if fit is None else fit.sensors
+        return () if comparison is None or sensors is None else (comparison.sentence(sensors),)
+
+    @property
     def parameters(self) -> dict[str, float]:
         """Logged parameters worth showing."""
         logged = self.recording.parameters
@@ -286,6 +293,7 @@ def _sections(result: Inspection) -> Iterator[Section]:
         words = result.motion.words
         yield from section(capitalised(words.where), Bullets, _airborne(result.airborne, words))
         yield from section("References", Bullets, _references(result.airborne, words))
+        yield from section("Calibration", Bullets, result.calibration)
     yield from _absent(result)
     parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
