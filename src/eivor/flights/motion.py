@@ -236,7 +236,7 @@ class VehicleSupport:
 class OptionSupport:
     """A motion that depends on options, or on all flights together."""
 
-    check: Callable[[FlightOptions], None]  # Refuses options before any log is read
+    check: Callable[[FlightOptions], object]  # Refuses options before any log is read
     for_flights: Callable[[Flights, FlightOptions], Motion[Any]]  # The motion of given flights
     terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
 

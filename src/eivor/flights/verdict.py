@@ -317,25 +317,14 @@ class Limit:
     def rules(self, name: str, wording: QuantitySpec, *following: str) -> tuple[Rule, ...]:
         """Rows of a quantity and of those that follow from it: reaches zero, too wide for either status."""
 
-        def at_zero(inputs: VerdictInputs) -> bool:
-            low, high = inputs.quantities[name].interval
-            return low <= 0.0 <= high and math.isfinite(low) and math.isfinite(high)
-
-        def half_width(inputs: VerdictInputs) -> tuple[float, float, float]:
+        def level(inputs: VerdictInputs) -> int:
+            """0 of an interval that is narrow enough, 1 and 2 of wider ones, 3 of one that holds zero."""
             quantity = inputs.quantities[name]
-            return quantity.half_width, *self.half_widths(quantity.value)
-
-        def judged(inputs: VerdictInputs) -> bool:
-            half = inputs.quantities[name].half_width
-            return half != math.inf and (self.zero is None or not at_zero(inputs))
-
-        def wide(inputs: VerdictInputs) -> bool:
-            half, identified, weak = half_width(inputs)
-            return judged(inputs) and not half <= identified and half <= weak
-
-        def too_wide(inputs: VerdictInputs) -> bool:
-            half, _, weak = half_width(inputs)
-            return judged(inputs) and not half <= weak
+            (low, high), half = quantity.interval, quantity.half_width
+            if self.zero is not None and low <= 0.0 <= high and math.isfinite(low) and math.isfinite(high):
+                return 3
+            identified, weak = self.half_widths(quantity.value)
+            return 0 if half == math.inf or half <= identified else 1 if half <= weak else 2
 
         def zero_sentence(inputs: VerdictInputs) -> str:
             low, high = inputs.quantities[name].interval
@@ -345,28 +334,29 @@ class Limit:
 
         def width(which: int, needs: str) -> Callable[[VerdictInputs], str]:
             def sentence(inputs: VerdictInputs) -> str:
-                value, half = inputs.quantities[name].value, half_width(inputs)
-                shares = (self.identified, self.weak)[which - 1] * abs(value) >= half[which]
-                sizes = (half[0], half[which])
-                texts = [
+                value, half = inputs.quantities[name].value, inputs.quantities[name].half_width
+                needed = self.half_widths(value)[which - 1]
+                shares = (self.identified, self.weak)[which - 1] * abs(value) >= needed
+                wide, narrow = (
                     f"±{100.0 * size / abs(value):.3g}%"
                     if shares and value
                     else f"±{size * wording.scale:.2g} {wording.shown_unit or wording.unit}".rstrip()
-                    for size in sizes
-                ]
-                first = f"The interval of the {wording.words} is {texts[0]} wide; {needs} {texts[1]}."
-                return f"{first}{inputs.moved}"
+                    for size in (half, needed)
+                )
+                return f"The interval of the {wording.words} is {wide} wide; {needs} {narrow}.{inputs.moved}"
 
             return sentence
 
-        rows = [
-            Rule((name, *following), wide, Status.WEAK, width(1, "identified needs"), self.narrower),
-            Rule((name, *following), too_wide, Status.REFUSED, width(2, "it needs"), self.narrower),
-        ]
-        if self.zero is not None:
-            remedy = self.away_from_zero or self.narrower
-            rows.insert(0, Rule((name, *following), at_zero, self.zero, zero_sentence, remedy))
-        return tuple(rows)
+        table = (
+            (3, self.zero, zero_sentence, self.away_from_zero or self.narrower),
+            (1, Status.WEAK, width(1, "identified needs"), self.narrower),
+            (2, Status.REFUSED, width(2, "it needs"), self.narrower),
+        )
+        return tuple(
+            Rule((name, *following), lambda inputs, at=at: level(inputs) == at, status, sentence, remedy)
+            for at, status, sentence, remedy in table
+            if status is not None
+        )
 
 
 # -- Rules that motions share --

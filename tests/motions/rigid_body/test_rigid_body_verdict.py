@@ -15,9 +15,8 @@ from eivor.flights.verdict import VerdictInputs, systematic_uncertainties
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.motion import RigidBody, refuse_other_turns
 from eivor.motions.rigid_body.regression import body_velocity
-from eivor.motions.rigid_body.select import refuse_other_turns
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import PARTS as TABLE
 from eivor.motions.rigid_body.verdict import RigidBodyChecks, filter_early_s, steady_wind

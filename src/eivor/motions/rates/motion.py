@@ -63,49 +63,40 @@ class Axis:
     """One axis."""
 
     name: str  # "roll", "pitch" or "yaw"
-    letter: str
     number: int
-    reacts: bool = False
+    rate: str  # Channel of the rate
+    torque: str  # Channel of the setpoint
+    effectiveness: Parameter  # Control effectiveness G
+    damping: Parameter  # D
+    reaction: Parameter  # To the rotors' acceleration, J
+    references: tuple[ReferenceSource, ...]  # Channels that may be instruments
 
     @property
-    def rate(self) -> str:
-        """Channel of the rate."""
-        return f"angular_rate_{self.letter}"
-
-    @property
-    def torque(self) -> str:
-        """Channel of the setpoint."""
-        return f"torque_setpoint_{self.letter}"
-
-    @property
-    def effectiveness(self) -> Parameter:
-        """Control effectiveness G."""
-        return Parameter(f"{self.name}_effectiveness", "rad/s^2")
-
-    @property
-    def damping(self) -> Parameter:
-        """Damping D."""
-        return Parameter(f"{self.name}_damping", "1/s")
-
-    @property
-    def reaction(self) -> Parameter:
-        """Reaction to the rotors' acceleration J."""
-        return Parameter(f"{self.name}_reaction", "rad/s")
-
-    @property
-    def references(self) -> tuple[ReferenceSource, ...]:
-        """Channels that may be instruments."""
-        return (
-            ReferenceSource(f"injected_torque_{self.letter}", axis=self.name),
-            ReferenceSource(f"reference_{self.name}", axis=self.name),
-            ReferenceSource(f"reference_angular_rate_{self.letter}", axis=self.name),
-            ReferenceSource(f"pilot_{self.name}", in_control="pilot_sets_attitude", axis=self.name),
-            ReferenceSource(f"feedback_reference_{self.name}", axis=self.name),
-        )
+    def reacts(self) -> bool:
+        """Whether the rotors' acceleration turns about it."""
+        return self.name == "yaw"
 
 
-ROLL, PITCH, YAW = Axis("roll", "x", 0), Axis("pitch", "y", 1), Axis("yaw", "z", 2, reacts=True)
-AXES = (ROLL, PITCH, YAW)
+def _axis(number: int, name: str, letter: str) -> Axis:
+    return Axis(
+        name,
+        number,
+        f"angular_rate_{letter}",
+        f"torque_setpoint_{letter}",
+        Parameter(f"{name}_effectiveness", "rad/s^2"),
+        Parameter(f"{name}_damping", "1/s"),
+        Parameter(f"{name}_reaction", "rad/s"),
+        (
+            ReferenceSource(f"injected_torque_{letter}", axis=name),
+            ReferenceSource(f"reference_{name}", axis=name),
+            ReferenceSource(f"reference_angular_rate_{letter}", axis=name),
+            ReferenceSource(f"pilot_{name}", in_control="pilot_sets_attitude", axis=name),
+            ReferenceSource(f"feedback_reference_{name}", axis=name),
+        ),
+    )
+
+
+AXES = ROLL, PITCH, YAW = _axis(0, "roll", "x"), _axis(1, "pitch", "y"), _axis(2, "yaw", "z")
 #: Family of the setpoints.
 TORQUE = "torque_setpoint"
 

@@ -89,11 +89,6 @@ def _point(inputs: VerdictInputs) -> float:
     )
 
 
-def _early(inputs: VerdictInputs) -> float:
-    early_s: float = inputs.checks.filter_early_s
-    return early_s
-
-
 def _shift_parts(
     shift: Callable[[VerdictInputs], float], counts: Counts, why: str
 ) -> tuple[SystematicPart, SystematicPart]:
@@ -693,7 +688,7 @@ PARTS = (
     disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
     clock_part(LAGS, Counts.INDEPENDENT),
     *_shift_parts(_point, Counts.INDEPENDENT, _UNLOGGED),
-    *_shift_parts(_early, Counts.ADDED, _FILTERED),
+    *_shift_parts(lambda inputs: inputs.checks.filter_early_s, Counts.ADDED, _FILTERED),
 )
 
 
