@@ -29,7 +29,6 @@ from eivor.flights.motion import (
     Refinement,
     Resampling,
     SensorComparison,
-    Solver,
     VehicleSupport,
 )
 from eivor.flights.options import FIT_MAP, FlightOptions
@@ -52,7 +51,6 @@ from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical.misspecification import (
     CURVATURE,
     LEAST_SENSOR_DIFFERENCE,
-    OmittedTerms,
     corrected,
     difference_problem,
     omitted_terms,
@@ -198,19 +196,6 @@ SET_LEVEL = 0.95
 LEAST_HALF_WIDTH = 1e-9
 
 
-def map_checks(of: Balance, omitted: OmittedTerms) -> VerticalChecks:
-    """P-value of the test that the input map fits; exponents at hover of thrust, m K_u U_h / g, and map."""
-    (value, gradient, variance), chosen = of.intercept, of.problem.motion.input_map
-    half = of.estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
-    of_map, of_thrust = of.exponents
-    return VerticalChecks(
-        fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
-        thrust_exponent=of_thrust,
-        map_exponent=of_map,
-        thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
-    )
-
-
 def beyond(value: float, half: float) -> float:
     """Squared distance of an intercept from what a fitting map leaves, in standard errors."""
     away = max(abs(value) - CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH)
@@ -324,12 +309,6 @@ def tracked_gain(
 # -- Flights --
 
 
-def mean_input(flights: Flights) -> dict[str, float]:
-    """Mean input, which is near the hover input."""
-    means = [flight.used_input.mean() for flight in flights]
-    return {"hover_input": float(np.mean(means))} if means else {}
-
-
 def excitation(flights: Flights) -> str:
     """Relative standard deviation of the mapped input, and that of the vertical speed."""
     model = VerticalMotion(input_map(flights[0].input_map))
@@ -362,20 +341,6 @@ def driven_signals(flight: PreparedFlight, lag_s: float, delay_s: float) -> Sign
         channels={**flight.signals.channels, "input": cut.mapped_input(motion, lag_s, delay_s)},
         noise={**flight.signals.noise, "input": noise},
     )
-
-
-def estimated_with_map(
-    problem: VerticalFlights, solve: Solver[VerticalFlights], options: FlightOptions
-) -> tuple[VerticalFlights, Estimate]:
-    """Estimate with the chosen map, or estimate the map: see `eivor.motions.vertical.thrust_curve`."""
-    if options.input_map == FIT_MAP:
-        return refined_curve(problem, solve, options.accelerometer_bias)
-    return problem, solve(problem)
-
-
-def with_fitted_map(flights: Flights, problem: VerticalFlights) -> Flights:
-    """Flights with the map that was found out."""
-    return tuple(replace(flight, input_map=problem.motion.input_map.name) for flight in flights)
 
 
 def resampled(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
@@ -427,7 +392,16 @@ CHANNELS = LogChannels(
 
 
 ABILITIES = Abilities(
-    refinement=Refinement(estimated_with_map, with_fitted_map),
+    refinement=Refinement(
+        lambda problem, solve, options: (
+            refined_curve(problem, solve, options.accelerometer_bias)
+            if options.input_map == FIT_MAP
+            else (problem, solve(problem))
+        ),
+        lambda flights, problem: tuple(
+            replace(flight, input_map=problem.motion.input_map.name) for flight in flights
+        ),
+    ),
     sensors=SensorComparison(
         lambda problem, flights: sensor_agreement(
             difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
@@ -440,7 +414,10 @@ ABILITIES = Abilities(
     tracking=tracked_gain,
     closed_loop_record=closed_loop_record,
     signals=driven_signals,
-    known=mean_input,
+    # the mean input is near that of hover
+    known=lambda flights: (
+        {"hover_input": float(np.mean([flight.used_input.mean() for flight in flights]))} if flights else {}
+    ),
     excitation=excitation,
     findings=flight_findings,
     lag_from=("rates",),
@@ -516,9 +493,14 @@ class Vertical(Motion[VerticalFlights]):
     def checks(self, problem: VerticalFlights, estimate: Estimate, flights: Flights) -> VerticalChecks:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
         omitted, of = omitted_terms(problem, estimate, flights), Balance(problem, estimate)
-        checks = map_checks(of, omitted)
-        return replace(
-            checks,
+        (value, gradient, variance), chosen = of.intercept, problem.motion.input_map
+        half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
+        of_map, of_thrust = of.exponents
+        return VerticalChecks(
+            fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
+            thrust_exponent=of_thrust,
+            map_exponent=of_map,
+            thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
             sideways_speed=sideways_speed(flights),
             near_ground=near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
