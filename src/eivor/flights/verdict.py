@@ -347,16 +347,16 @@ class Limit:
 
             return sentence
 
-        table = (
-            (3, self.zero, zero_sentence, self.away_from_zero or self.narrower),
-            (1, Status.WEAK, width(1, "identified needs"), self.narrower),
-            (2, Status.REFUSED, width(2, "it needs"), self.narrower),
+        def row(at: int, status: Status, sentence: Callable[[VerdictInputs], str], remedy: str) -> Rule:
+            return Rule((name, *following), lambda inputs: level(inputs) == at, status, sentence, remedy)
+
+        rows = (
+            row(1, Status.WEAK, width(1, "identified needs"), self.narrower),
+            row(2, Status.REFUSED, width(2, "it needs"), self.narrower),
         )
-        return tuple(
-            Rule((name, *following), lambda inputs, at=at: level(inputs) == at, status, sentence, remedy)
-            for at, status, sentence, remedy in table
-            if status is not None
-        )
+        if self.zero is None:
+            return rows
+        return (row(3, self.zero, zero_sentence, self.away_from_zero or self.narrower), *rows)
 
 
 # -- Rules that motions share --

@@ -169,69 +169,66 @@ def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEqu
     )
 
 
-def equation_problem(
-    axes: Sequence[AxisEquation],
-    flights: Flights,
-    rule: InstrumentRule,
-    **grids: Sequence[float] | Float[np.ndarray, " _"],
-) -> LaggedRuns:
-    """Regressions of the flights for each lag and delay; `grids` are those of `lag_and_delay`."""
-    logged = logged_axes(axes, flights)
-    fixed = tuple(term.parameter for axis in logged for term in axis.terms if not term.behind)
-    moving = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
-    columns = []
-    for number, flight in enumerate(flights):
-        signals = flight.signals
-        for axis in logged:
-            others = {source.channel for item in axes if item != axis for source in item.references}
-            known = [text for text in axis.response if _known(text, signals)]
-            steady = [term for term in axis.terms if not term.behind]
-            whole = np.zeros((signals.sample_count, len(fixed)))
-            whole[:, [fixed.index(term.parameter) for term in steady]] = axis.columns(
-                signals, [term.of for term in steady]
-            )
-            columns.append(
-                AxisColumns(
-                    signals.step_s,
-                    flight.runs,
-                    axis.columns(signals, known),
-                    whole,
-                    partial(axis.driven, signals),
-                    axis.instruments(signals, rule, others),
-                    number,
-                    list(axes).index(axis),
-                    flight.band_hz,
-                    flight.usable,
-                    tuple(moving.index(term.parameter) for term in axis.terms if term.behind),
-                )
-            )
-    step_s = max((column.step_s for column in columns), default=0.0)
-    return LaggedRuns(tuple(columns), (*fixed, *moving), lag_and_delay(**grids, step_s=step_s))
-
-
 def _known(text: str, signals: Signals) -> bool:
     return all(_DERIVATIVE.sub(r"\1", name) in signals.channels for name in parsed(text).columns)
 
 
-def equation_quantities(
-    table: QuantityTable, problem: LaggedRuns, estimate: Estimate
-) -> dict[str, QuantityEstimate]:
-    """Parameters of the axes that are logged, and the lag."""
-    results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
-    return {name: results[name] for name in table if name in results}
+class DeclaredMotion(Motion[LaggedRuns]):
+    """A motion whose axes are declared equations."""
 
+    axes: tuple[AxisEquation, ...]
+    """The equations."""
+    grids: tuple[Sequence[float] | Float[np.ndarray, " _"], ...] = ()
+    """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
-def equation_traces(
-    axes: Sequence[AxisEquation], problem: LaggedRuns, estimate: Estimate
-) -> tuple[Trace, ...]:
-    """Response of each axis within the band, measured and predicted."""
-    traces = []
-    for number in problem.axes:
-        driving = {term.parameter for term in axes[number].terms if term.behind}
-        part = [place for place, parameter in enumerate(problem.parameters) if parameter in driving]
-        series = problem.series_in_band(estimate.nuisances, number, estimate.theta, part)
-        traces.append(Trace(*axes[number].trace, *series.T))
-    return tuple(traces)
+    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the flights for each lag and delay."""
+        logged = logged_axes(self.axes, flights)
+        fixed = tuple(term.parameter for axis in logged for term in axis.terms if not term.behind)
+        moving = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
+        columns = []
+        for number, flight in enumerate(flights):
+            signals = flight.signals
+            for axis in logged:
+                others = {source.channel for item in self.axes if item != axis for source in item.references}
+                known = [text for text in axis.response if _known(text, signals)]
+                steady = [term for term in axis.terms if not term.behind]
+                whole = np.zeros((signals.sample_count, len(fixed)))
+                whole[:, [fixed.index(term.parameter) for term in steady]] = axis.columns(
+                    signals, [term.of for term in steady]
+                )
+                columns.append(
+                    AxisColumns(
+                        signals.step_s,
+                        flight.runs,
+                        axis.columns(signals, known),
+                        whole,
+                        partial(axis.driven, signals),
+                        axis.instruments(signals, rule, others),
+                        number,
+                        self.axes.index(axis),
+                        flight.band_hz,
+                        flight.usable,
+                        tuple(moving.index(term.parameter) for term in axis.terms if term.behind),
+                    )
+                )
+        step_s = max((column.step_s for column in columns), default=0.0)
+        return LaggedRuns(tuple(columns), (*fixed, *moving), lag_and_delay(*self.grids, step_s=step_s))
+
+    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+        """Parameters of the axes that are logged, and the lag."""
+        results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
+        return {name: results[name] for name in self.quantities if name in results}
+
+    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
+        """Response of each axis within the band, measured and predicted."""
+        traces = []
+        for number in problem.axes:
+            driving = {term.parameter for term in self.axes[number].terms if term.behind}
+            part = [place for place, parameter in enumerate(problem.parameters) if parameter in driving]
+            series = problem.series_in_band(estimate.nuisances, number, estimate.theta, part)
+            traces.append(Trace(*self.axes[number].trace, *series.T))
+        return tuple(traces)
 
 
 def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:
@@ -356,7 +353,7 @@ class Ratio:
 
 
 @dataclass(frozen=True)
-class Machine(Motion[LaggedRuns]):
+class Machine(DeclaredMotion):
     """A motion that is declared: channels, an equation for each axis, and what is to be known.
 
     Parameters
@@ -478,14 +475,10 @@ class Machine(Motion[LaggedRuns]):
             active=_throughout,
         )
 
-    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay."""
-        return equation_problem(self.axes, flights, rule)
-
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, the lag, and what follows from parameters."""
         ratios = {r.name: ratio_quantity(estimate, r.above, r.below, r.unit) for r in self.derived}
-        return equation_quantities(self.quantities, problem, estimate) | ratios
+        return {**super().derive(problem, estimate), **ratios}
 
     @property
     def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
@@ -514,10 +507,6 @@ class Machine(Motion[LaggedRuns]):
     def parts(self) -> tuple[SystematicPart, ...]:  # type: ignore[override]
         """Commands that may have been issued between those that are logged."""
         return (clock_part((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG)),)
-
-    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Response of each axis within the band."""
-        return equation_traces(self.axes, problem, estimate)
 
     def view(self, flight: PreparedFlight) -> FlightView:
         """What the input is, and the states."""

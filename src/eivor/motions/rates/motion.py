@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from eivor.errors import InputError, MissingChannelError
-from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
-from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Motion, Prediction
+from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
     Counts,
     CoupledAxis,
     PlotData,
-    QuantityEstimate,
     QuantitySpec,
     QuantityTable,
-    Trace,
     Words,
     flight_card,
 )
@@ -40,16 +36,13 @@ from eivor.flights.verdict import (
     record_rules,
 )
 from eivor.inference.verdict import Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
-from eivor.models.separable import InstrumentRule
 from eivor.motions.equation import (
     AxisEquation,
+    DeclaredMotion,
     Term,
     equation_prediction,
-    equation_problem,
-    equation_quantities,
-    equation_traces,
     simple_models,
 )
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
@@ -408,10 +401,12 @@ def excitation(flights: Flights) -> str:
 
 
 @dataclass(frozen=True)
-class Rates(Motion[LaggedRuns]):
+class Rates(DeclaredMotion):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
 
     name = "rates"
+    axes = EQUATIONS
+    grids = LAGS_S, DELAYS_S
     words = WORDS
     equation = EQUATION
     quantities = QUANTITIES
@@ -443,18 +438,6 @@ class Rates(Motion[LaggedRuns]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """Rates and torque setpoints."""
         return selected(log, options)
-
-    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay."""
-        return equation_problem(EQUATIONS, flights, rule, lags_s=LAGS_S, delays_s=DELAYS_S)
-
-    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters of the axes that are logged, and the lag."""
-        return equation_quantities(QUANTITIES, problem, estimate)
-
-    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Angular acceleration about each axis within the band."""
-        return equation_traces(EQUATIONS, problem, estimate)
 
     def view(self, flight: PreparedFlight) -> FlightView:
         """What u is, and the rates of roll and pitch."""
