@@ -328,35 +328,27 @@ def at_hover(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> dict
 def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
-    climbs = [column for column in problem.columns if column.axis == FORCE_Z_EQUATION]
-    if not {linear, quadratic} <= set(estimate.parameters) or not climbs:
+    if not {linear, quadratic} <= set(estimate.parameters):
         return {}
-    products = np.sum([_climbed(climb) for climb in climbs], axis=0)
-    if not products[1] > 0.0:
+    parts = []
+    for column in problem.columns:
+        if column.axis == FORCE_Z_EQUATION and isinstance(column.moving, RotorColumns):
+            for run in column.runs:
+                inside, of_run = column.counted(run), column.moving.states.velocity[:, run]
+                parts.append(of_run if inside is None else of_run[:, inside])
+    velocity = np.concatenate(parts, axis=1) if parts else np.zeros((3, 0))
+    squared = velocity[2] ** 2
+    if not squared.sum() > 0.0:
         return {}
     ratio = _hover_over_usual(problem, joint_quantities(estimate))
-    share = float(products[0] / products[1])
+    share = float(np.linalg.norm(velocity, axis=0) @ squared / squared.sum())
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
-
     of_rotors, of_body = estimate.values[index].tolist()
     value, covariance = ratio * of_rotors + share * of_body, estimate.joint_covariance
     half = covariance.half_width(gradient, 0.95)
     interval = value - half, value + half
     return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, covariance.std_error(gradient), interval)}
-
-
-def _climbed(axis_columns: AxisColumns) -> Float[np.ndarray, " 2"]:
-    """Sums of |v| v_z^2 and of v_z^2 over what counts of a flight."""
-    if not isinstance(axis_columns.moving, RotorColumns):
-        return np.zeros(2)
-    velocity = axis_columns.moving.states.velocity
-    counted = np.zeros(velocity.shape[1], dtype=np.bool_)
-    for run in axis_columns.runs:
-        inside = axis_columns.counted(run)
-        counted[run] = True if inside is None else inside
-    squared = velocity[2, counted] ** 2
-    return np.array([np.linalg.norm(velocity[:, counted], axis=0) @ squared, squared.sum()])
 
 
 def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:

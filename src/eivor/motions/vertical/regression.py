@@ -99,14 +99,6 @@ def input_variance(flight: VerticalFlight, level: InputMap) -> float:
     return float(each.mean(axis=0) @ variances)
 
 
-def noise_powers(flight: VerticalFlight, level: InputMap) -> tuple[float, float, float]:
-    """Powers per Hz of the errors in z', U and z'' at low frequencies."""
-    noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
-    driving = input_variance(replace(flight, signals=replace(flight.signals, noise=noise)), level)
-    velocity, response = (flight.densities.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
-    return velocity**2, driving, response**2
-
-
 def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarray, " lags"]:
     """Samples after an impulse of the input, of the state that enters the equation."""
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
@@ -151,12 +143,6 @@ class OptionalTerm:
     column: Callable[[TermIngredients], TermColumn]  # Of the parameter; performs no checks
 
 
-def _near_ground(of: TermIngredients) -> TermColumn:
-    """Lift over the squared height in radii."""
-    radii = np.zeros(0) if of.radii is None else of.radii
-    return of.lift * np.maximum(radii, LEAST_RADII) ** -2.0
-
-
 QUADRATIC_DRAG = OptionalTerm(
     "quadratic-drag",
     "drag that grows with the square of the speed",
@@ -173,7 +159,8 @@ GROUND_EFFECT = OptionalTerm(
     "+ k g (U/mean U) (R/h)²",
     "h the height over the ground, R a rotor's radius",
     GROUND,
-    _near_ground,
+    # lift over the squared height in radii
+    lambda of: of.lift * np.maximum(np.zeros(0) if of.radii is None else of.radii, LEAST_RADII) ** -2.0,
 )
 VOLTAGE_TERM = OptionalTerm(
     "voltage",
@@ -355,8 +342,13 @@ class VerticalFlights(LaggedRuns):
         if any(flight.acceleration is None for flight in self.flights):
             return None
         lengths = [flight.sample_count for flight in self.flights]
-        each = [noise_powers(flight, self.motion.input_map) for flight in self.flights]
-        velocity, driving, response = np.sqrt(np.average(each, axis=0, weights=lengths)).tolist()
+        powers = []  # per Hz, of the errors in z', U and z'' at low frequencies
+        for flight in self.flights:
+            noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
+            noisy = replace(flight, signals=replace(flight.signals, noise=noise))
+            of = [flight.densities.get(name, np.nan) ** 2 for name in ("velocity_z", "specific_force_z")]
+            powers.append([of[0], input_variance(noisy, self.motion.input_map), of[1]])
+        velocity, driving, response = np.sqrt(np.average(powers, axis=0, weights=lengths)).tolist()
         driven = np.zeros(len(self.parameters))
         driven[1] = driving
         return SampledState(0, velocity, response, driven)
@@ -644,14 +636,9 @@ def _logged(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"] | None
     return on_grid(flight.recording.channel(name), flight.grid)[0] if known else None
 
 
-def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
-    """Height as logged, z up; None where it is not [m]."""
-    return _logged(flight, "position_z")
-
-
 def ground_height(flight: PreparedFlight) -> float | None:
     """Height of the ground, of a flight that has runs; None where the log does not show it [m]."""
-    height = height_logged(flight)
+    height = _logged(flight, "position_z")
     if height is None:
         return None
     lowest = float(np.nanquantile(flight.recording.channels["position_z"].values, 0.005))
@@ -660,7 +647,7 @@ def ground_height(flight: PreparedFlight) -> float | None:
 
 def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     """Height over the ground; over a place below all of the flight where the log does not show it [m]."""
-    height = height_logged(flight)
+    height = _logged(flight, "position_z")
     if height is None:
         return None
     known = ground_height(flight)
@@ -700,7 +687,7 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
     for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
         if GROUND_EFFECT.word in options.terms:
-            if height_logged(flight) is None:
+            if _logged(flight, "position_z") is None:
                 raise _missing("position_z", GROUND_EFFECT, name, "height")
             if ground_height(flight) is None:
                 raise InputError(
@@ -727,11 +714,12 @@ def _missing(channel: str, term: OptionalTerm, name: str, words: str) -> Missing
 
 def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
     """Mean over flights of the mean voltage while each was used; None where one does not log it [V]."""
-    means: list[float] = []
-    for flight in flights:
-        if flight.runs:
-            volts = voltage(flight)
-            means.append(math.nan if volts is None else float(volts[flight.used].mean()))
+    means = [
+        math.nan if volts is None else float(volts[flight.used].mean())
+        for flight in flights
+        if flight.runs
+        for volts in (voltage(flight),)
+    ]
     mean = float(np.mean(means)) if means else math.nan
     return mean if math.isfinite(mean) else None
 
