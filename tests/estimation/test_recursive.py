@@ -10,8 +10,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
-from eivor.estimation.recursive import looks_between, newest_look, newest_reference
-from eivor.estimation.streaming import timed_rows
+from eivor.estimation.recursive import newest_reference
 from eivor.models.signal_regression import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)
@@ -137,19 +136,13 @@ def test_a_drop_is_told_and_what_lay_before_it_forgotten():
     assert abs(recursion.estimate().parameters["input_gain"] - 0.07) < 0.5 * abs(without - 0.07)
 
 
-def test_looks_of_a_chunk_are_those_of_its_products_one_by_one():
-    signals = record(700, masked=True)
-    weighted = after(part(signals, 0, 100))._products
-    problem = MOTION.regression(part(signals, 90, 700), INSTRUMENTS)
-    (rows,) = timed_rows(problem, ev.methods.generalized_iv().assembler)
-    between = list(looks_between(weighted, weighted.then(rows)))
-    assert [look.sample for look, _ in between] == [*range(96, 691, 24)]
-    for look, reference in between[1:]:
-        here = weighted.then(rows.between(0, look.sample - weighted.samples))
-        np.testing.assert_allclose(look.means, newest_look(here).means, rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(reference.theta, newest_reference(here).theta, rtol=1e-9)
-        means = here.compensated(here.full)[0] / here.full.products.count
-        np.testing.assert_allclose(reference.mapped[0] @ means[:, :-1], np.eye(2), atol=1e-9)
+def test_a_reference_solves_the_equations_of_all_full_blocks():
+    weighted = after(record(700, masked=True))._products
+    equations, reference = weighted.compensated(weighted.full)[0], newest_reference(weighted)
+    solution = np.linalg.lstsq(equations[:, :-1], equations[:, -1], rcond=None)[0]
+    np.testing.assert_allclose(reference.theta[0], solution, rtol=1e-9)
+    means = equations / weighted.full.products.count
+    np.testing.assert_allclose(reference.mapped[0] @ means[:, :-1], np.eye(2), atol=1e-9)
 
 
 @pytest.mark.thorough

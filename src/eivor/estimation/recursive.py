@@ -73,41 +73,6 @@ class References:
         return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
 
 
-def looks_at_once(forgetting: Forgetting) -> int:
-    """Most looks that rows may complete: their blocks are still kept apart then."""
-    return (forgetting.kept_blocks - BLOCKS_PER_LOOK) // BLOCKS_PER_LOOK
-
-
-def looks_between(
-    before: ExponentiallyWeightedProducts, after: ExponentiallyWeightedProducts
-) -> Iterator[tuple[SequentialLook, References | None]]:
-    """Looks that rows complete, `looks_at_once` at most."""
-    forgetting = after.forgetting
-    first, last = (item.samples // forgetting.block_length for item in (before, after))
-    if last == first:
-        return
-    started, full = (item.samples // forgetting.block for item in (before, after))
-    waiting, done = first * BLOCKS_PER_LOOK, last * BLOCKS_PER_LOOK
-    end = after.closed.blocks
-    blocks = after.closed.between(end - (full - waiting), end - (full - done))
-    tables, counts = after.compensated(blocks), blocks.products.counts
-    ends = np.arange(first + 1, last + 1) * BLOCKS_PER_LOOK - started
-    ages = ends[:, None] - 1 - np.arange(done - started)
-    fade = forgetting.factor**forgetting.block
-    weights, since = np.where(ages >= 0, fade ** np.maximum(ages, 0), 0.0), fade**ends
-    new = slice(started - waiting, None)
-    totals = np.tensordot(weights, tables[new], 1) + np.multiply.outer(
-        since, before.compensated(before.full)[0]
-    )
-    rows = weights @ counts[new] + since * before.full.products.count
-    sums = tables.reshape(last - first, BLOCKS_PER_LOOK, *tables.shape[1:]).sum(axis=1)
-    counted = counts.reshape(last - first, BLOCKS_PER_LOOK).sum(axis=1)
-    means = sums / np.where(counted > 0.0, counted, 1.0)[:, None, None]
-    for number, reference in enumerate(_references(totals, rows)):
-        sample = (first + 1 + number) * forgetting.block_length
-        yield SequentialLook(sample, means[number], float(counted[number])), reference
-
-
 def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
     """The last full blocks of products that end with a look."""
     blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
@@ -118,28 +83,17 @@ def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
 
 def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
-    (references,) = _references(weighted.compensated(weighted.full), weighted.full.products.counts)
-    return references
-
-
-def _references(
-    equations: Float[np.ndarray, "L p n_plus_1"], counts: Float[np.ndarray, " L"]
-) -> Iterator[References | None]:
-    A, b = equations[:, :, :-1], equations[:, :, -1]
-    total, p, n = A.shape
-    if p < n:
-        yield from [None] * total
-        return
-    scale = unit_scale(np.einsum("lpn,lpn->ln", A, A))
-    Q, R = np.linalg.qr(A * scale[:, None, :])
-    independent = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
-    R[~independent] = np.eye(n)
-    inverse = scale[:, :, None] * np.linalg.solve(R, Q.swapaxes(1, 2))
-    theta = np.matmul(inverse, b[:, :, None])[:, :, 0]
-    mapped = counts[:, None, None] * inverse
-    for number in range(total):
-        here = slice(number, number + 1)
-        yield References(theta[here], mapped[here], slice(0, n)) if independent[number] else None
+    equations = weighted.compensated(weighted.full)[0]
+    A, b = equations[:, :-1], equations[:, -1]
+    if A.shape[0] < A.shape[1]:
+        return None
+    scale = unit_scale(np.einsum("pn,pn->n", A, A))
+    Q, R = np.linalg.qr(A * scale)
+    if not np.abs(np.diag(R)).min() > COLLINEAR_SHARE:
+        return None
+    inverse = scale[:, None] * np.linalg.solve(R, Q.T)
+    mapped = weighted.full.products.count * inverse
+    return References((inverse @ b)[None], mapped[None], slice(0, A.shape[1]))
 
 
 # -- Change detector --
@@ -254,14 +208,20 @@ class Watch:
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
         return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
 
-    def detected(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
-        """Numbers of the parameters that changed, and whether they grew."""
-        sides, parameters = np.nonzero(self.sums > detector.threshold)
-        return tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
+    def looked(
+        self, weighted: ExponentiallyWeightedProducts, detector: ChangeDetector
+    ) -> tuple[Watch, ExponentiallyWeightedProducts, tuple[tuple[int, bool], ...]]:
+        """After the last look of products; after a change without what came before it, but for the scale.
 
-    def reset(self) -> Watch:
-        """After a change: nothing to hold looks against, and no sums for a while; the scale is kept."""
-        return Watch(before=self.before, resting=REST)
+        With numbers of the parameters that changed, and whether they grew.
+        """
+        watch = self.after(newest_look(weighted), detector)
+        sides, parameters = np.nonzero(watch.sums > detector.threshold)
+        if not sides.size:
+            return watch, weighted, ()
+        changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
+        kept = weighted.last(detector.kept_looks * BLOCKS_PER_LOOK)
+        return Watch(before=watch.before, resting=REST), kept, changed
 
 
 def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
@@ -350,39 +310,20 @@ class RecursiveIdentification:
 
     def _add(self, rows: TimedRows) -> None:
         """Take rows into a copy that nobody has seen yet; look for changes where there is a detector."""
-        forgetting = Forgetting(self.memory)
-        weighted = self._products
+        forgetting, weighted, watch = Forgetting(self.memory), self._products, self._watch
         if weighted is None:
             weighted = nothing_yet(rows, forgetting, whole=self.method.needs_instruments)
         if self.detector is None:
             self._set(_products=weighted.then(rows))
             return
-        span = looks_at_once(forgetting) * forgetting.block_length
-        for stretch in rows.stretches(weighted.samples, span):
-            rest = stretch
-            while rest.count:
-                weighted, rest = self._watched(weighted, rest, self.detector)
-
-    def _watched(
-        self, weighted: ExponentiallyWeightedProducts, rows: TimedRows, detector: ChangeDetector
-    ) -> tuple[ExponentiallyWeightedProducts, TimedRows]:
-        """Products up to the end of the first look that shows a change, and the rows that are left."""
-        after, watch = weighted.then(rows), self._watch
-        taken, changes = rows.count, self.changes
-        for look, reference in looks_between(weighted, after):
-            watch = watch.after(look, detector)
-            detections = watch.detected(detector)
-            if detections:
-                names = [parameter.name for parameter in self._parameters]
-                changes = (*changes, *(Change(names[j], look.sample, up) for j, up in detections))
-                taken = look.sample - weighted.samples
-                kept = weighted.then(rows.between(0, taken))
-                after = kept.last(detector.kept_looks * BLOCKS_PER_LOOK)
-                watch = watch.reset().expecting(newest_reference(after), detector)
-                break
-            watch = watch.expecting(reference, detector)
-        self._set(_products=after, _watch=watch, changes=changes)
-        return after, rows.between(taken, rows.count)
+        names, changes = [parameter.name for parameter in self._parameters], list(self.changes)
+        for stretch in rows.stretches(weighted.samples, forgetting.block_length):
+            weighted = weighted.then(stretch)
+            if weighted.samples % forgetting.block_length == 0:
+                watch, weighted, changed = watch.looked(weighted, self.detector)
+                changes += [Change(names[j], weighted.samples, up) for j, up in changed]
+                watch = watch.expecting(newest_reference(weighted), self.detector)
+        self._set(_products=weighted, _watch=watch, changes=tuple(changes))
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
@@ -522,12 +463,8 @@ class Follower:
             then = then.then(stretch)
             if stretch.count < forgetting.block_length:
                 return
-            watching = watching.after(newest_look(then), detector)
-            detections = watching.detected(detector)
-            change = 0
-            if detections:
-                change = 1 if detections[0][1] else -1
-                then, watching = then.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
+            watching, then, changed = watching.looked(then, detector)
+            change = (1 if changed[0][1] else -1) if changed else 0
             posterior = self.posterior(then)
             watching = watching.expecting(self._reference(then, posterior), detector)
             yield self._point(then, posterior, change)

@@ -348,32 +348,43 @@ def counted_rows(
 class WeightedBlockSums:
     """Weighted sums of blocks of rows. Performs no checks."""
 
-    products: Products
-    noise: Float[np.ndarray, "K s"]
-    squares: Float[np.ndarray, " K"]  # Sums of squared weights
+    packed: Float[np.ndarray, "K w"]  # Of products, of noises, of weights, and of squared weights
+    shape: tuple[int, int]  # Of a block's products
+    tested: int  # Number of instruments psi
+
+    @property
+    def products(self) -> Products:
+        """Products of the blocks."""
+        size = self.shape[0] * self.shape[1]
+        return Products(self.packed[:, -2], self.packed[:, :size].reshape(-1, *self.shape), self.tested)
+
+    @property
+    def noise(self) -> Float[np.ndarray, "K s"]:
+        """Sums of noises that vary from row to row."""
+        return self.packed[:, self.shape[0] * self.shape[1] : -2]
+
+    @property
+    def squares(self) -> Float[np.ndarray, " K"]:
+        """Sums of squared weights."""
+        return self.packed[:, -1]
 
     @property
     def blocks(self) -> int:
         """How many."""
-        return self.squares.size
+        return self.packed.shape[0]
 
     def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
         """Blocks of both, one after the other."""
-        noise, squares = (
-            np.concatenate(both) for both in ((self.noise, other.noise), (self.squares, other.squares))
-        )
-        return WeightedBlockSums(self.products + other.products, noise, squares)
+        return WeightedBlockSums(np.concatenate([self.packed, other.packed]), self.shape, self.tested)
 
     def between(self, start: int, stop: int) -> WeightedBlockSums:
         """Some of the blocks."""
-        here = slice(start, stop)
-        products = replace(self.products, counts=self.products.counts[here], sums=self.products.sums[here])
-        return WeightedBlockSums(products, self.noise[here], self.squares[here])
+        return WeightedBlockSums(self.packed[start:stop], self.shape, self.tested)
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
         """One sum of all, each block with a factor."""
-        noise, squares = (factors @ self.noise)[None, :], np.array([factors**2 @ self.squares])
-        return WeightedBlockSums(self.products.weighted(factors), noise, squares)
+        packed = np.append(factors @ self.packed[:, :-1], factors**2 @ self.packed[:, -1])
+        return WeightedBlockSums(packed[None], self.shape, self.tested)
 
 
 def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:
@@ -384,11 +395,11 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole:
     if whole:
         left = right = np.concatenate([left, right], axis=2)
     sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
-    return WeightedBlockSums(
-        Products(counted[:, :, 0] @ weights, sums, rows.tested),
-        np.tensordot(noise, weights, (1, 0)),
-        counted[:, :, 0] @ weights**2,
-    )
+    used, noises = counted[:, :, 0], np.einsum("klj,l->kj", noise, weights)
+    shape = left.shape[2], right.shape[2]
+    flat = sums.reshape(blocks, shape[0] * shape[1])
+    packed = np.column_stack([flat, noises, used @ weights, used @ weights**2])
+    return WeightedBlockSums(packed, shape, rows.tested)
 
 
 @dataclass(frozen=True)
@@ -466,7 +477,7 @@ class ExponentiallyWeightedProducts:
 
     def noise_table(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
         """What noises add to the products psi [phi' y] of blocks."""
-        table = np.zeros(sums.products.equations.shape)
+        table = np.zeros((sums.blocks, self.waiting.tested, self.waiting.right))
         for number, noise_index in enumerate(self.waiting.noise_indices):
             table[:, *noise_index] = sums.noise[:, number]
         return table
@@ -485,8 +496,7 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
     """Products of no rows, with the columns of some."""
     none = rows.between(0, 0)
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
-    products = Products(np.zeros(1), np.zeros((1, *empty.products.sums.shape[1:])), rows.tested)
-    zero = WeightedBlockSums(products, np.zeros((1, empty.noise.shape[1])), np.zeros(1))
+    zero = replace(empty, packed=np.zeros((1, empty.packed.shape[1])))
     return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
 
 
