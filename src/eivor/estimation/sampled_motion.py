@@ -48,18 +48,14 @@ class PairSpectrum:
         return self.first * self.second - (self.cross.real**2 + self.cross.imag**2)
 
     @cached_property
-    def _inverse(
-        self,
-    ) -> tuple[
-        Float[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"]
-    ]:
+    def inverse(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """C^-1: both of its diagonal, first row and second column."""
         determinant = self.determinant
         return self.second / determinant, self.first / determinant, self.cross / -determinant
 
     def solved(self, pairs: Pairs) -> Pairs:
         """C^-1 x, of one pair or of several."""
-        first, second, cross = self._inverse
+        first, second, cross = self.inverse
         result = np.empty(pairs.shape, dtype=np.complex128)
         result[..., 0, :] = first * pairs[..., 0, :] + cross * pairs[..., 1, :]
         result[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
@@ -67,7 +63,7 @@ class PairSpectrum:
 
     def between(self, other: PairSpectrum) -> PairSpectrum:
         """other^-1 C other^-1."""
-        a, b, c = other._inverse
+        a, b, c = other.inverse
         twice, size = 2.0 * (c.conj() * self.cross).real, c.real**2 + c.imag**2
         return PairSpectrum(
             a * a * self.first + a * twice + size * self.second,
@@ -76,11 +72,7 @@ class PairSpectrum:
         )
 
     @cached_property
-    def root(
-        self,
-    ) -> tuple[
-        Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"]
-    ]:
+    def root(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower Cholesky factor: its first diagonal, what stands below, its second diagonal."""
         top = np.sqrt(self.first)
         below = self.cross.conj() / top
@@ -317,7 +309,7 @@ class _Fit:
         def averaged(values: np.ndarray) -> np.ndarray:
             return np.add.reduceat(values, edges[:-1]) / self.bins
 
-        seen = PairSpectrum(
+        self.seen = PairSpectrum(
             averaged(np.abs(residual[0]) ** 2),
             averaged(np.abs(residual[1]) ** 2),
             averaged(residual[0] * residual[1].conj()),
@@ -327,8 +319,6 @@ class _Fit:
         self.base = of_input * centre.input_variance
         entries = zip(*((shape.first, shape.second, shape.cross) for shape in others), strict=True)
         self.shapes = PairSpectrum(*map(np.stack, entries))
-        self.numbers = _numbers(self.shapes).swapaxes(0, 1)
-        self.base_numbers, self.seen_numbers = _numbers(self.base), _numbers(seen)
 
     def vector(self, model: NoiseModel) -> Float[np.ndarray, " 6"]:
         """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
@@ -342,35 +332,25 @@ class _Fit:
     def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
         """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
         from_centre, slopes = self._prior(vector)
-        powers = self._powers(vector)
-        first, second, real, imaginary = self.base_numbers + (powers[:, None] * self.numbers).sum(axis=0)
-        determinant = first * second - real**2 - imaginary**2
-        a, b, x, y = np.stack([second, first, -real, -imaginary]) / determinant  # C^-1
-        p, q, u, v = self.seen_numbers
-        within, crossed = a * p + b * q, 2.0 * (x * u + y * v)
-        value = float(self.bins @ (np.log(determinant) + within + crossed))
-        size, product, straight, turned = x**2 + y**2, a * b, x**2 - y**2, 2.0 * x * y
-        by_number = self.bins * np.stack(
-            [
-                a - a * (a * p + crossed) - size * q,
-                b - b * (b * q + crossed) - size * p,
-                2.0 * (x - x * within - straight * u - turned * v - product * u),
-                2.0 * (y - y * within - turned * u + straight * v - product * v),
-            ]
-        )
-        by_power = powers * (self.numbers * by_number).sum(axis=1)
-        by_order = 2.0 * _order_slopes(_orders(vector)) * (by_power @ self.log_scale)
-        result = np.concatenate([by_power.sum(axis=1), by_order])
-        return value + 0.5 * float(from_centre @ from_centre), result + slopes * from_centre
+        C, moved = self._spectra(vector)
+        first, second, cross = C.inverse
+        seen, turned = self.seen, self.seen.between(C)
+        within = first * seen.first + second * seen.second + 2.0 * (cross.conj() * seen.cross).real
+        value = float(self.bins @ (np.log(C.determinant) + within))
+        left = PairSpectrum(first - turned.first, second - turned.second, cross - turned.cross)
+        gradient = self._traces(left, moved) + slopes * from_centre
+        return value + 0.5 * float(from_centre @ from_centre), gradient
 
     def information(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "6 6"]:
         """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
         C, moved = self._spectra(vector)
-        whitened = moved.between(C)
-        result = (whitened.first * self.bins) @ moved.first.T + (whitened.second * self.bins) @ moved.second.T
-        result += 2.0 * ((whitened.cross.conj() * self.bins) @ moved.cross.T).real
         _, slopes = self._prior(vector)
-        return result + np.diag(slopes**2)
+        return self._traces(moved.between(C), moved) + np.diag(slopes**2)
+
+    def _traces(self, left: PairSpectrum, right: PairSpectrum) -> Float[np.ndarray, "*shape n"]:
+        """Sums over bins of the traces of products."""
+        result = (left.first * self.bins) @ right.first.T + (left.second * self.bins) @ right.second.T
+        return result + 2.0 * ((left.cross.conj() * self.bins) @ right.cross.T).real
 
     def _prior(
         self, vector: Float[np.ndarray, " 6"]
@@ -380,20 +360,13 @@ class _Fit:
         far = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
         return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
 
-    def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
-        return np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
-
     def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
         """C, and its derivatives by what is searched over."""
-        parts = self.shapes * self._powers(vector)
+        powers = np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
+        parts = self.shapes * powers
         by_order = 2.0 * _order_slopes(_orders(vector))[:, None] * self.log_scale
         C = self.base + parts.mapped(lambda part: part.sum(axis=0))
         return C, parts.mapped(lambda part: np.concatenate([part, part * by_order]))
-
-
-def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
-    """Of each matrix what stands on its diagonal, and real and imaginary part of what stands across."""
-    return np.stack([spectrum.first, spectrum.second, spectrum.cross.real, spectrum.cross.imag])
 
 
 def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
