@@ -6,7 +6,6 @@ The full search takes most of the time of a flight. It finds the same minimum if
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -17,14 +16,14 @@ LAGS_S, DELAYS_S = np.geomspace(0.002, 0.3, 12), (0.0, 0.020)
 
 
 @contextmanager
-def coarse() -> Iterator[None]:
+def coarse():
     """Flights are searched on the coarse grids."""
     with searched_on((LAGS_S, DELAYS_S)):
         yield
 
 
 @contextmanager
-def searched_on(grids: tuple[object, ...] | None) -> Iterator[None]:
+def searched_on(grids):
     """Flights are searched on these grids."""
     from eivor.models.lagged_runs import lag_and_delay
 
@@ -34,7 +33,7 @@ def searched_on(grids: tuple[object, ...] | None) -> Iterator[None]:
 
 
 @contextmanager
-def full() -> Iterator[None]:
+def full():
     """Flights are searched as a user's are."""
     from eivor.models.lagged_runs import DELAYS_S, LAG_GRID_S
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,13 +31,13 @@ settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
-def recordings_required() -> bool:
+def recordings_required():
     """Say whether tests on real recordings must run: skipping one is then a failure."""
     return os.environ.get("EIVOR_REQUIRE_DATA", "") not in {"", "0"}
 
 
 @pytest.fixture(scope="session")
-def recordings() -> Path:
+def recordings():
     """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the repository."""
     default = Path(__file__).parents[2] / "shared" / "data"
     folder = Path(os.environ.get("EIVOR_DATA") or default)
@@ -47,7 +46,7 @@ def recordings() -> Path:
     return folder
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark every test that uses the recordings, so that none escapes the rule above."""
     for item in items:
         if "recordings" in getattr(item, "fixturenames", ()):
@@ -55,7 +54,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_protocol(item):
     """Run calibrations, and what is made for them, without the checks of shapes."""
     shape_checks.begin_test()
     with shape_checks.unchecked() if item.get_closest_marker("calibration") else nullcontext():
@@ -63,7 +62,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_makereport(item):
     """Turn the skip of a test on real recordings into a failure where they are required."""
     report = yield
     if report.skipped and recordings_required() and item.get_closest_marker("recordings"):
@@ -82,16 +81,14 @@ class CommandRun:
 
 
 @pytest.fixture
-def command_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., CommandRun]:
+def command_line(capsys, monkeypatch):
     """The command `eivor` as a user meets it, called in this process."""
     from eivor.cli.main import app
 
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.delenv("EIVOR_DEBUG", raising=False)
 
-    def call(*arguments: object) -> CommandRun:
+    def call(*arguments):
         with pytest.raises(SystemExit) as left:
             app([str(argument) for argument in arguments], prog_name="eivor")
         captured = capsys.readouterr()
@@ -101,14 +98,14 @@ def command_line(
 
 
 @pytest.fixture
-def unchecked_shapes() -> Iterator[None]:
+def unchecked_shapes():
     """Calls go through to the library's own checks, as they do outside this test run."""
     with shape_checks.unchecked():
         yield
 
 
 @pytest.fixture
-def coarse_search() -> Iterator[None]:
+def coarse_search():
     """Flights are searched for few lags and delays: a fifth of the time, where numbers are not the point."""
     with searches.coarse():
         yield

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import is_dataclass
 from functools import partial, wraps
@@ -45,24 +45,24 @@ class _Test:
     number = 0
 
 
-def begin_test() -> None:
+def begin_test():
     """Count the calls of every function from none."""
     _Test.number += 1
 
 
-def wanted() -> bool:
+def wanted():
     """Say whether this run checks shapes: EIVOR_SHAPE_CHECKS=0 switches them off from the start."""
     return os.environ.get("EIVOR_SHAPE_CHECKS", "") != "0"
 
 
-def install() -> None:
+def install():
     """Check every annotation of the package, and of `validation/`, in this process and in no user's."""
     jaxtyping.jaxtyped = jaxtyped  # the hook takes the decorator from there
     jaxtyping.install_import_hook(["eivor", "validation"], "shape_checks.typechecker")
 
 
 @contextmanager
-def unchecked() -> Iterator[None]:
+def unchecked():
     """Calls go through to the library's own checks, as they do for users."""
     before = config.jaxtyping_disable
     config.update("jaxtyping_disable", True)
@@ -72,7 +72,7 @@ def unchecked() -> Iterator[None]:
         config.update("jaxtyping_disable", before)
 
 
-def jaxtyped(what: Any = None, *, typechecker: Callable[[Any], Any]) -> Any:
+def jaxtyped(what=None, *, typechecker):
     """As `jaxtyping.jaxtyped`: a function that checks its annotations, or a dataclass that does when made."""
     if what is None:
         return partial(jaxtyped, typechecker=typechecker)
@@ -83,12 +83,12 @@ def jaxtyped(what: Any = None, *, typechecker: Callable[[Any], Any]) -> Any:
     return what
 
 
-def _checked(function: FunctionType, typechecker: Callable[[Any], Any]) -> Callable[..., Any]:
+def _checked(function, typechecker):
     checking: Callable[..., Any] | None = None
     test = calls = 0
 
     @wraps(function)
-    def checked(*args: Any, **kwargs: Any) -> Any:
+    def checked(*args, **kwargs):
         nonlocal checking, test, calls
         if config.jaxtyping_disable:
             return function(*args, **kwargs)
@@ -104,7 +104,7 @@ def _checked(function: FunctionType, typechecker: Callable[[Any], Any]) -> Calla
     return checked
 
 
-def _checking(function: FunctionType, typechecker: Callable[[Any], Any]) -> Callable[..., Any]:
+def _checking(function, typechecker):
     if inspect.isgeneratorfunction(function):  # what it yields is not checked, as in jaxtyping
         return THEIRS(function, typechecker=typechecker)
     hints = {name: _hint(function, text) for name, text in function.__annotations__.items()}
@@ -117,17 +117,17 @@ def _checking(function: FunctionType, typechecker: Callable[[Any], Any]) -> Call
     if not any(map(_has_array, hints.values())):
         return typed
 
-    def in_context(*args: Any, **kwargs: Any) -> Any:
+    def in_context(*args, **kwargs):
         with _CONTEXT:
             return typed(*args, **kwargs)
 
     return in_context
 
 
-def _hint(function: FunctionType, written: Any) -> Any:
+def _hint(function, written):
     """Return the type that an annotation stands for; anything where it cannot be told, as in jaxtyping."""
 
-    def holder() -> None: ...
+    def holder(): ...
 
     holder.__annotations__ = {"value": written}
     try:
@@ -136,7 +136,7 @@ def _hint(function: FunctionType, written: Any) -> Any:
         return Any
 
 
-def _has_array(hint: Any) -> bool:
+def _has_array(hint):
     if isinstance(hint, type) and issubclass(hint, AbstractArray):
         return True
     parts = hint if isinstance(hint, list) else get_args(hint)  # arguments of a Callable are a list

@@ -33,17 +33,17 @@ from validation.flight_recipe.trials import read_trial_table
 PACKAGE = Path(eivor.__file__).parent
 
 
-def names(folder: Path) -> list[str]:
+def names(folder):
     return [path.name for path in folder.iterdir()]
 
 
-def half_written(path: Path, error: BaseException) -> None:
+def half_written(path, error):
     with atomic_write(path) as file:
         file.write(b"half")
         raise error
 
 
-def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
+def test_a_file_appears_when_it_is_whole(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"old")
     with atomic_write(path) as file:
@@ -57,7 +57,7 @@ def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt(), ValueError("x")])
-def test_an_error_leaves_what_was_there(tmp_path: Path, error: BaseException) -> None:
+def test_an_error_leaves_what_was_there(tmp_path, error):
     path = tmp_path / "x"
     for before in ([], ["x"]):
         with pytest.raises(type(error)):
@@ -67,7 +67,7 @@ def test_an_error_leaves_what_was_there(tmp_path: Path, error: BaseException) ->
     assert path.read_bytes() == b"old"
 
 
-def test_permissions_are_those_of_the_user_or_of_the_earlier_file(tmp_path: Path) -> None:
+def test_permissions_are_those_of_the_user_or_of_the_earlier_file(tmp_path):
     path = tmp_path / "x"
     before = os.umask(0o027)
     try:
@@ -80,7 +80,7 @@ def test_permissions_are_those_of_the_user_or_of_the_earlier_file(tmp_path: Path
         os.umask(before)
 
 
-def test_what_is_no_file_is_written_to_and_stays(tmp_path: Path) -> None:
+def test_what_is_no_file_is_written_to_and_stays(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -97,7 +97,7 @@ def test_what_is_no_file_is_written_to_and_stays(tmp_path: Path) -> None:
         write_atomically(tmp_path, b"x")
 
 
-def test_a_file_that_is_protected_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_is_protected_stays(tmp_path, monkeypatch):
     path = tmp_path / "x"
     path.write_bytes(b"old")
     path.chmod(0o444)
@@ -108,7 +108,7 @@ def test_a_file_that_is_protected_stays(tmp_path: Path, monkeypatch: pytest.Monk
     assert path.read_bytes() == b"old"
 
 
-def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_is_removed(tmp_path):
     old, young, other = (tmp_path / name for name in (f"{PREFIX}1{SUFFIX}", f"{PREFIX}2{SUFFIX}", ".mine"))
     for path in (old, young, other):
         path.touch()
@@ -119,7 +119,7 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == sorted([young, other])
 
 
-def test_nothing_else_in_the_package_writes_files() -> None:
+def test_nothing_else_in_the_package_writes_files():
     """Other ways to write a file would leave half of one behind."""
     formulas = re.compile(
         r"\.write_(text|bytes)\(|\.(write_csv|write_parquet|savefig)\((?!\s*(?:file|buffer)\b|\))"
@@ -137,14 +137,14 @@ FACTS = {"eivor.study": "b" * 64, "eivor.trials": "25 to 49"}
 
 
 @pytest.fixture(scope="module")
-def table() -> pl.DataFrame:
+def table():
     rng = np.random.default_rng(3)
     status = pl.Series("status", ["identified", "weak", None] * 8)
     return pl.DataFrame({"trial": np.arange(24), "value": rng.standard_normal(24)}).with_columns(status)
 
 
 @pytest.fixture(scope="module")
-def content(table) -> bytes:
+def content(table):
     return sealed(table, FACTS)
 
 
@@ -169,7 +169,7 @@ def test_every_cut_and_every_addition_is_noticed(content):
 def test_a_decoders_panic_is_told(tmp_path, monkeypatch, reader):
     """Polars' own kind of crash is no Exception; every table that a study reads may be damaged."""
 
-    def panic(*parts: object, **options: object) -> None:
+    def panic(*parts, **options):
         raise pl.exceptions.PanicException("index out of bounds")
 
     path = tmp_path / "table.parquet"

@@ -28,7 +28,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-def blocks(text: str, language: str) -> list[str]:
+def blocks(text, language):
     """Fenced blocks of a language, without a list's indentation."""
     match = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.MULTILINE | re.DOTALL)
     return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in match]
@@ -62,11 +62,11 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
         assert all(within(value, scope["fit"].interval(name)) for name, value in truth.items())
 
 
-def within(value: float, interval: tuple[float, float]) -> bool:
+def within(value, interval):
     return interval[0] <= value <= interval[1]
 
 
-def numbers(text: str) -> list[float]:
+def numbers(text):
     return [float(word) for word in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text)]
 
 
@@ -134,7 +134,7 @@ def test_the_citation_is_of_this_version():
     assert paper["title"] in plain_words((ROOT / "docs" / "paper.md").read_text(encoding="utf-8"))
 
 
-def plain_words(text: str) -> str:
+def plain_words(text):
     """Text in one line, without emphasis."""
     return " ".join(text.replace("*", "").split())
 
@@ -176,19 +176,19 @@ DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
-def check_estimators(names: dict[str, Any]) -> None:
+def check_estimators(names):
     assert set(names["fit"].parameters) == {"viscous_friction", "input_gain"}
     assert names["problem"].instrument_noise_covariance()[0, 1] == pytest.approx(0.0025)
 
 
-def check_from_arrays(names: dict[str, Any]) -> None:
+def check_from_arrays(names):
     page = (DOCS / "from-arrays.md").read_text(encoding="utf-8")
     displayed = [tuple(map(float, pair)) for pair in re.findall(r"  # .*\[([\d.]+), ([\d.]+)\]", page)]
     fits = [names[name] for name in ("biased", "fit", "attenuated", "compensated", "orthogonal")]
     assert [fit.interval("slope") for fit in fits] == [pytest.approx(pair, abs=1e-3) for pair in displayed]
 
 
-def check_diagnostics(names: dict[str, Any]) -> None:
+def check_diagnostics(names):
     name = names["diagnostics"]
     assert name.constancy.break_at == pytest.approx(0.6, abs=0.02)
     assert any("input_gain by +0.5" in reason.sentence for reason in name.reasons)
@@ -196,7 +196,7 @@ def check_diagnostics(names: dict[str, Any]) -> None:
     assert all(line in page for line in name.summary().splitlines() if not line.startswith("- "))
 
 
-def check_method(names: dict[str, Any]) -> None:
+def check_method(names):
     low, high = names["hac"].interval("input_gain", level=0.9)
     assert low < names["fit"].parameters["input_gain"] < high
     assert names["chunked"].interval("input_gain") == pytest.approx(names["fit"].interval("input_gain"))
@@ -209,18 +209,18 @@ def check_method(names: dict[str, Any]) -> None:
     assert [len(names[figure].axes) for figure in ("comparison", "joint", "residual")] == [2, 1, 3]
 
 
-def check_efficiency(names: dict[str, Any]) -> None:
+def check_efficiency(names):
     assert names["spectral"].noises
     assert {"viscous_friction", "input_gain"} <= set(names["undeclared"].parameters)
 
 
-def check_fractional_equations(names: dict[str, Any]) -> None:
+def check_fractional_equations(names):
     low, high = names["fit"].interval("order")
     assert low < names["fit"].parameters["order"] < high
     assert names["fit"].parameters["order"] == pytest.approx(0.7, abs=0.02)
 
 
-def check_exports(names: dict[str, Any]) -> None:
+def check_exports(names):
     assert names["model"].states == ("actuator", "velocity_z")
     assert names["document"].startswith("{")
     assert 0.0005 < names["hover"].std() / names["hover"].mean() < 0.003
@@ -273,7 +273,7 @@ def test_every_option_that_is_named_exists(name):
 
     from eivor.cli.main import app
 
-    def options(command: Any) -> set[str]:
+    def options(command):
         selected = {option for parameter in command.params for option in parameter.opts}
         return selected.union(*(options(child) for child in getattr(command, "commands", {}).values()))
 
@@ -283,7 +283,7 @@ def test_every_option_that_is_named_exists(name):
     assert named <= options(get_command(app))
 
 
-def long_sentences(text: str) -> list[str]:
+def long_sentences(text):
     """Sentences of more than 30 words; a link, a formula or a piece of code counts as its words or as one."""
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
     text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", text)
@@ -307,7 +307,7 @@ def test_sentences_of_the_help_are_short():
 
     from eivor.cli.main import app
 
-    def texts(command: Any) -> list[str]:
+    def texts(command):
         own = [command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)]
         below = [texts(child) for child in getattr(command, "commands", {}).values()]
         return [text for text in own if text] + [text for some in below for text in some]
@@ -344,16 +344,16 @@ def test_every_word_is_explained_once():
     assert len(terms) == len(set(terms))
 
 
-def words_of(*path: str) -> str:
+def words_of(*path):
     return " ".join(ROOT.joinpath(*path).read_text(encoding="utf-8").split())
 
 
 @pytest.fixture(scope="module")
-def example() -> ev.FlightEstimate:
+def example():
     return ev.identify_flight(ev.example_flight())
 
 
-def fitted(example: ev.FlightEstimate, lag_s: float) -> tuple[float, float]:
+def fitted(example, lag_s):
     """Friction by least squares of all samples with that lag, and its R squared."""
     assert example.fit is not None
     problem = example.fit.problem

@@ -26,7 +26,7 @@ HEAVY = (
 )
 
 
-def modules_after(code: str) -> set[str]:
+def modules_after(code):
     """Names of the modules that a fresh interpreter has loaded after running `code`."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("COV_")}
     listing = f"import sys\n{code}\nprint('\\n'.join(['@modules', *sys.modules]))"
@@ -36,7 +36,7 @@ def modules_after(code: str) -> set[str]:
     return set(run.stdout.partition("@modules\n")[2].split())
 
 
-def heavy(modules: set[str]) -> list[str]:
+def heavy(modules):
     return sorted(name for name in HEAVY if name in modules)
 
 

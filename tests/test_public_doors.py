@@ -12,7 +12,6 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor import methods
 from eivor.errors import EivorError
 from fleets.fleet_rows import row, write_fleet
 
@@ -329,13 +328,13 @@ def doors(folder):
         "ConfidenceSet.contains": (ev.ConfidenceSet(((0.0, 1.0),)).contains, {"value": 0.5}),
         "Signals.channel": (m.signals.channel, {"name": "input"}),
         "Recording.channel": (m.recording.channel, {"name": "velocity_z"}),
-        "methods.extended_iv": (methods.extended_iv, {"weighting": methods.TwoStage()}),
-        "methods.generalized_iv": (methods.generalized_iv, {"weighting": methods.TwoStage()}),
-        "methods.by_name": (methods.by_name, {"name": "reference_iv"}),
-        "methods.regularised": (methods.regularised, {"method": m.iv, "parameter": 0.1}),
-        "methods.fuller": (methods.fuller, {"strength": 4.0}),
-        "methods.generalized_fuller": (methods.generalized_fuller, {"strength": 4.0}),
-        "methods.TwoStepRobust": (methods.TwoStepRobust, {"bandwidth": 3}),
+        "methods.extended_iv": (ev.methods.extended_iv, {"weighting": ev.methods.TwoStage()}),
+        "methods.generalized_iv": (ev.methods.generalized_iv, {"weighting": ev.methods.TwoStage()}),
+        "methods.by_name": (ev.methods.by_name, {"name": "reference_iv"}),
+        "methods.regularised": (ev.methods.regularised, {"method": m.iv, "parameter": 0.1}),
+        "methods.fuller": (ev.methods.fuller, {"strength": 4.0}),
+        "methods.generalized_fuller": (ev.methods.generalized_fuller, {"strength": 4.0}),
+        "methods.TwoStepRobust": (ev.methods.TwoStepRobust, {"bandwidth": 3}),
         "bounds.cramer_rao": (ev.bounds.cramer_rao, {"scenario": noisy, "runs": 1}),
         "fleet.open": (ev.fleet.open, {"folder": write_fleet(folder / "fleet", [row("a")])}),
         "covariances.EqualWeightedCosines": (ev.covariances.EqualWeightedCosines, {"averages": 8}),

@@ -6,14 +6,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from eivor.errors import InputError
 
 
-def answered(item: Any) -> Any:
+def answered(item):
     """What an item asks for: to sleep, to take memory, to end the process, or an answer."""
     if item == "sleep":
         time.sleep(600.0)
@@ -37,7 +35,7 @@ def answered(item: Any) -> Any:
     return os.getpid() if item == "pid" else f"<{item}>"
 
 
-def counted(item: int, report: Callable[[Any], None]) -> int:
+def counted(item, report):
     """Report every number below the item; the process dies at the first attempt where there is a file."""
     for number in range(item):
         report(number)
@@ -47,7 +45,7 @@ def counted(item: int, report: Callable[[Any], None]) -> int:
     return item
 
 
-def always_reporting(item: Any, report: Callable[[Any], None]) -> None:
+def always_reporting(item, report):
     """Report for ever."""
     while True:
         report(item)
@@ -57,15 +55,15 @@ def always_reporting(item: Any, report: Callable[[Any], None]) -> None:
 class Unreadable:
     """A result that can be sent and not read."""
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self):
         return int, ("no number",)
 
 
-def unreadable(_item: Any) -> Unreadable:
+def unreadable(_item):
     return Unreadable()
 
 
-def begin_another(item: Any) -> int:
+def begin_another(item):
     """A process of the worker's own, which does nothing for long."""
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     Path(item).write_text(str(child.pid), encoding="ascii")

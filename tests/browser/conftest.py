@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,7 +23,7 @@ Opener = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
+def chromium():
     """The browser, one for all tests of a file.
 
     Its driver keeps an event loop of this thread while it lives, and tests of other files run loops of their
@@ -43,11 +42,11 @@ def chromium() -> Iterator[Any]:
 
 
 @pytest.fixture
-def watched(chromium: Any) -> Iterator[Opener]:
+def watched(chromium):
     """Open a window at an address; what it asks for and says is kept beside it."""
     contexts = []
 
-    def opening(address: str, *, width: int = 1440, scheme: str = "light", offline: bool = False) -> Any:
+    def opening(address, *, width=1440, scheme="light", offline=False):
         context = chromium.new_context(
             offline=offline, viewport={"width": width, "height": 900}, color_scheme=scheme
         )
@@ -69,11 +68,11 @@ def watched(chromium: Any) -> Iterator[Opener]:
 
 
 @pytest.fixture
-def opened(watched: Opener, tmp_path: Path) -> Opener:
+def opened(watched, tmp_path):
     """Open the text of a page from a file, without a network."""
     paths = (tmp_path / f"page-{number}.html" for number in count())
 
-    def opening(text: str, **look: Any) -> Any:
+    def opening(text, **look):
         path = next(paths)
         path.write_text(text, encoding="utf-8")
         return watched(path.as_uri(), offline=True, **look)

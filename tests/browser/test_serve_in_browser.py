@@ -6,17 +6,14 @@ import base64
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.flights.result import FlightEstimate
 from eivor.report.flight import brief_rows, flight_document
 from eivor.serve.app import ServeOptions, Server
 
@@ -39,7 +36,7 @@ A_WHILE = 60_000
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     """The first quarter of the example flight, which tells little and is quick."""
     path = tmp_path_factory.mktemp("flights") / "short.parquet"
     with resources.as_file(resources.files("eivor.data").joinpath("example_flight.parquet")) as whole:
@@ -48,40 +45,40 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def result(log: Path) -> FlightEstimate:
+def result(log):
     """What the command line finds in it."""
     return ev.identify_flight(ev.read_log(log))
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
+def server():
     made = Server(ServeOptions(workers=1))
     yield made
     made.close()
 
 
 @pytest.fixture
-def served(watched: Callable[..., Any], server: Server) -> Callable[..., Any]:
+def served(watched, server):
     """Open the page."""
     return partial(watched, server.url)
 
 
-def drop(page: Any, *files: tuple[str, bytes]) -> None:
+def drop(page, *files):
     page.evaluate(DROP, [[name, base64.b64encode(content).decode()] for name, content in files])
 
 
-def done(page: Any, count: int = 1) -> None:
+def done(page, count=1):
     page.locator('[data-state="done"]').nth(count - 1).wait_for(timeout=A_WHILE)
 
 
-def looks_right(page: Any) -> None:
+def looks_right(page):
     for width in (360, 768, 1440):
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(100)
         assert page.evaluate(LOOKS) == [], width
 
 
-def nothing_stands_in_the_way(page: Any) -> None:
+def nothing_stands_in_the_way(page):
     axe = resources.files(pytest.importorskip("axe_playwright_python")).joinpath("axe.min.js")
     page.evaluate(axe.read_text(encoding="utf-8"))
     for scheme, rules in (("dark", "runOnly: ['color-contrast']"), ("light", "")):
@@ -92,7 +89,7 @@ def nothing_stands_in_the_way(page: Any) -> None:
         assert [(item["id"], item["nodes"][0]["html"]) for item in evaluate] == []
 
 
-def nothing_went_wrong(page: Any, server: Server) -> None:
+def nothing_went_wrong(page, server):
     current = server.url.partition("?")[0]
     assert [url for url in page.asked if not url.startswith((current, f"blob:{current}", "data:"))] == []
     assert page.said == []
@@ -198,7 +195,7 @@ def test_what_a_log_and_its_name_say_stays_text(served, server):
     nothing_went_wrong(page, server)
 
 
-def workers_of_this_process() -> list[int]:
+def workers_of_this_process():
     """Worker processes, whatever they do."""
     below = [
         int(item)

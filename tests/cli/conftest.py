@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 
 import polars
 import pytest
@@ -27,12 +26,12 @@ Caller = Callable[..., Run]
 
 
 @pytest.fixture
-def eivor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Caller:
+def eivor(capsys, monkeypatch):
     """Call in this process."""
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("EIVOR_DEBUG", raising=False)
 
-    def call(*arguments: object) -> Run:
+    def call(*arguments):
         with pytest.raises(SystemExit) as left:
             app([str(argument) for argument in arguments], prog_name="eivor")
         captured = capsys.readouterr()
@@ -42,10 +41,10 @@ def eivor(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.fixture
-def shell(tmp_path: Path) -> Caller:
+def shell(tmp_path):
     """Run in a process of its own, in an empty folder."""
 
-    def call(*arguments: object, encoding: str = "utf-8", **environment: str) -> Run:
+    def call(*arguments, encoding="utf-8", **environment):
         done = subprocess.run(
             [sys.executable, "-c", "from eivor.cli.main import run; run()", *map(str, arguments)],
             capture_output=True,
@@ -60,14 +59,14 @@ def shell(tmp_path: Path) -> Caller:
 
 
 @pytest.fixture(scope="session")
-def flight() -> polars.DataFrame:
+def flight():
     """The first 30 s of the example flight, as a table with canonical columns."""
     with resources.as_file(resources.files("eivor.data").joinpath("example_flight.parquet")) as path:
         return polars.read_parquet(path).head(3000)
 
 
 @pytest.fixture
-def log(flight: polars.DataFrame, tmp_path: Path) -> Path:
+def log(flight, tmp_path):
     """That table as a CSV file."""
     path = tmp_path / "flight.csv"
     flight.write_csv(path)

@@ -17,7 +17,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import polars
 import pytest
 
 import eivor as ev
@@ -38,7 +37,7 @@ HOSTILE = "a[red]b[bold]$x_1$\x1b[31m\n@1é.csv"
 
 
 @pytest.mark.thorough
-def test_help_loads_nothing_heavy() -> None:
+def test_help_loads_nothing_heavy():
     """The help of one command loads what that command needs."""
     code = (
         "import sys\nsys.argv = ['eivor', '--help']\nfrom eivor.cli.main import run\n"
@@ -55,7 +54,7 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.thorough
-def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) -> None:
+def test_a_shell_completes_commands_and_options(shell, eivor):
     for words, expected in (
         ("eivor ide", "identify"),
         ("eivor identify --exa", "--example"),
@@ -68,7 +67,7 @@ def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) ->
     assert "--install-completion" in eivor("--help").out
 
 
-def test_version(eivor: Caller) -> None:
+def test_version(eivor):
     import eivor as package
 
     run = eivor("--version")
@@ -76,7 +75,7 @@ def test_version(eivor: Caller) -> None:
     assert run.out == f"eivor {package.__version__}\n"
 
 
-def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsys) -> None:
+def test_the_interpreter_runs_the_command_line(eivor, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["eivor", "--version"])
     monkeypatch.delitem(sys.modules, "eivor.__main__", raising=False)  # other tests import it
     # what the shape checks' hook compiles must not be kept as the module's own bytecode
@@ -87,14 +86,14 @@ def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsy
     assert capsys.readouterr().out == eivor("--version").out
 
 
-def test_a_wrong_command_is_wrong_usage(eivor: Caller) -> None:
+def test_a_wrong_command_is_wrong_usage(eivor):
     run = eivor("identfy")
     assert run.code == 2
     assert "identify" in run.err
 
 
-def _failing(error: BaseException) -> Callable[[], None]:
-    def command() -> ExitCode:
+def _failing(error):
+    def command():
         raise error
 
     return guarded(command)
@@ -108,13 +107,7 @@ def _failing(error: BaseException) -> Callable[[], None]:
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_an_unexpected_error_is_one_message(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    error: BaseException,
-    code: int,
-    message: str,
-) -> None:
+def test_an_unexpected_error_is_one_message(capsys, monkeypatch, error, code, message):
     import typer
 
     monkeypatch.delenv("EIVOR_DEBUG", raising=False)
@@ -129,7 +122,7 @@ def test_an_unexpected_error_is_one_message(
 
 
 @pytest.mark.thorough
-def test_an_interrupt_leaves_with_130() -> None:
+def test_an_interrupt_leaves_with_130():
     code = (
         "import os, signal, sys\n"
         "import eivor.motions.identify as motion\n"
@@ -165,7 +158,7 @@ Commands.{} = interrupted
         *(READING.format(step) for step in ("parse_args", "get_command")),
     ],
 )
-def test_an_interrupt_before_a_command_runs_leaves_with_130(code: str) -> None:
+def test_an_interrupt_before_a_command_runs_leaves_with_130(code):
     """The console script watches from its first line on."""
     called = "sys.argv = ['eivor', 'identify', '--example']\nfrom eivor.__main__ import run; run()"
     code = f"import sys{code}{called}"
@@ -173,7 +166,7 @@ def test_an_interrupt_before_a_command_runs_leaves_with_130(code: str) -> None:
     assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
 
 
-def test_the_console_script_begins_before_anything_is_loaded() -> None:
+def test_the_console_script_begins_before_anything_is_loaded():
     """What is loaded before `run` watches cannot be interrupted without a traceback."""
     metadata = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
     module, _, function = metadata["project"]["scripts"]["eivor"].partition(":")
@@ -185,9 +178,7 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
 
 
-def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(monkeypatch):
     before, seen = gc.get_threshold(), []
     monkeypatch.setattr(main, "run", lambda: seen.append(gc.get_threshold()[0]))
     try:
@@ -200,7 +191,7 @@ def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
 
 
 @pytest.mark.thorough
-def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+def test_a_hostile_name_does_nothing(eivor, flight, tmp_path):
     path = tmp_path / HOSTILE
     flight.head(1500).write_csv(tmp_path / "x.csv")
     (tmp_path / "x.csv").rename(path)
@@ -212,7 +203,7 @@ def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tm
     assert (tmp_path / "x.svg").stat().st_size > 10_000
 
 
-def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
+def test_a_hostile_name_in_an_error(eivor, tmp_path):
     run = eivor("identify", tmp_path / HOSTILE)
     assert run.code == 1
     assert "\x1b" not in run.err
@@ -220,7 +211,7 @@ def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_name_that_is_no_text(flight: polars.DataFrame, tmp_path: Path) -> None:
+def test_a_name_that_is_no_text(flight, tmp_path):
     path = os.path.join(os.fsencode(tmp_path), b"\xff.csv")  # noqa: PTH118 - bytes are the point
     source = tmp_path / "x.csv"
     flight.head(1500).write_csv(source)
@@ -236,11 +227,11 @@ def test_a_name_that_is_no_text(flight: polars.DataFrame, tmp_path: Path) -> Non
 
 
 class _Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
-def test_a_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_is_announced_on_terminals_only(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", stream)
@@ -255,7 +246,7 @@ def test_a_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) 
     "option",
     ["--lag", "--lag-from", "--window", "--input", "--input-map", "--map", "--json", "--figure", "--html"],
 )
-def test_an_empty_option_is_not_passed_over(eivor: Caller, option: str) -> None:
+def test_an_empty_option_is_not_passed_over(eivor, option):
     run = eivor("identify", "--example", option, "")
     assert run.code == 2
     assert run.out == ""
@@ -263,7 +254,7 @@ def test_an_empty_option_is_not_passed_over(eivor: Caller, option: str) -> None:
     assert run.err.rstrip().endswith("or leave it out.")
 
 
-def test_of_the_group_and_of_a_file(eivor: Caller, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_the_group_and_of_a_file(eivor, tmp_path, monkeypatch):
     assert "a value for --config" in eivor("--config", "", "identify", "--example").err
     monkeypatch.chdir(tmp_path)
     (tmp_path / "eivor.toml").write_text('[identify]\nlag = ""\n')
@@ -373,17 +364,17 @@ def test_the_file_of_the_page_is_valid(eivor, written):
         (":67", (-math.inf, 67.0)),
     ],
 )
-def test_a_window_is_two_seconds(text: str, expected: tuple[float, float]) -> None:
+def test_a_window_is_two_seconds(text, expected):
     assert parse_window(text) == expected
 
 
 @pytest.mark.parametrize("text", ["", "4", "67:4", "4:4", "a:b", "4:nan", "nan:", "1:2:3", "4-67"])
-def test_a_window_that_is_none_is_refused(text: str) -> None:
+def test_a_window_that_is_none_is_refused(text):
     with pytest.raises(UsageError, match="START before END"):
         parse_window(text)
 
 
-def test_a_log_may_bring_its_window() -> None:
+def test_a_log_may_bring_its_window():
     assert log_argument("a/b.ulg@4:67") == LogArgument(Path("a/b.ulg"), (4.0, 67.0))
     assert log_argument("b.ulg@-4:6.5") == LogArgument(Path("b.ulg"), (-4.0, 6.5))
     assert log_argument("me@home.csv") == LogArgument(Path("me@home.csv"))
@@ -391,19 +382,19 @@ def test_a_log_may_bring_its_window() -> None:
     assert log_argument("@1:2") == LogArgument(Path("@1:2"))
 
 
-def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path: Path) -> None:
+def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path):
     path = tmp_path / "flight@4:67"
     path.touch()
     assert log_argument(str(path)) == LogArgument(path)
 
 
 @pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
-def test_instruments_that_exclude_each_other_are_refused(text: str) -> None:
+def test_instruments_that_exclude_each_other_are_refused(text):
     with pytest.raises(UsageError, match="alone"):
         parse_names(text)
 
 
-def test_an_error_names_its_log_once() -> None:
+def test_an_error_names_its_log_once():
     with pytest.raises(CorruptLogError, match=r"bits, in b\.ulg"), named("a/b.ulg", several=True):
         raise CorruptLogError("a log", "bits, in b.ulg", "Try again.")
     with pytest.raises(CorruptLogError, match=r"bits, in a/b\.ulg"), named("a/b.ulg", several=True):

@@ -15,9 +15,8 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+import eivor as ev
 from eivor.fleet.table import read_flights, write_report
-from eivor.logs import read_log
-from eivor.motions.identify import identify_flight
 from fleets.fleet_rows import row, write_fleet
 from fleets.fleet_tasks import rows_of, write_logs
 from report.parsed_page import parsed
@@ -107,7 +106,7 @@ def test_real_logs_become_rows(eivor, log, tmp_path):
     rows = {row["name"]: row for row in read_flights(tmp_path / "fleet").rows(named=True)}
     assert rows["damaged.ulg"]["verdict"] == "failed"
     flight = rows["flight.csv"]
-    result = identify_flight(read_log(log))
+    result = ev.identify_flight(ev.read_log(log))
     assert flight["input_gain.value"] == result.quantities["input_gain"].value
     assert flight["covariance"] == result.covariance.ravel().tolist()
     assert flight["covariance_names"] == list(result.names)
@@ -174,7 +173,7 @@ def test_it_opens_the_page_and_stops(eivor, monkeypatch, tmp_path, stop):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     opened = []
 
-    def browser(url: str) -> None:
+    def browser(url):
         opened.append((url, [path.name for path in tmp_path.iterdir()]))
         os.kill(os.getpid(), stop)
 
@@ -199,7 +198,7 @@ def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     results = []
 
-    def browser(_url: str) -> None:
+    def browser(_url):
         results.append(signal.getsignal(signal.SIGHUP))
         os.kill(os.getpid(), signal.SIGTERM)
 

@@ -20,7 +20,7 @@ Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
-def test_the_example_is_identified(eivor: Caller) -> None:
+def test_the_example_is_identified(eivor):
     run = eivor("identify", "--example")
     assert run.code == 0
     assert run.err == ""
@@ -29,9 +29,7 @@ def test_the_example_is_identified(eivor: Caller) -> None:
     assert "Flight card" not in run.out
 
 
-def test_the_table_has_every_quantity_in_80_columns(
-    eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_table_has_every_quantity_in_80_columns(eivor, log, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     run = eivor("identify", log, "--compare")
     for word in ("viscous friction", "input gain", "hover input", "effective lag", "delay", "intercept"):
@@ -43,9 +41,7 @@ def test_the_table_has_every_quantity_in_80_columns(
 
 
 @pytest.mark.thorough
-def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals_hold_the_truth(
-    shell: Caller,
-) -> None:
+def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals_hold_the_truth(shell):
     run = shell("identify", "--example", "--json", "-")
     document = json.loads(run.out)
     assert run.code == 0
@@ -58,7 +54,7 @@ def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals
 
 
 @pytest.mark.thorough
-def test_the_window_is_used(eivor: Caller, log: Path, flight: polars.DataFrame, tmp_path: Path) -> None:
+def test_the_window_is_used(eivor, log, flight, tmp_path):
     early = tmp_path / "early.csv"
     flight.with_columns(polars.col("time") - 10.0).write_csv(early)
     for arguments, window in (
@@ -71,7 +67,7 @@ def test_the_window_is_used(eivor: Caller, log: Path, flight: polars.DataFrame, 
         assert document["window"] == pytest.approx(window, abs=0.02)
 
 
-def test_tilt_method_map_and_input_are_passed_on(eivor: Caller, log: Path) -> None:
+def test_tilt_method_map_and_input_are_passed_on(eivor, log):
     run = eivor(
         *("identify", log, "--max-tilt", "15", "--method", "least_squares", "--input-map", "power:1.9"),
         *("--input", "rotor_command", "--json", "-"),
@@ -85,7 +81,7 @@ def test_tilt_method_map_and_input_are_passed_on(eivor: Caller, log: Path) -> No
 
 
 @pytest.mark.thorough
-def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
+def test_instruments_can_be_chosen(eivor, log):
     document = json.loads(eivor("identify", log, "--instruments", "reference_position_z", "--json", "-").out)
     assert document["instruments"] == "reference_position_z"
     document = json.loads(eivor("identify", log, "--instruments", "lags", "--json", "-").out)
@@ -94,7 +90,7 @@ def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+def test_a_pool_has_a_row_for_each_flight(eivor, flight, tmp_path):
     """Logs of one name are named by their paths, parts of one by their windows, a copy is used once."""
     paths = [tmp_path / str(number) / "log.csv" for number in range(2)]
     for number, path in enumerate(paths):
@@ -117,9 +113,7 @@ def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFram
 @pytest.mark.parametrize(
     "grounded", [pytest.param(True, marks=pytest.mark.thorough), False], ids=["grounded", "constant"]
 )
-def test_a_flight_that_tells_nothing_is_refused_not_failed(
-    eivor: Caller, flight: polars.DataFrame, tmp_path: Path, *, grounded: bool
-) -> None:
+def test_a_flight_that_tells_nothing_is_refused_not_failed(eivor, flight, tmp_path, *, grounded):
     level = np.where(flight["time"] < 2.0, 0.0, 1800.0) if grounded else np.full(flight.height, 1800.0)
     table = flight.with_columns(*[polars.Series(f"rotor_command_{n}", level) for n in range(1, 5)])
     if grounded:
@@ -194,16 +188,7 @@ REFUSALS = (
 
 
 @pytest.mark.parametrize(("command", "code", "message"), REFUSALS, ids=[item[0] for item in REFUSALS])
-def test_what_is_refused_is_one_sentence(
-    eivor: Caller,
-    log: Path,
-    flight: polars.DataFrame,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    command: str,
-    code: int,
-    message: str,
-) -> None:
+def test_what_is_refused_is_one_sentence(eivor, log, flight, tmp_path, monkeypatch, command, code, message):
     monkeypatch.chdir(tmp_path)
     files = {
         "EMPTY": ("empty.csv", b""),
@@ -225,7 +210,7 @@ def test_what_is_refused_is_one_sentence(
 
 
 @pytest.mark.thorough
-def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
+def test_a_full_disk_is_told(eivor, log):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     run = eivor("identify", log, "--json", "/dev/full")
@@ -234,7 +219,7 @@ def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
+def test_a_lag_is_taken_from_another_flight(eivor, log, tmp_path):
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0
     document = json.loads(other.read_text())
@@ -271,7 +256,7 @@ def test_a_short_track_says_what_is_missing(eivor):
 
 
 @pytest.mark.thorough
-def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -> None:
+def test_another_flight_is_predicted(eivor, log, tmp_path):
     fit, figure = tmp_path / "fit.json", tmp_path / "fit.svg"
     assert eivor("identify", f"{log}@0:25", "--json", fit).code == 0
     run = eivor("validate", fit, f"{log}@15:30", "--figure", figure)
@@ -294,7 +279,7 @@ def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -
     assert eivor("validate", fit, log, "--json", fit).code == 2
 
 
-def embedded(page: Path) -> dict:
+def embedded(page):
     text = page.read_text(encoding="utf-8")
     return json.loads(re.search(r'<script type="application/json" id="result">(.*?)</script>', text)[1])
 

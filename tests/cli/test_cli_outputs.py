@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from fnmatch import fnmatch
 from itertools import combinations, cycle
 from pathlib import Path
@@ -86,10 +86,10 @@ WORDS = frozenset(
 COMPLETION = frozenset({"install_completion", "show_completion"})
 
 
-def commands() -> dict[tuple[str, ...], Any]:
+def commands():
     """Every command and group, by the words that name it."""
 
-    def below(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    def below(words, command):
         yield words, command
         for name, part in getattr(command, "commands", {}).items():
             yield from below((*words, name), part)
@@ -100,13 +100,13 @@ def commands() -> dict[tuple[str, ...], Any]:
 COMMANDS = commands()
 
 
-def named(words: tuple[str, ...], kind: type) -> list[Any]:
+def named(words, kind):
     """Parameters of a command that declare one kind of file."""
     positions = declarations(COMMANDS[words])
     return [param for param in COMMANDS[words].params if isinstance(positions.get(param.name), kind)]
 
 
-def label(parameter: Any) -> str:
+def label(parameter):
     is_argument = parameter.param_type_name == "argument"
     return str(parameter.metavar) if is_argument else str(max(parameter.opts, key=len))
 
@@ -126,11 +126,11 @@ OUTPUTS = [
 ]
 
 
-def position_of(words: tuple[str, ...], parameter: Any) -> Reads | Writes:
+def position_of(words, parameter):
     return {**declarations(COMMANDS[()]), **declarations(COMMANDS[words])}[parameter.name]
 
 
-def called(words: tuple[str, ...], given: dict[str, tuple[Any, str]], folder: Path) -> list[str]:
+def called(words, given, folder):
     """Arguments of a command with some parameters; other required ones have files of their own."""
     before: list[str] = []
     after: list[str] = []
@@ -150,11 +150,11 @@ def called(words: tuple[str, ...], given: dict[str, tuple[Any, str]], folder: Pa
     return [*before, *words, *after]
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_every_text_of_a_command_declares_its_files() -> None:
+def test_every_text_of_a_command_declares_its_files():
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
     unguarded = []
     for words, command in COMMANDS.items():
@@ -211,14 +211,7 @@ def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source
 
 
 @pytest.mark.parametrize(("words", "first", "second"), OUTPUTS)
-def test_two_outputs_are_two_files(
-    eivor: Caller,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    first: Any,
-    second: Any,
-) -> None:
+def test_two_outputs_are_two_files(eivor, tmp_path, monkeypatch, words, first, second):
     (tmp_path / "sub").mkdir()
     monkeypatch.chdir(tmp_path)
     folders = [item for item in (first, second) if position_of(words, item).inside]  # type: ignore[union-attr]
@@ -238,7 +231,7 @@ def test_two_outputs_are_two_files(
         assert contents(tmp_path) == before
 
 
-def test_devices_and_streams_are_no_files(eivor: Caller, log: Path) -> None:
+def test_devices_and_streams_are_no_files(eivor, log):
     run = eivor("inspect", log, "--json", "/dev/null")
     assert run.code == 0
     run = eivor("identify", log, "--json", "-", "--html", "-")
@@ -246,9 +239,7 @@ def test_devices_and_streams_are_no_files(eivor: Caller, log: Path) -> None:
     assert eivor("plan", "--csv", "/dev/null", "--mavsdk", "/dev/null", "--time", 20).code in (0, 3)
 
 
-def test_windows_folders_and_the_options_file_are_read(
-    eivor: Caller, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "would replace" in eivor("inspect", f"{log}@1:9", "--json", log).err
     bag = tmp_path / "bag"
@@ -269,7 +260,7 @@ def test_windows_folders_and_the_options_file_are_read(
     assert "would replace 'fleet/reports/flight.html' of the logs of logs.txt" in run.err
 
 
-def test_standard_input_is_a_file_too(log: Path) -> None:
+def test_standard_input_is_a_file_too(log):
     before = log.read_bytes()
     code = "from eivor.cli.main import run; run()"
     with log.open("rb") as stream:
@@ -285,7 +276,7 @@ def test_standard_input_is_a_file_too(log: Path) -> None:
     assert log.read_bytes() == before
 
 
-def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None:
+def test_the_files_of_folders_are_those_that_are_written(tmp_path):
     from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_path
     from eivor.lab.figures import figure_files
     from eivor.lab.study import IDENTITY_FILE, TABLE_FILE
@@ -306,7 +297,7 @@ def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None
         assert not [name for name in names if not any(fnmatch(name, pattern) for pattern in patterns)]
 
 
-def test_an_output_needs_a_folder(tmp_path: Path) -> None:
+def test_an_output_needs_a_folder(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         output_file(str(tmp_path / "no" / "x.json"), option="--json")
     with pytest.raises(UsageError, match="the folder"):
@@ -323,21 +314,21 @@ def test_an_output_needs_a_folder(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["dangling"]
 
 
-def test_a_figure_has_a_format(tmp_path: Path) -> None:
+def test_a_figure_has_a_format(tmp_path):
     assert figure_file(str(tmp_path / "x.PNG")) == tmp_path / "x.PNG"
     with pytest.raises(UsageError, match=r"\.png, \.svg, \.pdf"):
         figure_file(str(tmp_path / "x.jpg"))
 
 
-def test_the_system_s_refusal_to_write_is_told(tmp_path: Path) -> None:
+def test_the_system_s_refusal_to_write_is_told(tmp_path):
     with pytest.raises(InputError, match="No space left"), writing(tmp_path / "x"):
         raise OSError(28, "No space left on device")
 
 
-def test_every_part_is_delivered_whatever_happens_to_others(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_part_is_delivered_whatever_happens_to_others(capsys):
     done: list[int] = []
 
-    def refused(number: int) -> None:
+    def refused(number):
         done.append(number)
         raise InputError("a file", f"number {number}", "Choose another.")
 
@@ -348,7 +339,7 @@ def test_every_part_is_delivered_whatever_happens_to_others(capsys: pytest.Captu
 
 
 @pytest.fixture
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def study(tmp_path, monkeypatch):
     """A study that names a scenario that names a table."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
@@ -358,7 +349,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "study.toml"
 
 
-def test_study_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> None:
+def test_study_keeps_every_file_that_it_names(eivor, study):
     sources = [study, study.with_name("scene.toml"), study.with_name("drive.csv")]
     before = [source.read_bytes() for source in sources]
     for source in sources:
@@ -370,7 +361,7 @@ def test_study_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> Non
 
 
 @pytest.mark.thorough
-def test_study_keeps_its_trials(eivor: Caller, study: Path) -> None:
+def test_study_keeps_its_trials(eivor, study):
     assert eivor("study", study, "--workers", 1, "--figures").code == 0
     files = [path for path in Path("study-study").rglob("*") if path.is_file()]
     assert {path.name for path in files} >= {"study.json", "trials.parquet", "000000.parquet", "nrmse.svg"}
@@ -386,7 +377,7 @@ def test_study_keeps_its_trials(eivor: Caller, study: Path) -> None:
     assert Path("study.json").read_text(encoding="utf-8") == text
 
 
-def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> None:
+def test_simulate_keeps_every_file_that_it_names(eivor, study):
     for name in ("scene.toml", "drive.csv"):
         source = study.with_name(name)
         before = source.read_bytes()
@@ -398,7 +389,7 @@ def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> 
     assert eivor("simulate", "scene.toml", "-o", "drive.csv").code == 2
 
 
-def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedProcess[str]:
+def limited(*arguments, bytes_, folder):
     """Run with a limit on the size of files, as a full disk would have it."""
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
@@ -413,7 +404,7 @@ def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedP
 
 
 @pytest.mark.thorough
-def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_path: Path) -> None:
+def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_path):
     """The earlier JSON and figure stay whole, nothing is left beside them, and the table is printed."""
     for name in ("fit.json", "fit.svg"):
         (tmp_path / name).write_text("good\n", encoding="utf-8")
@@ -431,7 +422,7 @@ def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_pat
 
 
 @pytest.mark.thorough
-def test_files_are_written_when_nobody_reads_the_report(tmp_path: Path) -> None:
+def test_files_are_written_when_nobody_reads_the_report(tmp_path):
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' inspect --example --json x.json"
     run = subprocess.run(  # noqa: S602 - a pipe is the point
         f"{command} | exec >&-", shell=True, capture_output=True, text=True, check=False, cwd=tmp_path
@@ -441,7 +432,7 @@ def test_files_are_written_when_nobody_reads_the_report(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> None:
+def test_inspect_and_study_print_what_their_file_does_not_hold(study):
     folder = study.parent
     for name, arguments in (
         ("inspect.json", ("inspect", "drive.parquet")),
@@ -466,7 +457,7 @@ def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> N
 
 
 @pytest.mark.thorough
-def test_what_is_written_is_readable_under_a_link(eivor: Caller, log: Path, tmp_path: Path) -> None:
+def test_what_is_written_is_readable_under_a_link(eivor, log, tmp_path):
     """A link stays a link, and the permissions of an earlier file stay."""
     target = tmp_path / "target.json"
     target.write_text("old", encoding="utf-8")

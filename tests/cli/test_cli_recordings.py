@@ -25,7 +25,7 @@ CLEAN = (
 )
 
 
-def _document(run: Any) -> dict[str, Any]:
+def _document(run):
     document: dict[str, Any] = json.loads(run.out)
     return document
 
@@ -33,7 +33,7 @@ def _document(run: Any) -> dict[str, Any]:
 @pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
-def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
+def test_a_hover_is_refused(eivor, recordings):
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
     assert run.code == 3
     assert "NOT IDENTIFIED" in run.out
@@ -44,7 +44,7 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
+def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
     """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
     given = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
@@ -61,7 +61,7 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> None:
+def test_time_after_a_crash_is_no_flight(eivor, recordings):
     """The motors idle on the ground while the land detector says that the vehicle flies."""
     document = _document(eivor("identify", recordings / "px4" / "ekf_failure.ulg", "--json", "-"))
     assert document["window"][1] < 68.0
@@ -70,9 +70,7 @@ def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> Non
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_s(
-    eivor: Caller, recordings: Path
-) -> None:
+def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_s(eivor, recordings):
     path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
     run = eivor("identify", path, "--json", "-")
     document = _document(run)
@@ -98,7 +96,7 @@ def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path) -> None:
+def test_the_hover_input_is_the_autopilot_s_own(eivor, recordings):
     document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
     (message,) = [item["message"] for item in document["findings"] if item["name"] == "hover_estimate"]
     assert "is 0.524 (median of" in message
@@ -107,7 +105,7 @@ def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path)
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recordings: Path) -> None:
+def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor, recordings):
     with coarse():
         document = _document(
             eivor("identify", f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:61", "--json", "-")
@@ -120,7 +118,7 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recording
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
+def test_a_flight_that_never_takes_off(eivor, recordings, tmp_path):
     run = eivor(
         "identify", recordings / "nanobench" / "B6_linear_ramp_rep1.csv", "--figure", tmp_path / "x.png"
     )
@@ -137,14 +135,14 @@ def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path
         *(pytest.param(f"B9_trefoil_fast_rep{n}", marks=pytest.mark.thorough) for n in (3, 15)),
     ],
 )
-def test_overflow_is_reported(eivor: Caller, recordings: Path, name: str) -> None:
+def test_overflow_is_reported(eivor, recordings, name):
     run = eivor("inspect", recordings / "nanobench" / f"{name}.csv")
     assert run.code == 0
     assert "overflowed" in run.out
 
 
 @pytest.mark.recordings
-def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Path) -> None:
+def test_vehicles_of_different_maps_are_not_pooled(eivor, recordings):
     run = eivor(
         "identify", recordings / "px4" / "ekf_failure.ulg", recordings / "nanobench" / f"{CLEAN[0]}.csv"
     )
@@ -154,7 +152,7 @@ def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Pa
 
 @pytest.mark.recordings
 @pytest.mark.thorough
-def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
+def test_a_log_of_ardupilot(eivor, recordings):
     log = recordings / "ardupilot" / "log_0036_mechanical_failure.bin"
     run = eivor("inspect", log)
     assert run.code == 0
@@ -167,21 +165,21 @@ def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
 
 
 @pytest.mark.recordings
-def test_a_log_without_flight_is_inspected(eivor: Caller, recordings: Path) -> None:
+def test_a_log_without_flight_is_inspected(eivor, recordings):
     run = eivor("inspect", recordings / "px4" / "sample_appended_multiple.ulg")
     assert run.code == 0
     assert "Never in the air" in run.out
 
 
 @pytest.mark.thorough
-def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
+def test_a_reader_that_goes_away_is_no_error_message(tmp_path):
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example | true"
     run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
     assert run.stderr == ""
 
 
 @pytest.mark.thorough
-def test_help_and_errors_are_spelt_too(shell: Caller) -> None:
+def test_help_and_errors_are_spelt_too(shell):
     help_text = shell("identify", "--help", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert "+- Options ---" in help_text.out
     error = shell("identify", "fläche τ.csv", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
@@ -201,7 +199,7 @@ def test_help_and_errors_are_spelt_too(shell: Caller) -> None:
         ("τ ± 1\n  2", "utf-8", "τ ± 1\n  2"),
     ],
 )
-def test_plain_text(text: str, encoding: str, plain: str) -> None:
+def test_plain_text(text, encoding, plain):
     assert plain_text(text, encoding) == plain
 
 
@@ -216,7 +214,7 @@ def test_plain_text(text: str, encoding: str, plain: str) -> None:
         ("--version",),
     ],
 )
-def test_a_full_disk_behind_standard_output_is_one_message(arguments: tuple[str, ...]) -> None:
+def test_a_full_disk_behind_standard_output_is_one_message(arguments):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         run = subprocess.run(
             [sys.executable, "-c", "from eivor.cli.main import run; run()", *arguments],
@@ -233,7 +231,7 @@ def test_a_full_disk_behind_standard_output_is_one_message(arguments: tuple[str,
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("stream", "code"), [(1, 1), (2, 0)])
-def test_a_stream_that_is_closed(stream: int, code: int) -> None:
+def test_a_stream_that_is_closed(stream, code):
     """Without standard output the numbers cannot be printed; without standard error nothing is missing."""
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example {stream}>&-"
     run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
@@ -249,7 +247,7 @@ def test_a_stream_that_is_closed(stream: int, code: int) -> None:
 WITHIN = ("numpy.f2py.crackfortran", "numpy.testing._private.utils")
 
 
-def printed(code: str) -> str:
+def printed(code):
     """What a fresh interpreter prints."""
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return run.stdout.strip()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ RATES_HZ = (0.3, 1.0, 2.0, 5.0, 10.0, 10.0, 25.0, 50.0, 100.0, 250.0)
 GRAVITY = 9.80665
 
 
-def flown(rng: np.random.Generator) -> Columns:
+def flown(rng):
     """Channels of a flight by name: stamps, as a logger may write them, and values."""
     seconds = float(rng.choice([0.02, 0.5, 1.2, 3.2, 5.0, 9.0, 20.0, 45.0]))
     time = np.arange(0.0, seconds + 0.004, 0.004)
@@ -73,9 +72,7 @@ def flown(rng: np.random.Generator) -> Columns:
     }
 
 
-def _logged(
-    rng: np.random.Generator, time: np.ndarray, values: np.ndarray, rate_hz: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _logged(rng, time, values, rate_hz):
     """One channel, with a clock and values that are spoilt now and then."""
     if rng.random() < 0.15:
         rate_hz = float(rng.choice(RATES_HZ))
@@ -94,14 +91,14 @@ def _logged(
     return stamps, values
 
 
-def _spoilt_clock(rng: np.random.Generator, stamps: np.ndarray, kind: int) -> np.ndarray:
+def _spoilt_clock(rng, stamps, kind):
     """Stamps that stand there twice, or jump."""
     if kind < 2:
         return np.repeat(stamps[::2], 2)[: stamps.size]
     return stamps + rng.choice([0.5, 20.0, 1e6]) * (np.arange(stamps.size) > 0.5 * stamps.size)
 
 
-def _spoilt_values(rng: np.random.Generator, values: np.ndarray, kind: int) -> np.ndarray:
+def _spoilt_values(rng, values, kind):
     """Values that rest, are missing, have another unit, or none of this world."""
     wrong = {
         5: np.full(values.size, values[0]),
@@ -114,7 +111,7 @@ def _spoilt_values(rng: np.random.Generator, values: np.ndarray, kind: int) -> n
     return wrong[kind]
 
 
-def recording_of(columns: Columns, name: str = "hostile") -> Any:
+def recording_of(columns, name="hostile"):
     """The channels as a log that was read."""
     from eivor.signals.channels import canonical_channel
     from eivor.signals.recording import Recording, clean_channel
@@ -126,7 +123,7 @@ def recording_of(columns: Columns, name: str = "hostile") -> Any:
     return Recording(name, "csv", channels)
 
 
-def write_csv(columns: Columns, path: Path) -> None:
+def write_csv(columns, path):
     """The channels in one table, in the order of their stamps, with empty cells between them."""
     tables = [
         polars.DataFrame({"time": stamps, name: values}).unique("time", keep="first", maintain_order=True)
@@ -138,7 +135,7 @@ def write_csv(columns: Columns, path: Path) -> None:
     whole.sort("time").fill_nan(None).write_csv(path)
 
 
-def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
+def use_library(log, fit, choices):
     """What each function says of a log: a result, or one of Eivor's own errors."""
     import eivor as ev
     from eivor.errors import EivorError
@@ -150,13 +147,13 @@ def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
 
     sentence = []
 
-    def called(action: Callable[[], Any]) -> None:
+    def called(action):
         try:
             sentence.append(str(action()))
         except EivorError as error:
             sentence.append(str(error))
 
-    def identified() -> str:
+    def identified():
         result = ev.identify_flight(log, **choices)
         called(lambda: track(result))
         called(lambda: ev.validate(result, log).summary())
@@ -191,7 +188,7 @@ COMMANDS = {
 }
 
 
-def still_in_turns() -> Columns:
+def still_in_turns():
     """Climb rate that is zero while the reference moves, silence, and a reference that rests afterwards."""
     time = np.arange(0.0, 40.0, 0.01)
     time = time[(time < 20.0) | (time > 23.0)]
@@ -206,7 +203,7 @@ def still_in_turns() -> Columns:
     return {name: (time, value) for name, value in values.items()}
 
 
-def slow_command() -> Columns:
+def slow_command():
     """Throttle at 10 Hz, a step of the reference, and runs that are over before a cycle of what is left."""
     time = np.arange(0.0, 4.0, 0.01)
     speed = 0.5 * np.sin(4.0 * time)
@@ -218,7 +215,7 @@ def slow_command() -> Columns:
 
 
 @pytest.fixture(scope="module")
-def good_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def good_fit(tmp_path_factory):
     """A result that `validate` takes."""
     import eivor as ev
     from coarse_search import coarse
@@ -230,9 +227,7 @@ def good_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def use_commands(
-    eivor: Caller, columns: Columns, fit: Path, folder: Path, commands: Sequence[str] = tuple(COMMANDS)
-) -> dict[str, str]:
+def use_commands(eivor, columns, fit, folder, commands=tuple(COMMANDS)):
     """What each command prints of a log, with a documented exit code."""
     log, sentence = folder / "log.csv", {}
     write_csv(columns, log)
@@ -252,16 +247,14 @@ def use_commands(
         (slow_command(), "Expected 2 frequencies or more between 0.04 and 0.25 Hz in the runs used"),
     ],
 )
-def test_what_tells_nothing_is_refused_in_a_sentence(
-    eivor: Caller, good_fit: Path, tmp_path: Path, columns: Columns, sentence: str
-) -> None:
+def test_what_tells_nothing_is_refused_in_a_sentence(eivor, good_fit, tmp_path, columns, sentence):
     commands = use_commands(eivor, columns, good_fit, tmp_path, ("identify", "inspect"))
     assert "NOT IDENTIFIED" in commands["identify"]
     assert sentence in " ".join(commands["identify"].split())
     assert sentence in " ".join(commands["inspect"].split())
 
 
-def check_library(seed: int, fit: Path) -> None:
+def check_library(seed, fit):
     rng = np.random.default_rng(seed)
     columns = flown(rng)
     choices = CHOICES[int(rng.integers(0, len(CHOICES)))]
@@ -270,16 +263,16 @@ def check_library(seed: int, fit: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_calls_end_in_a_result_or_a_sentence(good_fit: Path, seed: int) -> None:
+def test_calls_end_in_a_result_or_a_sentence(good_fit, seed):
     check_library(seed, good_fit)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_commands_end_in_a_documented_code(eivor: Caller, good_fit: Path, tmp_path: Path, seed: int) -> None:
+def test_commands_end_in_a_documented_code(eivor, good_fit, tmp_path, seed):
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 
 
-def cut_short(log: Any, rng: np.random.Generator) -> Any:
+def cut_short(log, rng):
     """A random part of a recording, without some of its channels."""
     from dataclasses import replace
 
@@ -296,7 +289,7 @@ def cut_short(log: Any, rng: np.random.Generator) -> Any:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(20))
-def test_parts_of_real_flights_end_so(recordings: Path, good_fit: Path, seed: int) -> None:
+def test_parts_of_real_flights_end_so(recordings, good_fit, seed):
     import eivor as ev
 
     rng = np.random.default_rng(seed)

@@ -20,15 +20,15 @@ PARAMETERS = (Parameter("friction", "1/s"), Parameter("gain"))
 HERTZ = (0.15, 0.4, 0.9, 1.7, 2.9)
 
 
-def lag(**more) -> Nuisance:
+def lag(**more):
     return Nuisance(ACTUATOR_LAG, more.pop("grid", np.geomspace(0.01, 0.4, 20)), **more)
 
 
-def share(**more) -> Nuisance:
+def share(**more):
     return Nuisance(CURVE_SHARE, more.pop("grid", np.linspace(0.0, 1.0, 11)), **more)
 
 
-def curved(values: np.ndarray, bend: float) -> np.ndarray:
+def curved(values, bend):
     """What an input does: a share of it by its square."""
     return (1.0 - bend) * values + bend * values**2
 
@@ -39,17 +39,17 @@ class Driven:
 
     command: np.ndarray
 
-    def __call__(self, nuisance_values) -> np.ndarray:
+    def __call__(self, nuisance_values):
         state = first_order_lag(self.command, step_s=STEP_S, lag_s=nuisance_values["actuator_lag"])
         return curved(state, nuisance_values["curve_share"])[:, None]
 
 
-def sines(rng: np.random.Generator, hertz=HERTZ, size: float = 0.15) -> np.ndarray:
+def sines(rng, hertz=HERTZ, size=0.15):
     time, phases = STEP_S * np.arange(SAMPLES)[:, None], rng.uniform(0.0, 2.0 * np.pi, len(hertz))
     return size * np.sin(2.0 * np.pi * np.array(hertz) * time + phases).sum(axis=1)
 
 
-def columns(seed: int, *, noise: float = 0.02, hertz=HERTZ, flight: int = 0, axis: int = 0) -> AxisColumns:
+def columns(seed, *, noise=0.02, hertz=HERTZ, flight=0, axis=0):
     """One flight; what its input does is not measured, only what comes of it."""
     rng = np.random.default_rng(seed)
     command, velocity = 0.7 + sines(rng, hertz), sines(rng)
@@ -62,11 +62,11 @@ def columns(seed: int, *, noise: float = 0.02, hertz=HERTZ, flight: int = 0, axi
     return AxisColumns(STEP_S, runs, response[:, None], -velocity[:, None], driven, instruments, flight, axis)
 
 
-def problem(*nuisances: Nuisance, seed: int = 0, **more) -> LaggedRuns:
+def problem(*nuisances, seed=0, **more):
     return LaggedRuns((columns(seed, **more),), PARAMETERS, nuisances)
 
 
-def residual(made: LaggedRuns, joint: np.ndarray) -> np.ndarray:
+def residual(made, joint):
     """Residual of the rows in time, written out run by run."""
     friction, gain, lag_s, bend = joint
     (item,) = made.columns

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -328,13 +327,13 @@ INTERVALS_METHODS: dict[str, tuple[LinearMethod, str]] = {
 }
 
 
-def autocorrelated(rng: np.random.Generator, memory: float, std: float, columns: int) -> np.ndarray:
+def autocorrelated(rng, memory, std, columns):
     shocks = rng.standard_normal((COUNT + 50, columns))
     series = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], shocks, axis=0)
     return np.asarray(std * series[50:])
 
 
-def problem_intervals(rng: np.random.Generator, kind: str) -> ev.Regression:
+def problem_intervals(rng, kind):
     """Two slow regressors, an autocorrelated disturbance, and white errors where the kind has them."""
     x = autocorrelated(rng, 0.7, 1.0, 2)
     # Total least squares is told white errors of known covariance; the others allow for any disturbance.
@@ -361,7 +360,7 @@ def problem_intervals(rng: np.random.Generator, kind: str) -> ev.Regression:
     )
 
 
-def coverage(draw: Callable[[np.random.Generator], ev.Estimate], seed: int) -> np.ndarray:
+def coverage(draw, seed):
     with shape_checks.unchecked():
         hits = np.zeros(2, dtype=int)
         with threadpool_limits(limits=1):  # the matrices are small: threads would wait for each other

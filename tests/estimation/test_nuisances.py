@@ -25,7 +25,6 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import ConvergenceError, ParameterError, UsageError
-from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
@@ -46,7 +45,7 @@ FEW_LAGS, FEW_SHARES = np.geomspace(0.03, 0.2, 6), np.linspace(0.0, 1.0, 5)
 KNOWN_SHARE = share(grid=np.array([SHARE]))
 
 
-def named(method: LinearMethod) -> str:
+def named(method):
     return method.name
 
 
@@ -103,7 +102,7 @@ RUNS = 300
 
 
 @pytest.fixture(scope="module")
-def spread() -> list[Estimate]:
+def spread():
     """Estimates of many runs with white noise."""
     coarse = lag(grid=FEW_LAGS), share(grid=FEW_SHARES)
     return [ev.identify(problem(*coarse, seed=seed, noise=0.1), TWO_STAGE) for seed in range(RUNS)]
@@ -255,10 +254,10 @@ class Nothing(Method):
     name: str = "nothing"
 
     @property
-    def needs_instruments(self) -> bool:
+    def needs_instruments(self):
         return False
 
-    def estimate(self, problem) -> Estimate:
+    def estimate(self, problem):
         return replace(least_squares().estimate(problem), method=self.name)
 
 

@@ -418,7 +418,7 @@ def test_what_limited_information_cannot_use_is_refused():
 ROWS, TRUTH = 400, np.array([0.7, -1.3])
 
 
-def noisy_problem(*, instruments: int, shared_response: float = 0.3) -> tuple[ev.Regression, np.ndarray]:
+def noisy_problem(*, instruments, shared_response=0.3):
     """Rows whose first instrument shares noise with the first regressor and with the response, and C, c.
 
     The noises are those that the covariance says: a common part of the three, and a part of the regressor.

@@ -14,15 +14,12 @@ import eivor
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation import methods
-from eivor.estimation.bootstrap import Replicate, bootstrap, pool_flights
-from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
+from eivor.estimation.bootstrap import bootstrap, pool_flights
 from eivor.estimation.methods import least_squares, reference_iv
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.regression import Regression, SampleRows, regression
-from eivor.models.separable import Nuisance
 
 ROWS = 1003
 METHODS = {
@@ -38,7 +35,7 @@ METHODS = {
 }
 
 
-def rows_of(index: np.ndarray, *, compensated: bool) -> Regression:
+def rows_of(index, *, compensated):
     """Some rows of one noisy data set, of which the first two instruments share noise with a regressor."""
     random = np.random.default_rng(1)
     u = lfilter([1.0], [1.0, -0.7], random.normal(size=ROWS + 6))
@@ -58,7 +55,7 @@ def rows_of(index: np.ndarray, *, compensated: bool) -> Regression:
 @pytest.mark.thorough
 @pytest.mark.parametrize("scheme", list(BlockScheme))
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, scheme: BlockScheme) -> None:
+def test_replicates_are_estimates_from_the_drawn_rows(method, scheme):
     problem = partial(rows_of, compensated=method.name.startswith("generalized"))
     result = bootstrap(problem(np.arange(ROWS)), method, runs=4, block_length=7, scheme=scheme, seed=3)
     plan, random = block_plan(ROWS, 7.0, scheme), np.random.default_rng(3)
@@ -68,7 +65,7 @@ def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, sche
         np.testing.assert_allclose(replicate, wanted, rtol=1e-10)
 
 
-def test_robust_weights_are_those_of_the_sample() -> None:
+def test_robust_weights_are_those_of_the_sample():
     """A weight made of residuals is kept, and the replicates are close to those that renew it."""
     method = methods.extended_iv(methods.TwoStepRobust())
     result = bootstrap(rows_of(np.arange(ROWS), compensated=False), method, runs=20, block_length=7, seed=3)
@@ -86,7 +83,7 @@ def test_robust_weights_are_those_of_the_sample() -> None:
     )
 
 
-def test_the_seed_decides_and_is_told() -> None:
+def test_the_seed_decides_and_is_told():
     problem = rows_of(np.arange(ROWS), compensated=True)
     make = partial(eivor.bootstrap, problem, methods.generalized_iv(), runs=30)
     item, same, other = make(seed=5), make(seed=5), make(seed=6)
@@ -98,7 +95,7 @@ def test_the_seed_decides_and_is_told() -> None:
     assert given.seed is None
 
 
-def test_intervals_of_every_kind_are_their_formulas() -> None:
+def test_intervals_of_every_kind_are_their_formulas():
     result = bootstrap(rows_of(np.arange(ROWS), compensated=True), methods.generalized_iv(), runs=199, seed=2)
     value, column = result.values[0], result.replicates[:, 0]
     low, high = np.quantile(column, [0.05, 0.95], method="weibull")
@@ -116,7 +113,7 @@ def test_intervals_of_every_kind_are_their_formulas() -> None:
     assert wide[1] > high
 
 
-def autocorrelated(trial: int, rows: int, memory: float) -> Regression:
+def autocorrelated(trial, rows, memory):
     """Regression with slope 1/2 on an AR(1) input, with AR(1) errors."""
     random = np.random.default_rng([trial, 77])
     x, e = (lfilter([1.0], [1.0, -m], random.normal(size=rows + 100))[100:] for m in (0.7, memory))
@@ -124,7 +121,7 @@ def autocorrelated(trial: int, rows: int, memory: float) -> Regression:
 
 
 @pytest.mark.calibration
-def test_intervals_of_autocorrelated_errors_cover() -> None:
+def test_intervals_of_autocorrelated_errors_cover():
     """Within binomial error of 90 %, and of the four percent that blocks of finite length lose."""
     trials, held = 150, 0
     for trial in range(trials):
@@ -137,7 +134,7 @@ def test_intervals_of_autocorrelated_errors_cover() -> None:
 
 
 @pytest.mark.calibration
-def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not() -> None:
+def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not():
     """Variance of the slope over 150 data sets, against the mean of what the blocks say (no runs needed)."""
     trials, slopes, selected, alone = 150, [], [], []
     for trial in range(trials):
@@ -155,7 +152,7 @@ def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_d
     assert np.mean(alone) / np.var(slopes) < 0.4
 
 
-def test_what_cannot_be_resampled_is_refused() -> None:
+def test_what_cannot_be_resampled_is_refused():
     problem = rows_of(np.arange(ROWS), compensated=True)
     method = methods.least_squares()
     with pytest.raises(UsageError, match="two runs"):
@@ -177,7 +174,7 @@ def test_what_cannot_be_resampled_is_refused() -> None:
         bootstrap(pool, method)
 
 
-def test_runs_without_an_estimate_are_counted() -> None:
+def test_runs_without_an_estimate_are_counted():
     """One row in fifty moves the second regressor: a third of the replicates never see it."""
     random = np.random.default_rng(4)
     Phi = np.column_stack([random.normal(size=60), np.zeros(60)])
@@ -192,20 +189,20 @@ def test_runs_without_an_estimate_are_counted() -> None:
 KNOWN_LAG, KNOWN_SHARE = lag(grid=np.array([LAG_S])), share(grid=np.array([SHARE]))
 
 
-def pool(numbers: list[int], *nuisances: Nuisance, noise: float = 0.02) -> LaggedRuns:
+def pool(numbers, *nuisances, noise=0.02):
     """Flights of one vehicle, by the seed of each."""
     made = (replace(columns(seed, noise=noise), flight=k) for k, seed in enumerate(numbers))
     return LaggedRuns(tuple(made), PARAMETERS, nuisances)
 
 
-def joint(estimate: Estimate, replicate: Replicate) -> np.ndarray:
+def joint(estimate, replicate):
     """The joint vector of a replicate."""
     return np.array(
         [*replicate.theta, *(replicate.nuisances[name] for name in estimate.names[replicate.theta.size :])]
     )
 
 
-def errors(estimate: Estimate) -> np.ndarray:
+def errors(estimate):
     return np.array([estimate.std_error(name) for name in estimate.names])
 
 

@@ -19,14 +19,14 @@ from eivor.estimation.methods import identify, least_squares, reference_iv, tota
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.weighting import TwoStage
 from eivor.linalg import LeastSquares
-from eivor.linalg.system import LinearSystem, Solver
+from eivor.linalg.system import LinearSystem
 from eivor.linalg.total_least_squares import AugmentedLeastSquares, TotalLeastSquares
 from eivor.linalg.total_least_squares import LeastSquares as LeastSquares_objectives
 
 TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
 
 
-def residual_at(flight, joint: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
+def residual_at(flight, joint, delay_s=0.0):
     """Residual of the equation of motion in time, with the actuator written out sample by sample."""
     K, K_u, lag = joint
     command = flight.signals.channel("rotor_command_1")
@@ -173,7 +173,7 @@ def test_intervals_cover(spread, number):
         (TotalLeastSquares(), 7),
     ],
 )
-def test_objectives_are_those_of_each_system(solver: Solver, equations: int) -> None:
+def test_objectives_are_those_of_each_system(solver, equations):
     systems = np.random.default_rng(equations).normal(size=(5, equations, 4)) * [1.0, 1e3, 1e-3, 1.0]
     each = [solver.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
     np.testing.assert_allclose(solver.objectives(systems), each, rtol=1e-9, atol=1e-20)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import eivor as ev
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.models.separable import LaggedReferences
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights, vertical_problem
-from eivor.signals.noise import WhiteNoise
-from eivor.signals.signals import Signals
+from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
 from eivor.signals.thrust_map import Power
 from eivor.simulation.vertical import (
     AltitudeController,
@@ -33,9 +31,7 @@ class Noise:
     gust: float = 0.0
 
 
-def flights(
-    count: int, *, seconds: float, noise: Noise, delay_s: float = 0.0, seed: int = 0
-) -> list[VerticalFlight]:
+def flights(count, *, seconds, noise, delay_s=0.0, seed=0):
     """Flights of one vehicle along random sums of sines, each with noise of its own."""
     rng = np.random.default_rng(seed)
     samples = round(seconds / STEP_S)
@@ -76,19 +72,17 @@ def flights(
             "reference_acceleration_z": reference[2, :, number].copy(),
         }
         declared = {
-            "velocity_z": WhiteNoise(noise.velocity),
-            "specific_force_z": WhiteNoise(noise.acceleration),
+            "velocity_z": ev.WhiteNoise(noise.velocity),
+            "specific_force_z": ev.WhiteNoise(noise.acceleration),
         }
-        signals = Signals(1.0 / STEP_S, channels, noise=declared)
+        signals = ev.Signals(1.0 / STEP_S, channels, noise=declared)
         # The start is left out: the rotor then was where the model cannot know.
         made.append(VerticalFlight(signals, "rotor_command", False, (slice(100, samples),)))
     return made
 
 
-def problem(
-    *which: VerticalFlight, lags: np.ndarray | None = None, delays: tuple[float, ...] = (0.0,)
-) -> VerticalFlights:
+def problem(*which, lags=None, delays=(0.0,)):
     """The separable problem of flights, by default with a coarse grid of lags."""
     grid = np.geomspace(0.01, 0.2, 6) if lags is None else lags
     rule = LaggedReferences(("reference_position_z", "reference_acceleration_z"))
-    return vertical_problem(which, VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))
+    return vertical_problem(which, ev.VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import runpy
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,9 +30,7 @@ JOINT = ("viscous_friction", "input_gain", "actuator_lag")
 CORRELATIONS = np.array([[1.0, 0.3, 0.1], [0.3, 1.0, 0.85], [0.1, 0.85, 1.0]])
 
 
-def quantity(
-    value: float, std: float, unit: str = "", verdict: str = "identified", **others: Any
-) -> dict[str, Any]:
+def quantity(value, std, unit="", verdict="identified", **others):
     """One quantity."""
     return {
         "value": value,
@@ -48,7 +45,7 @@ def quantity(
     }
 
 
-def document(degrees: float | None = 8.0, log: str = "flight.ulg", **numbers: Any) -> dict[str, Any]:
+def document(degrees=8.0, log="flight.ulg", **numbers):
     """A result of the vertical motion; `numbers` take the place of `NUMBERS`."""
     selected = {**NUMBERS, **numbers}
     scale = np.array([selected[name][1] for name in JOINT])
@@ -80,9 +77,7 @@ def document(degrees: float | None = 8.0, log: str = "flight.ulg", **numbers: An
     }
 
 
-def refused(
-    record: dict[str, Any], name: str, reason: str = "The flight does not identify it."
-) -> dict[str, Any]:
+def refused(record, name, reason="The flight does not identify it."):
     """The same document with a quantity refused."""
     for part in ("parameters", "derived"):
         if name in record[part]:
@@ -90,14 +85,14 @@ def refused(
     return record
 
 
-def written(record: dict[str, Any], folder: Path) -> Path:
+def written(record, folder):
     """Its file."""
     path = folder / "fit.json"
     path.write_text(json.dumps(record), encoding="utf-8")
     return path
 
 
-def of_speeds(record: dict[str, Any] | None = None, **numbers: Any) -> dict[str, Any]:
+def of_speeds(record=None, **numbers):
     """The document of a flight whose commands are rotor speeds."""
     speeds = {"input_gain": (3.068e-6, 8e-9), "hover_input": (1787.9, 2.0), "actuator_lag": (0.072, 0.001)}
     record = record or document(**(speeds | numbers))
@@ -136,7 +131,7 @@ KNOWN_VEHICLE: dict[str, Any] = {
 }
 
 
-def of_rigid_body(vehicle: dict[str, Any]) -> dict[str, Any]:
+def of_rigid_body(vehicle):
     """A result of the rigid body whose combinations are independent."""
     reported = document()
     reported["model"] |= {"name": "rigid_body", "input": "rotor_command", "input_map": "square"}
@@ -178,22 +173,20 @@ GAIN, LAG, FRICTION, GRAVITY = 3.068e-6, 0.072, 0.3, 9.80665
 HOVER = (GRAVITY / GAIN) ** 0.5
 
 
-def vehicle_file(folder: Path, numbering: str = "crazyflie") -> Path:
+def vehicle_file(folder, numbering="crazyflie"):
     path = folder / "vehicle.toml"
     path.write_text(VEHICLE.format(numbering=numbering), encoding="utf-8")
     return path
 
 
-def exported(
-    to: str, folder: Path, record: dict[str, Any] | None = None, numbering: str = "crazyflie", **priors: Any
-) -> str:
+def exported(to, folder, record=None, numbering="crazyflie", **priors):
     """Text for a simulator; `priors` take the place of `PRIORS`."""
     fit = ev.load_fit(written(record or of_speeds(), folder))
     given = {name: item for name, item in (PRIORS | priors).items() if item is not None}
     return fit.export(to, vehicle=vehicle_file(folder, numbering), priors=given)
 
 
-def lopsided_file(folder: Path) -> Path:
+def lopsided_file(folder):
     """The same vehicle, whose rotors are not around its centre of mass."""
     path = vehicle_file(folder)
     text = path.read_text(encoding="utf-8")
@@ -206,24 +199,24 @@ def lopsided_file(folder: Path) -> Path:
     return path
 
 
-def saved(to: str, folder: Path, **others: Any) -> str:
+def saved(to, folder, **others):
     """Path of its file."""
     path = folder / f"vehicle.{to}"
     path.write_text(exported(to, folder, **others), encoding="utf-8")
     return str(path)
 
 
-def quad_params(folder: Path, **others: Any) -> dict[str, Any]:
+def quad_params(folder, **others):
     """What a file for RotorPy defines."""
     return runpy.run_path(saved("rotorpy", folder, **others))["quad_params"]
 
 
-def table(text: str) -> dict[str, Any]:
+def table(text):
     """What a file for drone-models says."""
     return tomllib.loads(text)["vehicle"]
 
 
-def climb(step: float, seconds: float, *, lagged: str = "speed", count: int = 20_000) -> float:
+def climb(step, seconds, *, lagged="speed", count=20_000):
     """Climb rate after a step of the command at hover, by the equation of the vertical motion."""
     time = np.linspace(0.0, seconds, count)
     passed = 1.0 - np.exp(-time / LAG)

@@ -19,21 +19,21 @@ TRUE = 0.65
 HOVER = 0.25
 
 
-def px4_log(in_force: float = 0.3, outputs: str = "actuator_motors", true: float = TRUE) -> bytes:
+def px4_log(in_force=0.3, outputs="actuator_motors", true=TRUE):
     """A ULog of a minute."""
     simulated = dataflash_writer.simulated(seed=3, duration=60.0)
     content: bytes = ulog_writer.flight_log(simulated, true, in_force, outputs).bytes()
     return content
 
 
-def ardupilot_log(in_force: float = 0.3, true: float = TRUE) -> bytes:
+def ardupilot_log(in_force=0.3, true=TRUE):
     """A DataFlash log of the same flight, motor outputs at 50 Hz."""
     simulated = dataflash_writer.simulated(seed=3, duration=60.0)
     content: bytes = dataflash_writer.flight_log(simulated, true=true, in_force=in_force, every=2).bytes()
     return content
 
 
-def identified(log: bytes, **choices: Any) -> dict[str, Any]:
+def identified(log, **choices):
     """The document of its result."""
     with TemporaryDirectory() as folder, shape_checks.unchecked(), coarse():
         path = Path(folder) / ("flight.ulg" if log.startswith(b"ULog") else "flight.bin")
@@ -44,6 +44,6 @@ def identified(log: bytes, **choices: Any) -> dict[str, Any]:
     return document
 
 
-def curve_told(document: dict[str, Any]) -> str:
+def curve_told(document):
     """What the report says of the curve."""
     return " ".join(item["message"] for item in document["findings"] if item["name"] == "thrust_curve")

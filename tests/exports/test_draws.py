@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import runpy
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +35,7 @@ LAW_DRAWS = 100_000
 
 
 @pytest.mark.parametrize("degrees", [5.0, 8.0, None])
-def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -> None:
+def test_marginal_laws_and_correlations(degrees, tmp_path):
     draws = ev.load_fit(written(document(degrees), tmp_path)).sample(LAW_DRAWS, seed=3)
     assert list(draws) == list(JOINT)
     edge = stats.norm.ppf(0.975) if degrees is None else stats.t.ppf(0.975, degrees)
@@ -48,7 +46,7 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
 
 
-def test_different_degrees_keep_their_correlation() -> None:
+def test_different_degrees_keep_their_correlation():
     matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
     wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
     plain = CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
@@ -58,7 +56,7 @@ def test_different_degrees_keep_their_correlation() -> None:
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
 
 
-def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path: Path) -> None:
+def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path):
     """Documents of schema /1 of before the delay was continuous had a candidate for each delay."""
     reported = document()
     (best,) = reported["covariance"]["candidates"]
@@ -69,7 +67,7 @@ def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path: Path)
     assert list(fit.sample(10)) == list(JOINT)
 
 
-def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path: Path) -> None:
+def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path):
     reported = document()
     covariance = reported["covariance"]
     (best,) = covariance.pop("candidates")
@@ -84,7 +82,7 @@ def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path: Path)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_told(tmp_path):
     with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
         drawn("gazebo", tmp_path)
     fit = ev.load_fit(written(document(degrees=2.0), tmp_path))
@@ -106,23 +104,23 @@ COUNT = 2000
 GAIN_SPREAD, MASS_SPREAD = 8e-9 / GAIN * (8.0 / 6.0) ** 0.5, 0.01
 
 
-def drawn(to: str, folder: Path, record: dict[str, Any] | None = None) -> str:
+def drawn(to, folder, record=None):
     fit = ev.load_fit(written(record or of_speeds(), folder))
     return fit.export(to, vehicle=vehicle_file(folder), priors=PRIORS, draws=COUNT, seed=3)
 
 
-def python_file(to: str, folder: Path, **others: Any) -> dict[str, Any]:
+def python_file(to, folder, **others):
     path = folder / "draws.py"
     path.write_text(drawn(to, folder, **others), encoding="utf-8")
     return runpy.run_path(str(path))
 
 
-def spread(column: Any) -> float:
+def spread(column):
     return float(np.std(column) / np.mean(column))
 
 
 @pytest.mark.thorough  # of the extra `simulators`
-def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
+def test_fields_of_mujoco_fit_its_model(tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     fields = {name: np.array(load) for name, load in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
     model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
@@ -142,7 +140,7 @@ def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
     assert data.qvel[2] / model.opt.timestep == pytest.approx(lift - GRAVITY, abs=1e-3)
 
 
-def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> None:
+def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path):
     file = python_file("isaaclab", tmp_path)
     draws, thruster = file["draws"], file["thruster"]
     hover = np.sqrt(np.array(draws["mass"]) * 9.81 / (4 * np.array(draws["thrust_const"])))
@@ -160,7 +158,7 @@ def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> Non
     assert thruster["use_discrete_approximation"] is False
 
 
-def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> None:
+def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path):
     """Inertia over mass and arm is a ratio of gains, told to a tenth of a percent."""
     rigid_body = of_rigid_body(KNOWN_VEHICLE)
     fit = ev.load_fit(written(rigid_body, tmp_path))
@@ -175,7 +173,7 @@ def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("to", ["rotorpy", "isaaclab", "mujoco"])
-def test_no_name_breaks_out_of_draws(to: str, tmp_path: Path) -> None:
+def test_no_name_breaks_out_of_draws(to, tmp_path):
     reported = refused(of_speeds(), "viscous_friction", WORSE)
     reported["provenance"]["logs"][0]["name"] = WORSE
     text = drawn(to, tmp_path, reported)

@@ -5,10 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -50,39 +47,39 @@ class Element:
     children: list[Element] = field(default_factory=list)
     text: str = ""
 
-    def __getitem__(self, position: int) -> Element:
+    def __getitem__(self, position):
         return self.children[position]
 
-    def all(self, name: str) -> list[Element]:
+    def all(self, name):
         """Its children of a name."""
         return [child for child in self.children if child.name == name]
 
-    def one(self, path: str) -> Element:
+    def one(self, path):
         """The only child of each name on the path."""
         result = self
         for name in path.split("/"):
             (result,) = result.all(name)
         return result
 
-    def numbers(self, path: str) -> list[float]:
+    def numbers(self, path):
         """Numbers in the text of the only child on the path."""
         return [float(word) for word in self.one(path).text.split()]
 
 
-def xml_tree(text: str) -> Element:
+def xml_tree(text):
     """Root of a document without declarations of its own."""
     top = Element("")
     within = [top]
     parser = expat.ParserCreate()
 
-    def start(name: str, attributes: dict[str, str]) -> None:
+    def start(name, attributes):
         within[-1].children.append(Element(name, attributes))
         within.append(within[-1].children[-1])
 
-    def letters(data: str) -> None:
+    def letters(data):
         within[-1].text += data.strip()
 
-    def declaration(*_: object) -> None:
+    def declaration(*_):
         raise AssertionError("a document type, which no file of ours has")
 
     parser.StartElementHandler, parser.EndElementHandler = start, lambda _: within.pop()
@@ -103,7 +100,7 @@ XML = ("mujoco", "pybullet", "gazebo")
 WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
 
 
-def test_rotorpy_by_hand(tmp_path: Path) -> None:
+def test_rotorpy_by_hand(tmp_path):
     params = quad_params(tmp_path)
     assert params["k_eta"] == pytest.approx(0.03 * GAIN / 4 * 9.81 / GRAVITY)
     assert params["k_z"] == pytest.approx(FRICTION * 0.03 / (4 * HOVER))
@@ -113,7 +110,7 @@ def test_rotorpy_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(params["rotor_pos"]["r1"], [0.043 / 2**0.5, -0.043 / 2**0.5, 0.0])
 
 
-def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
+def test_a_rigid_body_tells_inertia_and_torque(tmp_path):
     """Of a flight that turns about all axes only the largest command is asked for."""
     rigid_body = of_rigid_body(KNOWN_VEHICLE | {"name": WORSE})
     fit = ev.load_fit(written(rigid_body, tmp_path))
@@ -131,7 +128,7 @@ def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
     assert np.diag(table(given)["J"])[2] == 2.6e-5
 
 
-def test_shares_of_the_largest_command_need_no_largest_command(tmp_path: Path) -> None:
+def test_shares_of_the_largest_command_need_no_largest_command(tmp_path):
     """Of a thrust setpoint SIH's largest thrust is mass times gain over the rotors."""
     result = qgc(exported("sih", tmp_path, document(), "px4", largest_command=None))
     assert result["SIH_T_MAX"] == pytest.approx(1 / 4 * 0.03 * 23.9, rel=1e-6)
@@ -143,7 +140,7 @@ def test_shares_of_the_largest_command_need_no_largest_command(tmp_path: Path) -
     assert float(root[0].attributes["thrust2weight"]) == pytest.approx(23.9 / GRAVITY)
 
 
-def test_gym_pybullet_drones_finds_its_numbers(tmp_path: Path) -> None:
+def test_gym_pybullet_drones_finds_its_numbers(tmp_path):
     """It reads mass, inertia and collision body by their places in the tree."""
     root = xml_tree(exported("pybullet", tmp_path, numbering="betaflight"))
     turn = 2.0 * np.pi / 60.0
@@ -162,7 +159,7 @@ def test_gym_pybullet_drones_finds_its_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: Path) -> None:
+def test_intervals_log_and_hash_stand_beside_the_numbers(target, tmp_path):
     text = exported(target, tmp_path)
     assert text.isascii()
     assert "lag of the rotors [s]: 0.072, 95 % interval [0.07, 0.074], identified" in text
@@ -172,7 +169,7 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: 
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_no_name_and_no_reason_breaks_out_of_a_comment(target: str, tmp_path: Path) -> None:
+def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
     plain, speeds = exported(target, tmp_path), of_speeds()
     for item in speeds["logs"], speeds["provenance"]["logs"]:
         item[0]["name"] = WORSE
@@ -186,7 +183,7 @@ def test_no_name_and_no_reason_breaks_out_of_a_comment(target: str, tmp_path: Pa
     assert "drag_z is not written: viscous_friction is refused. a" in hostile
 
 
-def content(target: str, text: str) -> Any:
+def content(target, text):
     """What a reader sees that skips comments."""
     if target in XML:
         return xml_tree(text)
@@ -196,7 +193,7 @@ def content(target: str, text: str) -> Any:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
+def test_a_refused_lag_must_be_given(target, tmp_path):
     reported = refused(of_speeds(), "actuator_lag", "Nothing moves.")
     if target == "pybullet":  # has none
         assert "actuator_lag is not written" in exported(target, tmp_path, reported)
@@ -207,7 +204,7 @@ def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
     assert "lag of the rotors [s]: 0.06, 95 % interval [0.0404004, 0.0795996], given" in text
 
 
-def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
+def test_all_that_is_missing_is_said_at_once(tmp_path):
     turning = of_speeds()
     turning["model"]["name"] = "angular_rates"
     with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
@@ -229,14 +226,14 @@ def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["inertia_xx", "largest_command", "speed_scale"])
-def test_what_no_vehicle_has_is_refused(name: str, tmp_path: Path) -> None:
+def test_what_no_vehicle_has_is_refused(name, tmp_path):
     with pytest.raises(UsageError, match=f"a {name} above zero"):
         exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
     reported = refused(of_speeds(), "viscous_friction")
     assert 'axis="0 0 1" damping="0.0"' in exported("mujoco", tmp_path, reported, viscous_friction=(0.0, 0.1))
 
 
-def test_moments_of_inertia_are_those_of_a_body(tmp_path: Path) -> None:
+def test_moments_of_inertia_are_those_of_a_body(tmp_path):
     """RotorPy's own Crazyflie is beyond by 1 %, which simulators that check refuse."""
     near = exported("mujoco", tmp_path, inertia_zz=(2.9e-5, 0.0))
     assert "are those of no body: the largest is put at the sum of the others" in near
@@ -245,7 +242,7 @@ def test_moments_of_inertia_are_those_of_a_body(tmp_path: Path) -> None:
         exported("mujoco", tmp_path, inertia_zz=(3.5e-5, 0.0))
 
 
-def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path: Path) -> None:
+def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path):
     vehicle_file(tmp_path)
     plus = tmp_path / "plus.toml"
     text = (tmp_path / "vehicle.toml").read_text().replace("quad-x", "quad-plus").replace("crazyflie", "px4")
@@ -256,7 +253,7 @@ def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path
     assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=PRIORS)
 
 
-def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None:
+def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path):
     file = tmp_path / "fit.json"
     file.write_text(ev.identify_flight(ev.example_flight(), window=(0.0, 2.0)).to_json())
     fit = ev.load_fit(file)
@@ -289,7 +286,7 @@ MOTOR = {
 }
 
 
-def check(element: Element) -> None:
+def check(element):
     """Elements in their places, and names that are there once."""
     if element.name == "plugin":
         assert {child.name for child in element.children} == MOTOR
@@ -303,7 +300,7 @@ def check(element: Element) -> None:
         check(child)
 
 
-def body(link: Element) -> tuple[float, np.ndarray, np.ndarray]:
+def body(link):
     """Mass, centre and inertia about it of a link that a simulator takes."""
     (mass,) = link.numbers("inertial/mass")
     position, centre = (np.array(link.numbers(path)) for path in ("pose", "inertial/pose"))
@@ -320,7 +317,7 @@ def body(link: Element) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("vehicle", [vehicle_file, lopsided_file])
-def test_links_together_are_the_vehicle(vehicle: Callable[[Path], Path], tmp_path: Path) -> None:
+def test_links_together_are_the_vehicle(vehicle, tmp_path):
     fit = ev.load_fit(written(of_speeds(), tmp_path))
     root = xml_tree(fit.export("gazebo", vehicle=vehicle(tmp_path), priors=PRIORS))
     check(root)
@@ -337,7 +334,7 @@ def test_links_together_are_the_vehicle(vehicle: Callable[[Path], Path], tmp_pat
     np.testing.assert_allclose(inertia, np.diag([1.43e-5, 1.45e-5, 2.7e-5]), atol=1e-17)
 
 
-def test_motors_are_those_of_the_flight(tmp_path: Path) -> None:
+def test_motors_are_those_of_the_flight(tmp_path):
     text = exported("gazebo", tmp_path)
     model = xml_tree(text).one("model")
     links = {link.attributes["name"] for link in model.all("link")}
@@ -360,7 +357,7 @@ def test_motors_are_those_of_the_flight(tmp_path: Path) -> None:
     assert "drag along z is not in this file" in text
 
 
-def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
+def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path):
     reported = document()
     reported["model"]["input_map"] = "square"
     reported["model"]["input_measured"] = True
@@ -370,7 +367,7 @@ def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [*JOINT, "delay", "hover_input"])
-def test_what_is_refused_must_be_given(name: str, tmp_path: Path) -> None:
+def test_what_is_refused_must_be_given(name, tmp_path):
     fit = ev.load_fit(written(refused(document(), name), tmp_path))
     with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not identify it"):
         fit.to_statespace()
@@ -381,7 +378,7 @@ def test_what_is_refused_must_be_given(name: str, tmp_path: Path) -> None:
     assert np.shape(reported["A"]) == (2, 2)
 
 
-def test_wrong_priors_are_told(tmp_path: Path) -> None:
+def test_wrong_priors_are_told(tmp_path):
     fit = ev.load_fit(written(document(), tmp_path))
     with pytest.raises(UsageError, match="priors that statespace uses"):
         fit.export("statespace", priors={"drag": (0.2, 0.01)})
@@ -392,7 +389,7 @@ def test_wrong_priors_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough  # python-control takes seconds to import
-def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path: Path) -> None:
+def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path):
     control = pytest.importorskip("control", reason="python-control is not installed")
     speeds = of_speeds(delay=(0.02, 0.0))
     speeds["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
@@ -410,9 +407,7 @@ def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path: Path) ->
     np.testing.assert_allclose(behind[20:], answer.outputs[18:-2], rtol=1e-3)
 
 
-def test_without_python_control_it_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_python_control_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "control", None)
     with pytest.raises(MissingReaderError, match="pip install control"):
         ev.load_fit(written(document(), tmp_path)).to_statespace().to_control()

@@ -6,8 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from exports.documents import GAIN, GRAVITY, HOVER, LAG, climb, quad_params, sav
 STEP, SECONDS = 1.02, 1.0
 
 
-def flown(parameters: dict[str, Any], command: float) -> tuple[float, np.ndarray]:
+def flown(parameters, command):
     """Climb rate after `SECONDS` of a command in RotorPy, and a rotor's speeds."""
     from rotorpy.vehicles.multirotor import Multirotor
 
@@ -34,7 +32,7 @@ def flown(parameters: dict[str, Any], command: float) -> tuple[float, np.ndarray
 
 
 @pytest.mark.thorough
-def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path: Path) -> None:
+def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path):
     pytest.importorskip("rotorpy", reason="RotorPy is not installed")
     parameters = quad_params(tmp_path)
     rate, speeds = flown(parameters, STEP * HOVER)
@@ -45,7 +43,7 @@ def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough  # of the extra `simulators`
-def test_mujoco_climbs_as_the_flight_did(tmp_path: Path) -> None:
+def test_mujoco_climbs_as_the_flight_did(tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
     data = mujoco.MjData(model)
@@ -81,7 +79,7 @@ print(json.dumps([one.tolist() for one in found[2:]]))
 
 
 @pytest.mark.thorough
-def test_drone_models_accelerate_as_the_flight_says(tmp_path: Path) -> None:
+def test_drone_models_accelerate_as_the_flight_says(tmp_path):
     pytest.importorskip("casadi", reason="drone-models is not installed")
     run = subprocess.run(
         [sys.executable, "-c", ACCELERATION, saved("drone-models", tmp_path), repr(HOVER)],

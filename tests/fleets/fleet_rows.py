@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
 
 from eivor.atomic_file import parquet_bytes
 from eivor.fleet.table import FLIGHTS, flight_frame
 
 
-def row(name: str, **values: Any) -> dict[str, Any]:
+def row(name, **values):
     """A row with a result of one quantity, unless it says otherwise."""
     start = datetime(2026, 5, 1, 12, tzinfo=UTC)
     reported = {f"gain.{part}": 1.0 for part in ("value", "std_error", "low", "high")} | {
@@ -31,7 +29,7 @@ def row(name: str, **values: Any) -> dict[str, Any]:
     }
 
 
-def write_fleet(folder: Path, *parts: list[dict[str, Any]]) -> Path:
+def write_fleet(folder, *parts):
     """Write a fleet's parts."""
     (folder / FLIGHTS).mkdir(parents=True)
     for number, rows in enumerate(parts):

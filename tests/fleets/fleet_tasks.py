@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from eivor.fleet.logs import Log
 from eivor.fleet.table import PAGE, FleetOptions, NamedRow, PageOf
 
 
@@ -19,7 +16,7 @@ class QuickRow:
     options: FleetOptions
     page_of: PageOf | None = None
 
-    def __call__(self, log: Log) -> dict[str, Any]:
+    def __call__(self, log):
         text = Path(log.path).read_text(encoding="utf-8")
         if text.startswith("slow"):
             time.sleep(0.02)
@@ -28,7 +25,7 @@ class QuickRow:
         return {**NamedRow(self.options)(log), **selected, **page}
 
 
-def write_logs(folder: Path, texts: dict[str, str]) -> Path:
+def write_logs(folder, texts):
     """Write texts under names that end like logs."""
     for name, text in texts.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -36,10 +33,10 @@ def write_logs(folder: Path, texts: dict[str, str]) -> Path:
     return folder
 
 
-def rows_of(monkeypatch: Any, made: Callable[..., Any] = QuickRow) -> None:
+def rows_of(monkeypatch, made=QuickRow):
     """Make quick rows in this process."""
 
-    def row_maker(options: FleetOptions, page_of: PageOf | None = None) -> Any:
+    def row_maker(options, page_of=None):
         return made(options) if page_of is None else made(options, page_of)
 
     monkeypatch.setattr("eivor.fleet.run.RowOfLog", row_maker)

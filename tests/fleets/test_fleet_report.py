@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
@@ -12,15 +10,7 @@ from rich.console import Console
 from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.errors import InputError
-from eivor.fleet.analysis import (
-    STEADY,
-    STEPS,
-    FleetReport,
-    across_of,
-    fleet_report,
-    fleet_reports,
-    wanted_columns,
-)
+from eivor.fleet.analysis import STEADY, STEPS, across_of, fleet_report, fleet_reports, wanted_columns
 from eivor.fleet.logs import given_covariates, with_covariates
 from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
 from eivor.fleet.table import write_report
@@ -36,15 +26,15 @@ VERTICAL = motion_by_name("vertical")
 GAIN, FRICTION, HOVER = "input_gain", "viscous_friction", "hover_input"
 
 
-def reported(spec: FleetSpec, change: pl.DataFrame | None = None) -> FleetReport:
+def reported(spec, change=None):
     return fleet_report(fleet_rows(spec) if change is None else change, VERTICAL)
 
 
-def of(report: FleetReport, quantity: str) -> pl.DataFrame:
+def of(report, quantity):
     return report.vehicles.filter(pl.col("quantity") == quantity)
 
 
-def plain(report: FleetReport) -> str:
+def plain(report):
     """Text of the report, as the terminal has it, in one line."""
     screen = Console(width=100)
     with screen.capture() as captured:
@@ -52,7 +42,7 @@ def plain(report: FleetReport) -> str:
     return " ".join(captured.get().split())
 
 
-def at(table: pl.DataFrame, column: str, rows: dict[int, object]) -> pl.DataFrame:
+def at(table, column, rows):
     """Table with a column changed in some rows."""
     values = table[column].to_list()
     for name, value in rows.items():
@@ -97,7 +87,7 @@ def test_pooling_identified_flights_only_would_bias_upward():
     assert np.mean(result[result > 0.4]) > identified["next_high"]
 
 
-def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
+def test_logs_without_a_vehicle_are_pooled_with_nothing():
     """Ten logs of nobody knows how many vehicles; three of them say their type, one path has two contents."""
     table = fleet_rows(FleetSpec(vehicles=3, flights=10, between_vehicles=0.3, weather=0.05, seed=6))
     without_vehicle = (pl.col("vehicle") == "v0001").alias("nobody")
@@ -124,7 +114,7 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     assert "A log without a vehicle id stands alone under its own name" in text
 
 
-def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
+def test_a_slope_that_the_flights_leave_as_expected_is_not_told():
     """Voltage that hardly varies: its slope is what was expected, 1 +- 1 of the gain; density is told."""
     spec = FleetSpec(vehicles=4, flights=12, weather=0.05, battery=1e-4, seed=2)
     report = reported(spec)
@@ -156,7 +146,7 @@ def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
     assert identified["step_start"] == fleet_rows(spec)["start"][int(identified["step_flight"]) - 1]
 
 
-def test_covariates_of_any_name_are_taken_out() -> None:
+def test_covariates_of_any_name_are_taken_out():
     """One of which nothing is known beforehand; what is given stands in place of what is logged."""
     spec = FleetSpec(vehicles=6, flights=30, seed=2)
     table = fleet_rows(spec)
@@ -182,7 +172,7 @@ def test_covariates_of_any_name_are_taken_out() -> None:
         ("name,input_gain.value\nv0000-0000.ulg,1\n", "names of covariates"),
     ],
 )
-def test_covariates_of_no_use_are_refused(tmp_path, text, expected) -> None:
+def test_covariates_of_no_use_are_refused(tmp_path, text, expected):
     (tmp_path / "masses.csv").write_text(text)
     with pytest.raises(InputError, match=expected):
         with_covariates(
@@ -229,9 +219,7 @@ HASH = "0123456789abcdef" * 4
         ("pages/report.html", f"../my%20fleet/reports/{HASH}.html"),
     ],
 )
-def test_addresses_are_relative_to_the_page_and_say_the_hash_alone(
-    tmp_path: Path, page: str, address: str
-) -> None:
+def test_addresses_are_relative_to_the_page_and_say_the_hash_alone(tmp_path, page, address):
     folder = tmp_path / "my fleet"
     folder.mkdir()
     assert flight_links(folder, tmp_path / page) == {}
@@ -248,7 +236,7 @@ def test_a_table_that_tells_nothing_is_reported():
     assert not report.quantities
 
 
-def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
+def test_a_mean_that_reaches_far_keeps_its_digits():
     wording, names = RigidBody.quantities["pitch_damping"], ("mean", "low", "high")
     assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
         "0.24",

@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -34,25 +33,25 @@ OPTIONS = FleetOptions()
 
 
 @pytest.fixture
-def logs(tmp_path: Path) -> Path:
+def logs(tmp_path):
     texts = {"d.csv": "four", "a.csv": "one", "b.csv": "two!!", "copies/a.csv": "one", "README": "no log"}
     return write_logs(tmp_path / "logs", texts)
 
 
 @pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def _quick(monkeypatch):
     rows_of(monkeypatch)
 
 
-def run(logs: Path, folder: Path, options: FleetOptions = OPTIONS, **choices):
+def run(logs, folder, options=OPTIONS, **choices):
     return run_fleet(logs_found(str(logs)), folder, options, guarded=False, **choices)
 
 
-def content(folder: Path) -> bytes:
+def content(folder):
     return parquet_bytes(read_flights(folder))
 
 
-def parts(folder: Path) -> dict[Path, int]:
+def parts(folder):
     return {path: path.stat().st_mtime_ns for path in part_files(folder)}
 
 
@@ -187,7 +186,7 @@ def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch)
     folder, whole = tmp_path / "fleet", table.write_atomically
     run(logs, tmp_path / "expected")
 
-    def full(path: Path, data: bytes | str) -> None:
+    def full(path, data):
         if len(part_files(folder)) == 2 and path.suffix == ".parquet":
             raise OSError(errno.ENOSPC, "No space left on device")
         whole(path, data)
@@ -335,9 +334,9 @@ def test_killed_at_random_instants(tmp_path, kills):
     assert set(tables.values()) == {tables["0"]}
 
 
-def sha256(text: str) -> str:
+def sha256(text):
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def log(name: str, content: str = "") -> Log:
+def log(name, content=""):
     return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")

@@ -50,7 +50,7 @@ def test_queries(tmp_path, command_line):
     ]
     folder = write_fleet(tmp_path / "fleet", rows)
 
-    def query(what: str) -> pl.DataFrame:
+    def query(what):
         run = command_line("fleet", "query", folder, what, "--csv", "-")
         assert run.code == 0, run.err
         table = pl.read_csv(io.StringIO(run.out))

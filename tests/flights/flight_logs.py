@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.prepared import PreparedFlight
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Recording
 from eivor.simulation.vertical import (
@@ -32,17 +30,17 @@ HELD = (
 
 
 def flown(
-    count: int = 1,
+    count=1,
     *,
-    seconds: float = 30.0,
-    seed: int = 0,
-    noise: float = 1.0,
-    amplitude: float = 1.0,
-    gust: float = 0.0,
-    delay_s: float = 0.0,
-    hertz: tuple[float, ...] = (0.15, 0.4, 0.9, 1.7),
-    friction: float = FRICTION,
-) -> list[Recording]:
+    seconds=30.0,
+    seed=0,
+    noise=1.0,
+    amplitude=1.0,
+    gust=0.0,
+    delay_s=0.0,
+    hertz=(0.15, 0.4, 0.9, 1.7),
+    friction=FRICTION,
+):
     """Flights along random sums of sines; `amplitude` 0 is a hover."""
     rng = np.random.default_rng(seed)
     samples = round(seconds / STEP_S)
@@ -82,9 +80,7 @@ def flown(
     ]
 
 
-def recording(
-    columns: dict[str, np.ndarray], *, name: str = "flight", time_s: np.ndarray | None = None
-) -> Recording:
+def recording(columns, *, name="flight", time_s=None):
     """Recording whose channels share one clock, 100 Hz unless stamps are given, with every command."""
     count = next(iter(columns.values())).size
     time = STEP_S * np.arange(count) if time_s is None else time_s
@@ -94,19 +90,19 @@ def recording(
     return Recording(name, "frame", channels, parameters=parameters, input_map=input_map)
 
 
-def channel(name: str, time_s: np.ndarray, values: np.ndarray) -> Channel:
+def channel(name, time_s, values):
     """Channel that is held when its name is that of a command or a setpoint."""
     return Channel(
         name, np.array(time_s, dtype=float), np.array(values, dtype=float), "", "test", name in HELD
     )
 
 
-def prepare_vertical(log: Recording, options: FlightOptions) -> PreparedFlight:
+def prepare_vertical(log, options):
     """Log made ready for the vertical motion."""
     return prepare(log, Vertical(), options)
 
 
-def changed(log: Recording, *drop: str, **channels: Channel | np.ndarray) -> Recording:
+def changed(log, *drop, **channels):
     """Log without some channels and with others: whole channels, or values on the log's first clock."""
     kept = {key: value for key, value in log.channels.items() if key not in drop}
     clock = next(iter(log.channels.values())).time_s
@@ -115,7 +111,7 @@ def changed(log: Recording, *drop: str, **channels: Channel | np.ndarray) -> Rec
     return replace(log, channels=kept)
 
 
-def every(log: Recording, step: int, *names: str) -> Recording:
+def every(log, step, *names):
     """Log with only each `step`-th sample of the channels named, or of all."""
     return replace(
         log,

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import eivor as ev
 from eivor.errors import InputError, ShapeError
 from eivor.flights.grid import (
     AIRBORNE_MARGIN_S,
@@ -27,20 +28,18 @@ from eivor.flights.grid import (
     common_grid,
     on_grid,
 )
-from eivor.flights.options import FlightOptions
-from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.select import vertical_row
 from eivor.signals.filters import fast_length
-from eivor.signals.recording import Channel, Frame, Recording
+from eivor.signals.recording import Channel, Frame
 
 GRID = Grid(1.0, 0.01, (range(300),))
 
 
-def channel(time, values, *, held: bool = False, name: str = "velocity_z") -> Channel:
+def channel(time, values, *, held=False, name="velocity_z"):
     return Channel(name, np.asarray(time, dtype=float), np.asarray(values, dtype=float), "", "", held)
 
 
-def random_stamps(rng: np.random.Generator, rate_hz: float, gaps: int) -> np.ndarray:
+def random_stamps(rng, rate_hz, gaps):
     """Stamps with jitter from before the grid to after it, some stretches missing."""
     time = np.arange(0.5, 4.5, 1.0 / rate_hz)
     time = time + rng.uniform(-0.2, 0.2, time.size) / rate_hz
@@ -175,14 +174,14 @@ def test_stamps_in_another_unit_are_refused_before_memory_runs_out():
         common_grid([microseconds], [])
 
 
-def jumping(jump_s: float, *, held: bool = False, name: str = "velocity_z") -> Channel:
+def jumping(jump_s, *, held=False, name="velocity_z"):
     """20 s at 100 Hz whose clock jumps in the middle."""
     time = np.arange(2000) * 0.01
     time[1000:] += jump_s
     return channel(time, np.arange(2000.0), held=held, name=name)
 
 
-def gridded(*channels: Channel) -> Grid:
+def gridded(*channels):
     """Grid of 100 Hz of channels of which the first is fast."""
     return common_grid(channels, channels[:1])
 
@@ -211,7 +210,7 @@ STEP_S = 0.01
 MARGIN = round(AIRBORNE_MARGIN_S / STEP_S)
 
 
-def profile(*stretches: tuple[float, float]) -> np.ndarray:
+def profile(*stretches):
     """Values held for so many seconds each."""
     return np.concatenate([np.full(round(seconds / STEP_S), value) for seconds, value in stretches])
 
@@ -220,7 +219,7 @@ def found(level, *, landed=None, height=None):
     return airborne(input_level=level, step_s=STEP_S, landed=landed, height=height)
 
 
-def stretches(mask: np.ndarray) -> list[tuple[int, int]]:
+def stretches(mask):
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -266,14 +265,14 @@ def test_input_that_never_rises_never_flies(level):
     assert not found(level).mask.any()
 
 
-def airborne_share(log) -> float:
-    return float(prepare_vertical(log, FlightOptions()).active.mask.mean())
+def airborne_share(log):
+    return float(prepare_vertical(log, ev.FlightOptions()).active.mask.mean())
 
 
 def test_before_its_first_message_the_land_detector_says_landed():
     (log,) = flown(seconds=10.0)
     late = channel_airborne("landed", [2.0, 9.0], [0.0, 0.0])
-    mask = prepare_vertical(changed(log, landed=late), FlightOptions()).active.mask
+    mask = prepare_vertical(changed(log, landed=late), ev.FlightOptions()).active.mask
     assert stretches(mask) == [(200 + MARGIN, 1000)]
 
 
@@ -287,7 +286,7 @@ def test_a_land_detector_that_says_nothing_is_no_land_detector(values):
 DOWN = np.diag([1.0, -1.0, -1.0])
 
 
-def tilted(seed: int = 0, count: int = 600):
+def tilted(seed=0, count=600):
     """Attitudes and world specific forces of a vehicle that leans about, z up."""
     rng = np.random.default_rng(seed)
     time = FRAMES_STEP_S * np.arange(count)
@@ -297,7 +296,7 @@ def tilted(seed: int = 0, count: int = 600):
     return time, turns, force
 
 
-def body_log(turns: Rotation, body_force: np.ndarray, frame: Frame, scale: float = 1.0):
+def body_log(turns, body_force, frame, scale=1.0):
     x, y, z, w = turns.as_quat().T * scale
     columns = {
         "velocity_z": np.zeros(len(turns)),
@@ -319,7 +318,7 @@ def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
         body = logged.inv().apply(force @ DOWN)
     else:
         logged, body = turns, turns.inv().apply(force)
-    prepared = prepare_vertical(body_log(logged, body, frame, scale), FlightOptions())
+    prepared = prepare_vertical(body_log(logged, body, frame, scale), ev.FlightOptions())
     np.testing.assert_allclose(prepared.signals.channel("specific_force_z"), force[:, 2], atol=1e-9)
     np.testing.assert_allclose(prepared.signals.channel("cos_tilt"), turns.as_matrix()[:, 2, 2], atol=1e-12)
 
@@ -336,8 +335,8 @@ def test_z_down_log_gives_the_answers_of_the_z_up_log():
     for name in ("position_z", "velocity_z", "specific_force_z", "reference_position_z",
                  "reference_velocity_z", "attitude_y", "attitude_z"):  # fmt: skip
         down[name] = replace(down[name], values=-down[name].values)
-    flight = identify_flight(leaning)
-    mirrored = identify_flight(replace(leaning, channels=down, frame=Frame.NED))
+    flight = ev.identify_flight(leaning)
+    mirrored = ev.identify_flight(replace(leaning, channels=down, frame=Frame.NED))
     for name, quantity in flight.quantities.items():
         assert mirrored.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
         assert mirrored.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-6)
@@ -374,18 +373,18 @@ def test_axes_of_the_accelerometer_may_have_their_own_clocks():
         for i, axis in enumerate("xy")
     }
     flown_with = changed(log, **moved, specific_force_body_z=replace(z, values=smooth[:, 2].copy()))
-    result = prepare_vertical(flown_with, FlightOptions()).signals.channel("specific_force_z")
+    result = prepare_vertical(flown_with, ev.FlightOptions()).signals.channel("specific_force_z")
     np.testing.assert_allclose(result[2:-2], 9.8, atol=2e-3)
     # An axis without a sample is no accelerometer.
     empty = changed(log, specific_force_body_x=channel_frames("specific_force_body_x", [], []))
-    names = [finding.name for finding in prepare_vertical(empty, FlightOptions()).findings]
+    names = [finding.name for finding in prepare_vertical(empty, ev.FlightOptions()).findings]
     assert "no_accelerometer" in names
 
 
 LEVEL, TILTED = 1.0, 0.8
 
 
-def tilting(log: Recording, *excursions: tuple[float, float]) -> Recording:
+def tilting(log, *excursions):
     """The log with a tilt beyond the limit between some times [s]."""
     time = log.channels["cos_tilt"].time_s
     cosine = np.full(time.size, LEVEL)
@@ -395,13 +394,13 @@ def tilting(log: Recording, *excursions: tuple[float, float]) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def log() -> Recording:
+def log():
     return flown(seconds=20.0, seed=3)[0]
 
 
 def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
     flight = prepare_vertical(
-        tilting(log, (0.0, 0.5), (4.0, 4.6), (6.0, 7.0), (11.0, 12.1), (13.5, 14.0)), FlightOptions()
+        tilting(log, (0.0, 0.5), (4.0, 4.6), (6.0, 7.0), (11.0, 12.1), (13.5, 14.0)), ev.FlightOptions()
     )
     time = flight.grid.time_s
     spans = [(time[run.start], time[run.stop - 1] + EXCURSIONS_STEP_S) for run in flight.runs]
@@ -419,8 +418,8 @@ def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
     tilted = tilting(log, (4.0, 4.6), (9.0, 9.8))
     force = tilted.channel("specific_force_z").values.copy()
     spoilt = changed(tilted, specific_force_z=np.where(tilted.channel("cos_tilt").values < 0.9, 1e3, force))
-    options = FlightOptions(method=method)
-    was, flight = identify_flight(tilted, options), identify_flight(spoilt, options)
+    options = ev.FlightOptions(method=method)
+    was, flight = ev.identify_flight(tilted, options), ev.identify_flight(spoilt, options)
     for name, quantity in was.quantities.items():
         assert flight.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
         assert flight.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)

@@ -11,14 +11,13 @@ from flight_logs import FRICTION, GAIN, LAG_S, STEP_S, changed, channel, flown, 
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.grid import Grid, on_grid
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.references import share_left
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Channel, DataSheet, Recording
+from eivor.signals.recording import Channel, DataSheet
 
 BCLS = "bias_compensated_least_squares"
 NOISE = 0.3
@@ -38,7 +37,7 @@ def noisier(quiet, seed=1):
 
 
 def level(log, name="velocity_z", **options):
-    return prepare(log, Vertical(), FlightOptions(**options)).noise[name]
+    return prepare(log, Vertical(), ev.FlightOptions(**options)).noise[name]
 
 
 @pytest.mark.parametrize("rate_hz", [20.0, 45.0, 100.0, 400.0, 1000.0])
@@ -102,7 +101,7 @@ def test_without_a_declared_noise_it_says_what_to_do(log):
 )
 def test_noises_that_are_none(log, noise, words):
     with pytest.raises(UsageError, match=words):
-        prepare(log, Vertical(), FlightOptions(noise=noise))
+        prepare(log, Vertical(), ev.FlightOptions(noise=noise))
 
 
 def test_a_log_gives_its_signals(log):
@@ -130,7 +129,7 @@ def test_noise_of_measured_rotors_goes_through_the_map():
     assert signals.noise["input"].std == pytest.approx(expected, rel=0.02)
 
 
-def telemetry(log: Recording, late_s: float) -> Recording:
+def telemetry(log, late_s):
     """The log with its rotors' actual speed, stamped late, in place of their command."""
     command = log.channels["rotor_command_1"]
     speed = actuator_state(command.values[:, None], step_s=STEP_S, lag_s=LAG_S, delay_s=0.0)[:, 0]
@@ -166,27 +165,27 @@ def test_the_delay_is_part_of_the_friction_s_interval():
 
 
 @pytest.fixture(scope="module")
-def log_open() -> Recording:
+def log_open():
     flight = flown(seconds=20.0, seed=4)[0]
     return changed(flight, "rotor_command_1", input=flight.channel("rotor_command_1").values)
 
 
-def usable(log_open: Recording, **open_loop: list[float]) -> dict[str, str]:
+def usable(log_open, **open_loop):
     """Remarks on what may serve, with states of the loop at some times."""
     log_open = changed(log_open, input_open_loop=channel("landed", open_loop["at"], open_loop["states"]))
-    references = prepare_vertical(log_open, FlightOptions()).references
+    references = prepare_vertical(log_open, ev.FlightOptions()).references
     return {reference.name: reference.remark for reference in references if reference.usable}
 
 
 def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(log_open):
     assert "input" not in usable(log_open, at=[0.0, 15.0, 19.9], states=[1.0, 0.0, 0.0])
     flight = prepare_vertical(
-        changed(log_open, input_open_loop=channel("landed", [0.0, 15.0], [1.0, 0.0])), FlightOptions()
+        changed(log_open, input_open_loop=channel("landed", [0.0, 15.0], [1.0, 0.0])), ev.FlightOptions()
     )
     (remark,) = [reference.remark for reference in flight.references if reference.name == "input"]
     assert remark == "a loop acts on it, though for 25% of the flight only"
     assert "input" not in [
-        reference.name for reference in prepare_vertical(log_open, FlightOptions()).references
+        reference.name for reference in prepare_vertical(log_open, ev.FlightOptions()).references
     ]
 
 

@@ -16,8 +16,7 @@ from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.pooling import agreement, bootstrap_flights
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import QuantityTable
-from eivor.flights.result import FitDiagnostics, FlightEstimate
-from eivor.inference.bootstrap import Bootstrap, IntervalKind
+from eivor.inference.bootstrap import IntervalKind
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import lag_and_delay
@@ -25,18 +24,17 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
 from eivor.report.flight import summary
-from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 K = "viscous_friction"
 
 
-def named(logs: list[Recording]) -> list[Recording]:
+def named(logs):
     return [replace(log, name=f"flight {n}", sha256=f"flight {n}") for n, log in enumerate(logs)]
 
 
 @pytest.fixture(scope="module")
-def alike() -> FlightEstimate:
+def alike():
     """Two flights of one friction."""
     return ev.identify_flight(named(flown(2, seconds=15.0, seed=5)))
 
@@ -45,7 +43,7 @@ MORE = (-0.25, 0.1, 0.6)
 
 
 @pytest.fixture(scope="module")
-def one_sine() -> FlightEstimate:
+def one_sine():
     """Flights along one sine, in air that drags them differently."""
     logs = [
         flown(1, seconds=20.0, seed=20 + n, hertz=(0.35,), friction=FRICTION + more)[0]
@@ -136,7 +134,7 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
-    def checks(p_value: float) -> FitDiagnostics:
+    def checks(p_value):
         return replace(alike.fit.checks, agreement=OverIdentification(9.0, 3, p_value, None))
 
     assert agreement([checks(p) for p in (1e-9, 0.4, 0.6, 0.8)]).p_value == pytest.approx(0.8)
@@ -159,7 +157,7 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     assert "viscous friction" in summary(one_sine)
 
 
-def logs(pool: int, count: int, gusts: float = 0.3) -> list[Recording]:
+def logs(pool, count, gusts=0.3):
     """Logs of simulated flights of one vehicle, each with a trajectory, wind and noise of its own."""
     specs = [VerticalFlightSpec(gust_rms=gusts, seed=1000 * pool + number) for number in range(count)]
     return [
@@ -169,11 +167,11 @@ def logs(pool: int, count: int, gusts: float = 0.3) -> list[Recording]:
 
 
 @pytest.fixture(scope="module")
-def pair() -> FlightEstimate:
+def pair():
     return identify_flight(logs(1, 2))
 
 
-def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
+def pooled(pair, recordings):
     """Return what `identify_flight` makes of a pool, without each flight's own result."""
     prepared = tuple(prepare(log, pair.motion, pair.options) for log in recordings)
     made = problem_of(pair)
@@ -194,7 +192,7 @@ def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     )
 
 
-def problem_of(result: FlightEstimate) -> VerticalFlights:
+def problem_of(result):
     """What was estimated."""
     assert result.fit is not None
     assert isinstance(result.fit.problem, VerticalFlights)
@@ -202,23 +200,23 @@ def problem_of(result: FlightEstimate) -> VerticalFlights:
 
 
 @pytest.fixture(scope="module")
-def pool(pair: FlightEstimate) -> FlightEstimate:
+def pool(pair):
     return pooled(pair, logs(1, 10))
 
 
 @pytest.fixture(scope="module")
-def found(pool: FlightEstimate) -> Bootstrap:
+def found(pool):
     return eivor.bootstrap_flights(pool, runs=40, seed=4)
 
 
 @pytest.mark.thorough
-def test_the_seed_decides(pool: FlightEstimate, found: Bootstrap) -> None:
+def test_the_seed_decides(pool, found):
     np.testing.assert_array_equal(bootstrap_flights(pool, runs=5, seed=4).replicates, found.replicates[:5])
     assert not np.array_equal(bootstrap_flights(pool, runs=5, seed=5).replicates, found.replicates[:5])
 
 
 @pytest.mark.thorough
-def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightEstimate) -> None:
+def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool):
     """The recipe renews its whitening in each replicate: a tenth of a standard error, no more."""
     alone = replace(problem_of(pool), nuisances=lag_and_delay(delays_s=[0.0]))
     assert pool.fit is not None
@@ -235,7 +233,7 @@ def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightE
 
 
 @pytest.mark.thorough
-def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(found: Bootstrap) -> None:
+def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(found):
     narrow = found.interval("viscous_friction", kind=IntervalKind.PERCENTILE)
     wide = found.interval("viscous_friction")
     wanted = np.sqrt(10 / 9) * 2.26216 / 1.95996
@@ -243,7 +241,7 @@ def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(fo
 
 
 @pytest.mark.thorough
-def test_what_cannot_be_resampled_is_refused(pool: FlightEstimate) -> None:
+def test_what_cannot_be_resampled_is_refused(pool):
     assert pool.fit is not None
     item = replace(problem_of(pool), columns=problem_of(pool).columns[:1])
     alone = replace(pool, fit=replace(pool.fit, problem=item))

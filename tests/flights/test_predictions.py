@@ -12,12 +12,9 @@ from flight_logs import FRICTION, GAIN, LAG_S, flown, prepare_vertical
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.motion import HorizonErrors, MultiStepPrediction, Starts, multi_step_predictions, starts_of
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.prepared import PreparedFlight
 from eivor.flights.track import Moment, Track, track
 from eivor.models.separable import NoInstruments
-from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
@@ -29,7 +26,7 @@ TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "actuator_lag": LAG_S
 @pytest.fixture(scope="module")
 def problem():
     (log,) = flown(noise=0.0)
-    return Vertical().problem((prepare_vertical(log, FlightOptions()),), NoInstruments())
+    return Vertical().problem((prepare_vertical(log, ev.FlightOptions()),), NoInstruments())
 
 
 def left(problem, values):
@@ -51,7 +48,7 @@ def test_the_truth_predicts(problem):
     assert open_loop < 0.005
 
 
-def error(model: str, quantity: str, size: float) -> HorizonErrors:
+def error(model, quantity, size):
     return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
 
 
@@ -61,7 +58,7 @@ def test_states_are_carried_on_as_their_equation_says():
     time = 0.005 * np.arange(600)
     force, decay = np.sin(3.0 * time), 1.5
 
-    def truth(nuisances: np.ndarray) -> np.ndarray:
+    def truth(nuisances):
         return (decay * np.sin(3.0 * time[nuisances]) - 3.0 * np.cos(3.0 * time[nuisances])) / (
             decay**2 + 9.0
         )
@@ -75,14 +72,14 @@ def test_states_are_carried_on_as_their_equation_says():
 
 
 @pytest.fixture(scope="module")
-def broken() -> PreparedFlight:
+def broken():
     """A flight of 20 s with a gap of a second, and a hundredth of one that does not count."""
     log = turned(0, seconds=20.0)
     channels = {}
     for name, channel in log.channels.items():
         kept = (channel.time_s < 8.0) | (channel.time_s > 9.0)
         channels[name] = replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
-    flight = prepare(replace(log, channels=channels), motion_by_name("rates"), FlightOptions())
+    flight = prepare(replace(log, channels=channels), ev.motion_by_name("rates"), ev.FlightOptions())
     usable = flight.usable.copy()
     usable[600:602] = False
     return replace(flight, usable=usable)

@@ -24,7 +24,7 @@ def log():
     return flown(seconds=20.0)[0]
 
 
-def bounds(prepared) -> list[tuple[float, float]]:
+def bounds(prepared):
     """First and last second of each run."""
     return [
         (prepared.signals.start_s + run.start * STEP_S, prepared.signals.start_s + (run.stop - 1) * STEP_S)
@@ -32,7 +32,7 @@ def bounds(prepared) -> list[tuple[float, float]]:
     ]
 
 
-def with_command_gap(log, start: float, end: float):
+def with_command_gap(log, start, end):
     command = log.channels["rotor_command_1"]
     keep = (command.time_s < start) | (command.time_s >= end)
     return changed(
@@ -178,7 +178,7 @@ def test_clocks_without_overlap_are_refused(log):
         prepare_vertical(shifted, FlightOptions())
 
 
-def remarks(log, **options) -> dict[str, str]:
+def remarks(log, **options):
     return {r.name: r.remark for r in prepare_vertical(log, FlightOptions(**options)).references}
 
 
@@ -326,7 +326,7 @@ def test_numbers_near_the_largest_give_numbers():
     assert np.array_equal(np.isfinite(between), np.isfinite(line))
 
 
-def jumping(log: Recording, jump_s: float) -> Recording:
+def jumping(log, jump_s):
     """The log, its clock jumping in the middle."""
     return replace(
         log,

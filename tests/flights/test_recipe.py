@@ -10,14 +10,13 @@ import pytest
 from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, every, flown, prepare_vertical
 from scipy import stats
 
+import eivor as ev
 import shape_checks
 from coarse_search import coarse
 from eivor.errors import EstimationError, PoolingError, UsageError
 from eivor.flights.estimate import single_frequency_hz
-from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import QuantityEstimate, QuantitySpec
 from eivor.inference.verdict import Status, Verdict
-from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.thrust_map import input_map
@@ -32,14 +31,14 @@ def log():
 
 @pytest.fixture(scope="module")
 def fit(log):
-    return identify_flight(log)
+    return ev.identify_flight(log)
 
 
 @pytest.fixture(scope="module")
 def coarse_fit(log):
     """What `fit` is where the search is coarse, as in the tests."""
     with shape_checks.unchecked(), coarse():
-        return identify_flight(log)
+        return ev.identify_flight(log)
 
 
 @pytest.mark.thorough
@@ -51,7 +50,7 @@ def test_a_result_goes_to_another_process_and_back(fit):
     assert again.fit.estimate.interval("input_gain", 0.9) == fit.fit.estimate.interval("input_gain", 0.9)
 
 
-def statuses(result) -> dict[str, str]:
+def statuses(result):
     return {name: quantity.verdict.value for name, quantity in result.quantities.items()}
 
 
@@ -106,7 +105,7 @@ def test_names_and_levels_of_intervals(fit):
 def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
     force = log.channels["specific_force_z"]
     in_g = replace(force, values=force.values / 9.80665)
-    flight = identify_flight(replace(log, channels=log.channels | {"specific_force_z": in_g}))
+    flight = ev.identify_flight(replace(log, channels=log.channels | {"specific_force_z": in_g}))
     assert flight.diagnostics["apparent_gravity"] == pytest.approx(1.0, abs=0.05)
     assert flight.verdict.status is flight.quantities["hover_input"].verdict is Status.REFUSED
     assert "its values look like g." in flight.verdict.reasons[0].sentence
@@ -115,7 +114,7 @@ def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
 @pytest.mark.thorough
 def test_friction_of_an_estimator_is_in_the_interval(log):
     friction, measured = (
-        identify_flight(
+        ev.identify_flight(
             replace(
                 log, channels=log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=of)}
             )
@@ -132,7 +131,7 @@ def test_friction_of_an_estimator_is_in_the_interval(log):
 def test_constant_reference_is_refused(log):
     hover = flown(seconds=30.0, amplitude=0.0, seed=12)[0]
     still = changed(hover, "reference_velocity_z", reference_position_z=np.zeros(3000))
-    result = identify_flight(still)
+    result = ev.identify_flight(still)
     assert result.verdict.status is Status.REFUSED
     assert "The reference never moved (reference_position_z: constant)" in result.verdict.sentences[0]
     # The numbers are printed all the same, and the hover input may be told.
@@ -141,7 +140,7 @@ def test_constant_reference_is_refused(log):
 
 
 def test_without_a_reference_the_numbers_are_provisional(log):
-    result = identify_flight(changed(log, "reference_position_z", "reference_velocity_z"))
+    result = ev.identify_flight(changed(log, "reference_position_z", "reference_velocity_z"))
     assert result.verdict.status is Status.PROVISIONAL
     assert "No reference can serve as an instrument (the log has none)" in result.verdict.sentences[0]
     assert result.method == "least_squares"
@@ -154,7 +153,7 @@ def test_friction_of_the_wrong_sign_is_refused(log):
     backward = changed(
         log, velocity_z=-velocity.values, specific_force_z=log.channels["specific_force_z"].values
     )
-    result = identify_flight(replace(backward), FlightOptions(method="least_squares"))
+    result = ev.identify_flight(replace(backward), ev.FlightOptions(method="least_squares"))
     assert result.verdict.status is Status.REFUSED
     assert "which no vehicle has" in result.verdict.sentences[0]
 
@@ -163,7 +162,7 @@ def test_friction_of_the_wrong_sign_is_refused(log):
 def gusty():
     """Result of a flight that hardly tells anything, of a full search."""
     with shape_checks.unchecked():
-        return identify_flight(flown(seconds=8.0, gust=12.0, seed=14)[0])
+        return ev.identify_flight(flown(seconds=8.0, gust=12.0, seed=14)[0])
 
 
 def test_friction_not_told_from_zero_is_refused(gusty):
@@ -175,7 +174,7 @@ def test_friction_not_told_from_zero_is_refused(gusty):
 
 
 def test_slow_commands_widen_the_lag_and_the_gain(log):
-    result = identify_flight(every(log, 3, "rotor_command_1"))
+    result = ev.identify_flight(every(log, 3, "rotor_command_1"))
     for name, value in (("viscous_friction", FRICTION), ("input_gain", GAIN), ("effective_lag", LAG_S)):
         low, high = result.quantities[name].interval
         assert low <= value <= high
@@ -187,16 +186,16 @@ def test_slow_commands_widen_the_lag_and_the_gain(log):
 @pytest.mark.thorough
 def test_feedback_in_the_instruments_is_weak_at_best(log):
     feedback = changed(log, feedback_reference_velocity_z=log.channels["reference_velocity_z"].values)
-    named = FlightOptions(instruments=("reference_position_z", "feedback_reference_velocity_z"))
-    result = identify_flight(feedback, named)
+    named = ev.FlightOptions(instruments=("reference_position_z", "feedback_reference_velocity_z"))
+    result = ev.identify_flight(feedback, named)
     assert result.verdict.status is Status.WEAK
     assert "answer the vehicle's own disturbances" in result.verdict.sentences[0]
-    assert identify_flight(feedback).verdict.status is Status.IDENTIFIED
+    assert ev.identify_flight(feedback).verdict.status is Status.IDENTIFIED
 
 
 def test_grounded_flights_never_take_off(log):
     landed = channel("landed", [0.0, 29.0], [1.0, 1.0])
-    result = identify_flight(changed(log, landed=landed))
+    result = ev.identify_flight(changed(log, landed=landed))
     assert result.verdict.status is Status.REFUSED
     assert result.verdict.sentences[0].startswith("flight 0 never takes off (by the log's land detector).")
     assert "never_takes_off" in [finding.name for finding in result.findings]
@@ -214,14 +213,14 @@ def test_grounded_flights_never_take_off(log):
 
 
 def test_flights_without_three_seconds_say_so(log):
-    result = identify_flight(log, FlightOptions(window=(5.0, 7.5)))
+    result = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 7.5)))
     assert "has no three seconds in the air" in result.verdict.sentences[0]
     assert "no_usable_run" in [finding.name for finding in result.findings]
 
 
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
-    result = identify_flight(log, FlightOptions(input_map=taken))
+    result = ev.identify_flight(log, ev.FlightOptions(input_map=taken))
     assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, abs=0.15)
     gain, hover = result.quantities["input_gain"], result.quantities["hover_input"]
     parts = [part.sentence for part in gain.systematic_uncertainties]
@@ -237,8 +236,8 @@ def test_a_reference_of_one_frequency_is_told():
     sine, steps = np.sin(2.0 * np.pi * 0.3 * seconds), np.sign(np.sin(2.0 * np.pi * 0.3 * seconds))
     log = flown(seconds=20.0)[0]
 
-    def frequency(**references: np.ndarray) -> float:
-        flight = prepare_vertical(changed(log, **references), FlightOptions())
+    def frequency(**references):
+        flight = prepare_vertical(changed(log, **references), ev.FlightOptions())
         return single_frequency_hz((flight,), tuple(references))
 
     assert frequency(reference_position_z=sine, reference_velocity_z=np.gradient(sine)) == pytest.approx(
@@ -252,7 +251,7 @@ def test_a_reference_of_one_frequency_is_told():
 
 @pytest.mark.thorough
 def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit):
-    result = identify_flight(log, FlightOptions(compare=True))
+    result = ev.identify_flight(log, ev.FlightOptions(compare=True))
     assert [row.label for row in result.comparisons] == [
         "reference_iv",
         "least_squares",
@@ -267,7 +266,7 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
     ]
     assert result.quantities["viscous_friction"] == coarse_fit.quantities["viscous_friction"]
     for row in result.comparisons[:2]:
-        alone = identify_flight(log, FlightOptions(method=row.label))
+        alone = ev.identify_flight(log, ev.FlightOptions(method=row.label))
         assert row.verdict is alone.verdict.status
         assert row.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
 
@@ -285,7 +284,7 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
     ],
 )
 def test_methods_have_instruments_of_their_own(log, method, asked, used):
-    result = identify_flight(log, FlightOptions(method=method, instruments=asked, window=(0.0, 8.0)))
+    result = ev.identify_flight(log, ev.FlightOptions(method=method, instruments=asked, window=(0.0, 8.0)))
     assert result.instruments == used
     # Past inputs answer the vehicle: that is said wherever they come from.
     reported = any("Past inputs are the instruments" in sentence for sentence in result.verdict.sentences)
@@ -295,14 +294,14 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
 @pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
 def test_unknown_words_are_refused(log, options):
     with pytest.raises(UsageError, match="Expected"):
-        identify_flight(log, FlightOptions(**options))
+        ev.identify_flight(log, ev.FlightOptions(**options))
 
 
 def test_start_of_the_clock_does_not_matter(log, coarse_fit):
     later = replace(
         log, channels={k: replace(c, time_s=c.time_s + 12_345.0) for k, c in log.channels.items()}
     )
-    result = identify_flight(later)
+    result = ev.identify_flight(later)
     assert result.window_s == pytest.approx((12_345.0, 12_374.99))
     for name, quantity in coarse_fit.quantities.items():
         assert result.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-9)
@@ -317,17 +316,17 @@ def fleet():
 def alone(fleet):
     """Result of each of the first four flights."""
     with shape_checks.unchecked(), coarse():
-        return [identify_flight(flight) for flight in fleet[:4]]
+        return [ev.identify_flight(flight) for flight in fleet[:4]]
 
 
 @pytest.fixture(scope="module")
 def three(fleet):
     """Result of the pool of the first three."""
     with shape_checks.unchecked(), coarse():
-        return identify_flight(fleet[:3])
+        return ev.identify_flight(fleet[:3])
 
 
-def half(result, name: str) -> float:
+def half(result, name):
     return (
         result.estimate.joint_covariance.part("classical").matrix[result.names.index(name)][
             result.names.index(name)
@@ -340,28 +339,28 @@ def half(result, name: str) -> float:
 def test_a_log_given_twice_is_used_once(fleet):
     first = replace(fleet[0], sha256="a")
     again = replace(fleet[0], sha256="a", name="copy")
-    result = identify_flight([first, again])
+    result = ev.identify_flight([first, again])
     assert result.flights == ()
     (finding,) = [item for item in result.findings if item.name == "duplicate_log"]
     assert finding.message == "copy has the same content as flight 0; it is used once only."
     # Two windows of one log are two flights; logs without a file are never taken for one another.
     windows = [(0.0, 5.0), (5.0, 9.9)]
-    assert len(identify_flight([first, again], windows=windows).flights) == 2
-    assert len(identify_flight(fleet[:2]).flights) == 2
+    assert len(ev.identify_flight([first, again], windows=windows).flights) == 2
+    assert len(ev.identify_flight(fleet[:2]).flights) == 2
 
 
 @pytest.mark.thorough
 def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
-    pool = identify_flight([fleet[0], grounded])
+    pool = ev.identify_flight([fleet[0], grounded])
     assert pool.quantities["viscous_friction"].value == pytest.approx(
         alone[0].quantities["viscous_friction"].value
     )
     assert pool.flights[1].verdict is Status.REFUSED
     assert pool.flights[1].quantities == {}
-    none = identify_flight([grounded, replace(grounded, name="other")])
+    none = ev.identify_flight([grounded, replace(grounded, name="other")])
     assert none.verdict.sentences[0].startswith("No flight of the pool takes off (by the log's")
-    brief = identify_flight(fleet[:2], FlightOptions(window=(2.0, 4.0)))
+    brief = ev.identify_flight(fleet[:2], ev.FlightOptions(window=(2.0, 4.0)))
     assert brief.verdict.sentences[0].startswith("No flight of the pool has three seconds in the air")
     assert none.verdict.status is Status.REFUSED
 
@@ -388,7 +387,7 @@ def test_flights_of_different_vehicles_are_not_pooled(fleet, change, said):
     with pytest.raises(
         PoolingError, match=f"Expected flights of one vehicle: flight 0 and flight 1 alike; received {said}"
     ):
-        identify_flight([replace(fleet[0], parameters={"THR_MDL_FAC": 0.2}), change(fleet[1])])
+        ev.identify_flight([replace(fleet[0], parameters={"THR_MDL_FAC": 0.2}), change(fleet[1])])
 
 
 @dataclass(frozen=True)
@@ -402,13 +401,13 @@ class Wheeled(Vertical):
 def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     two, three = (replace(fleet[0], parameters={"WHEEL_COUNT": count}) for count in (2.0, 3.0))
     with pytest.raises(PoolingError, match=r"WHEEL_COUNT = 2\.0 and 3\.0"):
-        identify_flight([two, replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})], model=Wheeled())
+        ev.identify_flight([two, replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})], model=Wheeled())
     # finding 13: a parameter that one log lacks is of another firmware
-    pooled = identify_flight([three, replace(fleet[1], parameters={"THR_MDL_FAC": 0.3})], model=Wheeled())
+    pooled = ev.identify_flight([three, replace(fleet[1], parameters={"THR_MDL_FAC": 0.3})], model=Wheeled())
     assert len(pooled.flights) == 2
     # a user who knows better pools them
     logs = [two, replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})]
-    assert len(identify_flight(logs, model=Wheeled(), pool_anyway=True).flights) == 2
+    assert len(ev.identify_flight(logs, model=Wheeled(), pool_anyway=True).flights) == 2
 
 
 @pytest.mark.parametrize(
@@ -421,11 +420,11 @@ def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
 )
 def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
     with pytest.raises(UsageError, match=f"Expected {said}"):
-        identify_flight([fleet[0]] if logs is None else logs, windows=windows)
+        ev.identify_flight([fleet[0]] if logs is None else logs, windows=windows)
 
 
 def test_without_a_gain_the_hover_input_is_where_thrust_is_the_weight():
-    result = identify_flight(flown(1, seconds=40.0, amplitude=0.002, gust=0.3)[0])
+    result = ev.identify_flight(flown(1, seconds=40.0, amplitude=0.002, gust=0.3)[0])
     hover = result.quantities["hover_input"]
     assert result.quantities["input_gain"].verdict is Status.REFUSED
     assert hover.verdict is Status.IDENTIFIED
@@ -437,7 +436,7 @@ def test_without_a_gain_the_hover_input_is_where_thrust_is_the_weight():
 def test_hover_intervals_cover():
     runs = 25
     logs = flown(runs, seconds=12.0, noise=2.0, gust=0.5, seed=15)
-    results = [identify_flight(log).quantities["hover_input"] for log in logs]
+    results = [ev.identify_flight(log).quantities["hover_input"] for log in logs]
     covered = sum(quantity.interval[0] <= HOVER <= quantity.interval[1] for quantity in results)
     assert covered >= stats.binom.ppf(1e-4, runs, 0.95)
     # And what scatters is not so wide that covering is no feat: the floor is for repeats, not for errors.

@@ -25,21 +25,18 @@ from eivor.motions.vertical.model import (
     thrust_of,
 )
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import Recording
-from eivor.signals.thrust_map import InputMap, Mixed, Power
+from eivor.signals.thrust_map import Mixed, Power
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
 @pytest.fixture(scope="module")
-def log() -> Recording:
+def log():
     """A flight whose thrust goes with the square of its command."""
     return flown(seconds=20.0)[0]
 
 
-def commanded(
-    log: Recording, true: InputMap, *, thrust: bool, side: CurveSide = CurveSide.BEFORE
-) -> Recording:
+def commanded(log, true, *, thrust, side=CurveSide.BEFORE):
     """The same flight, its commands such that thrust goes with another map of them."""
     command = log.channels["rotor_command_1"]
     values = np.array([true.inverse(item) for item in command.values**2])

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.inference.diagnostics.record import EquationProducts, equation_products
+from eivor.inference.diagnostics.record import equation_products
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")
 GRILICHES_YEARS = (67, 68, 69, 70, 71, 73)
 
 
-def housing() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def housing():
     """Rents, house values (endogenous), exogenous columns, excluded instruments: Stata's own example."""
     path = resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
     table = pl.read_csv(path.read_bytes())
@@ -30,7 +30,7 @@ def housing() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def griliches() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+def griliches():
     """Wages, schooling and IQ (endogenous), exogenous, excluded; None when statsmodels is not installed.
 
     linearmodels depends on statsmodels, which ships the file with ivreg2's example.
@@ -54,9 +54,7 @@ def griliches() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     )
 
 
-def two_stage(
-    y: np.ndarray, endogenous: np.ndarray, exogenous: np.ndarray, excluded: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def two_stage(y, endogenous, exogenous, excluded):
     """Two-stage least squares from projections: theta, columns (endogenous first), instruments, residual."""
     X, Z = np.column_stack([endogenous, exogenous]), np.column_stack([exogenous, excluded])
     fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
@@ -64,15 +62,13 @@ def two_stage(
     return theta, X, Z, y - X @ theta
 
 
-def products_of(
-    y: np.ndarray, endogenous: np.ndarray, exogenous: np.ndarray, excluded: np.ndarray, blocks: int = 25
-) -> EquationProducts:
+def products_of(y, endogenous, exogenous, excluded, blocks=25):
     """Products at the two-stage estimate."""
     _, X, Z, residual = two_stage(y, endogenous, exogenous, excluded)
     return equation_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
 
 
-def autoregression(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
+def autoregression(rng, shape, memory):
     """Stationary autoregressions of unit variance along the first axis."""
     from scipy.signal import lfilter
 

@@ -23,7 +23,7 @@ Y = np.array([0.1, 0.3, 0.8, 0.2])
 V = np.array([0.01, 0.02, 0.01, 0.04])
 
 
-def drawn(seed: int, sizes: list[int], between: float) -> tuple[Groups, np.ndarray, np.ndarray]:
+def drawn(seed, sizes, between):
     rng = np.random.default_rng(seed)
     rows = sum(sizes)
     errors = rng.uniform(0.01, 0.05, rows)
@@ -70,7 +70,7 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
 
 
-def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None) -> Ordered:
+def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None):
     """Rows whose own variances are next to nothing unless said otherwise."""
     y = np.asarray(y, dtype=float)
     weights = np.ones(y.size) if weights is None else weights
@@ -81,7 +81,7 @@ def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None) -> Ordered:
     return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, nuisances, *none)
 
 
-def drawn_courses(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+def drawn_courses(seed, rows):
     rng = np.random.default_rng(seed)
     return rng.standard_normal(rows), rng.uniform(0.5, 2.0, rows)
 
@@ -122,13 +122,13 @@ def test_deviations_are_externally_studentized_residuals():
     assert (p_values[~far] == 1.0).all()
 
 
-def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:
+def added(y, sizes, sets=None):
     """What is added to variances of 1e-4, the groups a set unless said otherwise."""
     v = np.full(y.size, 1e-4)
     return outlier_test(Groups(np.array(sizes)), sets or one_group(len(sizes)), v)(y)
 
 
-def noise(seed: int, rows: int) -> np.ndarray:
+def noise(seed, rows):
     return 0.004 * np.random.default_rng(seed).standard_normal(rows)
 
 

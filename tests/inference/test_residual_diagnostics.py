@@ -92,7 +92,7 @@ def test_where_the_input_is_below_the_residual():
     assert power.share_above[0] > 0.99
 
 
-def tenths(count: int) -> tuple[tuple[int, int], ...]:
+def tenths(count):
     """Stretches of ten rows each."""
     return tuple((10 * k, 10 * k + 10) for k in range(count))
 

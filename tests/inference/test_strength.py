@@ -18,7 +18,6 @@ from eivor.inference.diagnostics.instruments import (
     strength,
 )
 from eivor.inference.diagnostics.record import (
-    EquationProducts,
     conditional_first_stage,
     covariance_of_total,
     equation_products,
@@ -167,7 +166,7 @@ def test_fewer_independent_instruments_than_columns_have_no_strength():
     assert result.smallest_eigenvalue == result.cragg_donald == 0.0
 
 
-def problem(seed: int, rows: int = 200, count: int = 5) -> tuple[np.ndarray, np.ndarray]:
+def problem(seed, rows=200, count=5):
     rng = np.random.default_rng(seed)
     Z = rng.standard_normal((rows, count))
     G = Z @ rng.standard_normal((count, 3)) + 2.0 * rng.standard_normal((rows, 3))
@@ -195,7 +194,7 @@ def test_the_worst_ground_decides_and_stands_first(order):
         assert list(Status).index(verdict(kept).status) == best
 
 
-def two_stage_weights(products: EquationProducts) -> np.ndarray:
+def two_stage_weights(products):
     return np.linalg.solve(products.instrument_mean, products.sensitivity)
 
 

@@ -33,7 +33,7 @@ LEAST = (LeastSquares(), AugmentedLeastSquares())
 TOTAL = (TotalLeastSquares(), AugmentedTotalLeastSquares())
 
 
-def noisy(seed: int, rows: int = 40, unknowns: int = 3, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+def noisy(seed, rows=40, unknowns=3, noise=0.1):
     """Matrix and right-hand side, both measured with errors."""
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((rows, unknowns))
@@ -41,7 +41,7 @@ def noisy(seed: int, rows: int = 40, unknowns: int = 3, noise: float = 0.1) -> t
     return A + noise * rng.standard_normal(A.shape), b + noise * rng.standard_normal(rows)
 
 
-def covariance(seed: int, size: int) -> np.ndarray:
+def covariance(seed, size):
     root = np.random.default_rng(seed + 1000).standard_normal((size, size + 3))
     return root @ root.T / size
 
@@ -158,13 +158,13 @@ def test_score_correction_makes_the_derivative_of_the_objective(solver):
     S = covariance(6, 4)
     solution = solver.solve(LinearSystem(A, b, S))
 
-    def gradient(theta: np.ndarray) -> np.ndarray:
+    def gradient(theta):
         residual = b - A @ theta
         correction = solver.score_correction(residual, theta, S)
         direction = np.append(theta, -1.0)
         return -(A + correction.rows).T @ residual / (direction @ S @ direction)
 
-    def objective(theta: np.ndarray) -> float:
+    def objective(theta):
         direction = np.append(theta, -1.0)
         return 0.5 * float(np.sum((A @ theta - b) ** 2) / (direction @ S @ direction))
 

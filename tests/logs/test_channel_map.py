@@ -9,12 +9,11 @@ import polars as pl
 import pytest
 from dataflash_writer import simulated
 
+import eivor as ev
 from eivor.errors import ChannelMapError, EivorError, MissingReaderError, UsageError
-from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map, parse_expression
 from eivor.logs.table import columnar
 from eivor.logs.table.columnar import write_recording
-from eivor.motions.identify import identify_flight
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import DataSheet
 from motions.turning_logs import turned
@@ -41,7 +40,7 @@ def table(tmp_path):
 
 def read(folder, text):
     (folder / "m.toml").write_text(text)
-    return read_log(folder / "t.csv", channel_map=folder / "m.toml")
+    return ev.read_log(folder / "t.csv", channel_map=folder / "m.toml")
 
 
 def test_every_key(table):
@@ -98,7 +97,7 @@ def test_a_declared_delay_is_taken_off_the_stamps(table):
     (messages,) = [f.message for f in r.findings if f.name == "sensor_delay"]
     assert messages == "Taken off the stamps, as m.toml says: velocity_z 8 ms."
     write_recording(r, table.parent / "r.parquet")
-    back = read_log(table.parent / "r.parquet").channels["velocity_z"]
+    back = ev.read_log(table.parent / "r.parquet").channels["velocity_z"]
     np.testing.assert_array_equal(back.time_s, r.channels["velocity_z"].time_s)
     assert back.delay_s == 0.008
 
@@ -109,7 +108,7 @@ def test_the_side_of_the_thrust_curve_is_declared_and_kept(table):
     sides = {"input": CurveSide.UNKNOWN, "rotor_command_1": CurveSide.BEHIND}
     assert {name: channel.curve_side for name, channel in r.channels.items()} == sides
     write_recording(r, table.parent / "r.parquet")
-    back = read_log(table.parent / "r.parquet").channels
+    back = ev.read_log(table.parent / "r.parquet").channels
     assert {name: item.curve_side for name, item in back.items()} == sides
     with pytest.raises(UsageError, match="the curve_side of rotor_command_1"):
         write_recording(r, table.parent / "r.csv")
@@ -161,21 +160,21 @@ def test_wrong_maps(table, text, words):
 
 def test_maps_that_are_not_there(table):
     with pytest.raises(ChannelMapError, match=r"nanobench, rotorpy.*is no file"):
-        read_log(table / "t.csv", channel_map="nanobensch")
+        ev.read_log(table / "t.csv", channel_map="nanobensch")
     with pytest.raises(ChannelMapError, match="is no file"):
-        read_log(table / "t.csv", channel_map=table)
+        ev.read_log(table / "t.csv", channel_map=table)
     (table / "big.toml").write_bytes(b"#" * (2 << 20))
     with pytest.raises(ChannelMapError, match="is no file"):
-        read_log(table / "t.csv", channel_map="x" * 5000)
+        ev.read_log(table / "t.csv", channel_map="x" * 5000)
     with pytest.raises(ChannelMapError, match="is no file"):
-        read_log(table / "t.csv", channel_map="a\x00b")
+        ev.read_log(table / "t.csv", channel_map="a\x00b")
     with pytest.raises(ChannelMapError, match="larger than"):
-        read_log(table / "t.csv", channel_map=table / "big.toml")
+        ev.read_log(table / "t.csv", channel_map=table / "big.toml")
     (table / "latin.toml").write_bytes(b"\xff")
     with pytest.raises(ChannelMapError, match="unreadable"):
-        read_log(table / "t.csv", channel_map=table / "latin.toml")
+        ev.read_log(table / "t.csv", channel_map=table / "latin.toml")
     with pytest.raises(ChannelMapError, match=r"a column 't'|a column"):
-        read_log(table / "t.csv", channel_map="rotorpy")
+        ev.read_log(table / "t.csv", channel_map="rotorpy")
 
 
 @pytest.mark.parametrize(
@@ -240,7 +239,7 @@ def test_numbers_are_floats_whether_they_meet_a_column_or_not(tmp_path, monkeypa
         (tmp_path / "m.toml").write_text(
             f'name = "m"\n[time]\ncolumn = "time"\n[channels.input]\nexpression = "{text}"\n'
         )
-        r = read_log(table, channel_map=tmp_path / "m.toml")
+        r = ev.read_log(table, channel_map=tmp_path / "m.toml")
         np.testing.assert_allclose(r.channels["input"].values, value, rtol=1e-14)
 
 
@@ -267,7 +266,7 @@ def test_columns_of_any_name(tmp_path, column):
     frame.write_parquet(tmp_path / "t.parquet")
     (tmp_path / "m.toml").write_text(HEAD + f"[channels.input]\nexpression = '\"{column}\" * 2 + a'\n")
     for table in ("t.csv", "t.parquet"):
-        r = read_log(tmp_path / table, channel_map=tmp_path / "m.toml")
+        r = ev.read_log(tmp_path / table, channel_map=tmp_path / "m.toml")
         assert r.channels["input"].values.tolist() == [7.0, 10.0]
 
 
@@ -305,7 +304,7 @@ def test_rotorpys_own_table(tmp_path):
     result = world.run(t_final=2, terminate=False, plot=False, animate_bool=False, verbose=False)
     frame = unpack_sim_data(result)
     frame.to_csv(tmp_path / "flight.csv")
-    r = read_log(tmp_path / "flight.csv")
+    r = ev.read_log(tmp_path / "flight.csv")
     assert r.input_map == "square"
     assert any(f.name == "channel_map" and "'rotorpy'" in f.message for f in r.findings)
     w, x, y, z = (r.channels[f"attitude_{part}"].values for part in "wxyz")
@@ -327,7 +326,7 @@ def test_angles_in_another_unit_are_told(tmp_path, unit, scale, words):
     (tmp_path / "m.toml").write_text(
         HEAD.replace("ms", "s") + f'[channels.cos_tilt]\nroll_pitch = ["roll", "pitch"]\nunit = "{unit}"\n'
     )
-    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     doubts = [f.message for f in r.findings if f.name == "mixed_units"]
     assert (len(doubts) == 1 and words in doubts[0]) if words else doubts == []
 
@@ -338,10 +337,10 @@ def test_tilt_from_columns_of_any_name(tmp_path):
     columns = dict(zip(names, ([1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]), strict=True))
     pl.DataFrame({"t": [0.0, 1.0], **columns}).write_parquet(tmp_path / "t.parquet")
     (tmp_path / "m.toml").write_text(HEAD + f"[channels.cos_tilt]\nquaternion = {json.dumps(names)}\n")
-    r = read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels["cos_tilt"].values, [1.0, 0.0], atol=1e-15)
     (tmp_path / "m.toml").write_text(HEAD + f"[channels.cos_tilt]\nroll_pitch = {json.dumps(names[:2])}\n")
-    r = read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels["cos_tilt"].values, [np.cos(1.0), np.cos(1.0) ** 2])
     assert r.channels["cos_tilt"].source == 'cos(1.0 * "w, *") * cos(1.0 * "x "1"")'
 
@@ -357,7 +356,7 @@ def test_tilt_from_a_quaternion_of_any_norm(tmp_path):
     pl.DataFrame(frame).write_csv(tmp_path / "t.csv")
     text = 'name = "m"\n[time]\ncolumn = "time"\n[channels.cos_tilt]\nquaternion = ["a", "b", "c", "c"]\n'
     (tmp_path / "m.toml").write_text(text)
-    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels["cos_tilt"].values, np.cos(angle))
     assert not r.channels["cos_tilt"].held
 
@@ -436,7 +435,7 @@ def test_units_and_signs(tmp_path, name, made):
     flight = simulated(seed=4, duration=2.0)
     path = tmp_path / "flight.csv"
     pl.DataFrame(made(flight)).write_csv(path)
-    r = read_log(path)
+    r = ev.read_log(path)
     assert f"'{name}'" in used(r)
     _, values = parts(flight)
     for channel in ("velocity_z", "position_z", "rotor_command_1", "cos_tilt", "reference_position_z"):
@@ -478,11 +477,11 @@ def betaflight(flight):
 def test_betaflight_has_no_velocity(tmp_path):
     path = tmp_path / "btfl_001.01.csv"
     pl.DataFrame(betaflight(turned(3, seconds=5.0, command_hz=200.0))).write_csv(path)
-    recording = read_log(path)
+    recording = ev.read_log(path)
     assert "'betaflight_csv'" in used(recording)
     assert recording.channels["specific_force_body_z"].values[0] == pytest.approx(9.80665)
     with pytest.raises(EivorError, match="velocity_z"):
-        identify_flight(recording)
+        ev.identify_flight(recording)
 
 
 def telemetry(messages=5, magic=0xFD):
@@ -505,4 +504,4 @@ def test_logs_that_tell_too_little(tmp_path, content, words):
     path = tmp_path / "log.txt"
     path.write_bytes(content)
     with pytest.raises(MissingReaderError, match=f"(?s){words}"):
-        read_log(path)
+        ev.read_log(path)

@@ -26,11 +26,10 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from ulog_writer import flight
 from usd_writer import flight as crazyflie_flight
 
+import eivor as ev
 from eivor.errors import CorruptLogError, EivorError, EmptyLogError, InputError, MissingReaderError
-from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map, parse_expression
 from eivor.logs.dataflash import messages
-from eivor.logs.read import read_log as read_log_bags
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import (
     Decoded,
@@ -40,7 +39,6 @@ from eivor.logs.rosbag.messages import (
     parsed_definition,
 )
 from eivor.logs.table import columnar
-from eivor.signals.recording import Recording
 
 QUICK = settings(
     max_examples=60,
@@ -78,12 +76,12 @@ def survives(path, blob, limit_s=10.0):
     path.write_bytes(blob)
     started = time.process_time()
     try:
-        recording = read_log(path)
+        recording = ev.read_log(path)
     except InputError as error:
         text = str(error)
     else:
         text = " ".join(finding.message for finding in recording.findings)
-        assert isinstance(recording, Recording)
+        assert isinstance(recording, ev.Recording)
         assert recording.channels
     assert len(text) < 20_000
     assert time.process_time() - started < limit_s
@@ -171,7 +169,7 @@ def test_notes_of_any_kind_change_no_number(tmp_path, notes, delimiter, end):
         table = csv.writer(stream, delimiter=delimiter, lineterminator=end)
         table.writerow(["time", "note", "velocity_z"])
         table.writerows([0.5 * row, note, -0.25 * row] for row, note in enumerate(notes))
-    z = read_log(tmp_path / "t.csv").channels["velocity_z"]
+    z = ev.read_log(tmp_path / "t.csv").channels["velocity_z"]
     np.testing.assert_array_equal(z.time_s, 0.5 * np.arange(len(notes)))
     np.testing.assert_array_equal(z.values, -0.25 * np.arange(len(notes)))
 
@@ -207,24 +205,24 @@ def test_a_parquet_that_aborts_its_decoder(tmp_path, monkeypatch):
     canonical().write_parquet(tmp_path / "t.parquet")
     monkeypatch.setattr(columnar, "_PARQUET_CODE", "import os; os.abort()")
     with pytest.raises(InputError, match="makes the decoder fail"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
     monkeypatch.setattr(columnar, "_PARQUET_CODE", "import time; time.sleep(9)")
     monkeypatch.setattr(columnar, "PARQUET_TIMEOUT_S", 0.1)
     with pytest.raises(InputError, match="not decoded within"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
     monkeypatch.setattr(sys, "executable", "")  # embedded: there is no interpreter to start
-    assert read_log(tmp_path / "t.parquet").channels
+    assert ev.read_log(tmp_path / "t.parquet").channels
 
 
 def test_a_small_parquet_of_many_rows_is_refused(tmp_path, monkeypatch):
     canonical().write_parquet(tmp_path / "t.parquet")
     monkeypatch.setattr(columnar, "MAX_ROWS", 50)  # instead of writing half a gigabyte
     with pytest.raises(InputError, match="at most 50 rows"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
     monkeypatch.setattr(columnar, "MAX_ROWS", 500)
     monkeypatch.setattr(columnar, "MAX_CELLS", 50)
     with pytest.raises(InputError, match="at most 50 numbers"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
 
 
 def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
@@ -234,7 +232,7 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
     assert (tmp_path / "t.parquet").stat().st_size < 200_000
     monkeypatch.setattr(columnar, "probe_parquet", None)
     with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
 
 
 @pytest.mark.thorough
@@ -251,7 +249,7 @@ def test_only_needed_columns_of_a_parquet_are_decoded(tmp_path):
     (tmp_path / "t.parquet").write_bytes(blob)
     with pytest.raises((pl.exceptions.PolarsError, pl.exceptions.PanicException)):
         pl.read_parquet(tmp_path / "t.parquet")
-    r = read_log(tmp_path / "t.parquet")
+    r = ev.read_log(tmp_path / "t.parquet")
     assert set(r.channels) == {"velocity_z", "input", "landed"}
     assert any(f.name == "unreadable_text" and "'position_z' 100" in f.message for f in r.findings)
 
@@ -265,14 +263,14 @@ def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
     monkeypatch.setattr(columnar, "PARQUET_DECODER_BYTES", 32 << 20)
     monkeypatch.setattr(columnar, "ROW_BYTES", 0)
     with pytest.raises(InputError, match=r"makes the decoder fail .*it may use 32 MiB"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
 
 
 @pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such names there")
 def test_file_names_of_several_lines(tmp_path):
     canonical().write_parquet(tmp_path / "a\nb.parquet")
-    assert read_log(tmp_path / "a\nb.parquet").channels
+    assert ev.read_log(tmp_path / "a\nb.parquet").channels
 
 
 @pytest.fixture(scope="module")
@@ -310,7 +308,7 @@ def read(tmp_path):
     def read(content, ending="bag"):
         path = tmp_path / f"flight.{ending}"
         path.write_bytes(content)
-        return read_log_bags(path)
+        return ev.read_log(path)
 
     return read
 
@@ -334,12 +332,12 @@ def test_a_part_that_is_damaged_is_left_out(tmp_path, store, sound):
     folder = write_ros2(tmp_path / "flight", inertial(store["ros2"]), store["ros2"])
     (folder / "flight.db3").rename(folder / "flight_0.db3")
     (folder / "flight_1.db3").write_bytes(b"SQLite format 3\0 and nothing")
-    r = read_log_bags(folder)
+    r = ev.read_log(folder)
     assert r.channels["specific_force_body_y"].values.size == 60
     assert "'flight_1.db3'" in told(r, "corrupt_parts")
     (folder / "other.mcap").write_bytes(sound["mcap"])
     with pytest.raises(InputError, match="the files of one bag"):
-        read_log_bags(folder)
+        ev.read_log(folder)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -379,14 +377,14 @@ def test_a_database_that_computes_is_refused(tmp_path, sound, statement):
     database.commit()
     database.close()
     with pytest.raises(CorruptLogError, match="more than plain tables"):
-        read_log_bags(path)
+        ev.read_log(path)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_names_of_files_that_mean_something_in_addresses(tmp_path, sound):
     path = tmp_path / "flight #1?mode=rwc%20.db3"
     path.write_bytes(sound["db3"])
-    assert read_log_bags(path).channels["specific_force_body_z"].values.size == 60
+    assert ev.read_log(path).channels["specific_force_body_z"].values.size == 60
 
 
 def layout(message, text):
@@ -419,7 +417,7 @@ def test_code_in_a_definition_is_never_run(tmp_path, store):
     database.commit()
     database.close()
     with pytest.raises(EivorError, match="where its type takes 12"):
-        read_log_bags(folder)
+        ev.read_log(folder)
 
 
 def of_another_kind(how, values):
@@ -461,12 +459,12 @@ def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, k
 
     cache, wanted = {}, []
     monkeypatch.setattr(topics, "decoded", changed)
-    whole = read_log_bags(bag)
+    whole = ev.read_log(bag)
     assert len(known) > 50
     for entry in known:
         wanted[:] = [entry]
         try:
-            result = read_log_bags(bag)
+            result = ev.read_log(bag)
         except EivorError:
             continue
         assert set(result.channels) <= {*whole.channels, *whole.looked_for}
@@ -502,7 +500,7 @@ def read_dataflash(tmp_path):
     def read_dataflash(content):
         path = tmp_path / "flight.bin"
         path.write_bytes(content)
-        return read_log(path)
+        return ev.read_log(path)
 
     return read_dataflash
 

@@ -12,6 +12,7 @@ import pytest
 from dataflash_writer import simulated
 from pyulog.ulog2csv import convert_ulog2csv
 
+import eivor as ev
 from eivor.errors import (
     ChannelMapError,
     CorruptLogError,
@@ -22,17 +23,15 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import read_log
-from eivor.logs.mapping import recording_from_columns
 from eivor.logs.table.columnar import write_recording
 from eivor.signals.channels import held_by_default, unit_of
-from eivor.signals.recording import Channel, Frame, Recording
+from eivor.signals.recording import Channel, Frame
 
 
 def csv(tmp_path, text, **options):
     path = tmp_path / "t.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return read_log(path, **options)
+    return ev.read_log(path, **options)
 
 
 def names(recording):
@@ -194,7 +193,7 @@ def test_units_that_cannot_be(tmp_path):
         }
     )
     frame.write_parquet(tmp_path / "t.parquet")
-    r = read_log(tmp_path / "t.parquet")
+    r = ev.read_log(tmp_path / "t.parquet")
     doubts = " ".join(f.message for f in r.findings if f.name == "mixed_units")
     for words in ("value in g", "norm of 2", "leaves [-1, 1]", "deg/s", "velocity_z is -1 times"):
         assert words in doubts
@@ -204,7 +203,7 @@ def test_units_that_cannot_be(tmp_path):
 
 def test_a_climb_that_no_rotorcraft_makes_is_doubted():
     time_s = np.arange(100) * 0.1
-    r = recording_from_columns({"time": time_s, "velocity_z": 57.0 * np.sin(time_s), "input": time_s})
+    r = ev.recording_from_columns({"time": time_s, "velocity_z": 57.0 * np.sin(time_s), "input": time_s})
     (finding,) = (f for f in r.findings if f.name == "mixed_units")
     assert finding.message.startswith("velocity_z reaches 57 m/s: its estimator has diverged")
 
@@ -218,7 +217,7 @@ def test_rows_that_a_resampler_made_up(tmp_path):
         values[300:] = values[299] + 3.0 * i * (t[300:] - t[299])
         columns[f"rotor_command_{i}"] = values
     pl.DataFrame(columns).write_csv(tmp_path / "t.csv")
-    r = read_log(tmp_path / "t.csv")
+    r = ev.read_log(tmp_path / "t.csv")
     assert "extrapolated" in names(r)
     assert np.flatnonzero(np.isnan(r.channels["rotor_command_2"].values))[0] in (299, 300)
     assert np.isfinite(r.channels["position_z"].values).all()
@@ -228,10 +227,10 @@ def test_ramps_are_not_taken_for_made_up_rows(tmp_path):
     t = np.arange(400) * 0.01
     ramps = {f"rotor_command_{i}": i * t for i in range(1, 5)}
     pl.DataFrame({"time": t, "velocity_z": np.sin(9 * t), **ramps}).write_csv(tmp_path / "t.csv")
-    assert "extrapolated" not in names(read_log(tmp_path / "t.csv"))
+    assert "extrapolated" not in names(ev.read_log(tmp_path / "t.csv"))
     ramps = {f"rotor_command_{i}": np.maximum(t, 2.0) for i in range(1, 5)}
     pl.DataFrame({"time": t, "velocity_z": np.sin(9 * t), **ramps}).write_csv(tmp_path / "t.csv")
-    assert "extrapolated" not in names(read_log(tmp_path / "t.csv"))
+    assert "extrapolated" not in names(ev.read_log(tmp_path / "t.csv"))
 
 
 def test_parquet_types(tmp_path):
@@ -246,7 +245,7 @@ def test_parquet_types(tmp_path):
         }
     )
     frame.write_parquet(tmp_path / "t.parquet")
-    r = read_log(tmp_path / "t.parquet")
+    r = ev.read_log(tmp_path / "t.parquet")
     np.testing.assert_allclose(r.channels["velocity_z"].time_s, [0, 0.01, 0.02, 0.03], atol=1e-6)
     np.testing.assert_array_equal(r.channels["velocity_z"].values, [1, 2, np.nan, 4])
     np.testing.assert_array_equal(r.channels["landed"].values, [1, 0, 1, np.nan])
@@ -258,7 +257,7 @@ def test_parquet_types(tmp_path):
 def test_parquet_without_rows(tmp_path):
     pl.DataFrame({"time": [], "velocity_z": []}).write_parquet(tmp_path / "t.parquet")
     with pytest.raises(EmptyLogError, match="without one"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
 
 
 def test_damaged_parquet(tmp_path):
@@ -266,7 +265,7 @@ def test_damaged_parquet(tmp_path):
     blob = (tmp_path / "t.parquet").read_bytes()
     (tmp_path / "t.parquet").write_bytes(blob[:-10])
     with pytest.raises(CorruptLogError, match="Parquet file that cannot be decoded"):
-        read_log(tmp_path / "t.parquet")
+        ev.read_log(tmp_path / "t.parquet")
 
 
 PARAMETERS = "IMU_ACCEL_CUTOFF"
@@ -286,8 +285,8 @@ def told(recording, name):
 
 
 def test_the_same_channels(folder):
-    expected = read_log(folder.parent / "flight_1.ulg")
-    r = read_log(folder)
+    expected = ev.read_log(folder.parent / "flight_1.ulg")
+    r = ev.read_log(folder)
     assert (r.format, r.name, r.frame, r.vehicle) == ("ulog2csv", "tables", expected.frame, "rotary wing")
     assert set(r.channels) == set(expected.channels)
     for name, channel in expected.channels.items():
@@ -300,13 +299,13 @@ def test_the_same_channels(folder):
 def test_tables_that_are_damaged_or_of_another_log(folder):
     (folder / "flight_1_vehicle_attitude_0.csv").write_text("timestamp,q[0]\n1,2,3\n")
     (folder / "flight_1_vehicle_status_0.csv").write_text("timestamp,nav_state\nx,2\n")
-    r = read_log(folder)
+    r = ev.read_log(folder)
     assert "attitude_w" not in r.channels
     assert "whose line 2 has 3 fields" in told(r, "corrupt_parts")
     assert "vehicle_status" in told(r, "time_stamps")
     (folder / "other_vehicle_attitude_0.csv").write_text("timestamp,q[0]\n1,2\n")
     with pytest.raises(InputError, match="one log; received 'tables' with those of 2: flight_1, other"):
-        read_log(folder)
+        ev.read_log(folder)
 
 
 ROWS = 40
@@ -331,7 +330,7 @@ expression = '"v[1]" / 2'
 def mapped(tmp_path):
     def mapped(path, text=MAP):
         (tmp_path / "m.toml").write_text(text)
-        return read_log(path, channel_map=tmp_path / "m.toml")
+        return ev.read_log(path, channel_map=tmp_path / "m.toml")
 
     return mapped
 
@@ -374,10 +373,10 @@ def test_lists_are_told_from_empty_columns(tmp_path):
     path = written(tmp_path / "t.csv", [cell.replace(",", "") for cell in cells])
     path.write_text(path.read_text().replace("t;v", "time;velocity_z", 1))
     with pytest.raises(EmptyLogError, match=r"lists.*'velocity_z' \(\[0.0 0.125 0.25\]\).*`index`"):
-        read_log(path)
+        ev.read_log(path)
     frame = pl.DataFrame({"time": TIMES, "velocity_z": VECTORS.tolist(), "position_z": TIMES})
     frame.write_parquet(tmp_path / "t.parquet")
-    r = read_log(tmp_path / "t.parquet")
+    r = ev.read_log(tmp_path / "t.parquet")
     assert "List(Float64)" in next(finding.message for finding in r.findings if finding.name == "lists")
 
 
@@ -406,7 +405,7 @@ COLUMNS = {
 
 @pytest.mark.parametrize("make", [dict, pl.DataFrame, lambda c: {k: list(v) for k, v in c.items()}])
 def test_from_columns(make):
-    r = recording_from_columns(
+    r = ev.recording_from_columns(
         make(COLUMNS), name="sim", frame=Frame.NED, input_map="square", parameters={"mass": 1.0}
     )
     assert (r.name, r.format, r.frame, r.input_map, r.parameters) == (
@@ -434,7 +433,7 @@ def test_from_columns(make):
 )
 def test_wrong_columns(columns, error, words):
     with pytest.raises(error, match=words):
-        recording_from_columns(columns)
+        ev.recording_from_columns(columns)
 
 
 def same(first, other):
@@ -458,25 +457,25 @@ def same(first, other):
 
 
 def test_parquet_reads_back_the_same(tmp_path):
-    r = recording_from_columns(
+    r = ev.recording_from_columns(
         COLUMNS, frame=Frame.NED, input_map="square", parameters={"a": 0.1}, estimated=("velocity_z",)
     )
     assert [name for name, channel in r.channels.items() if channel.estimated] == ["velocity_z"]
     write_recording(r, tmp_path / "r.parquet")
-    back = read_log(tmp_path / "r.parquet")
+    back = ev.read_log(tmp_path / "r.parquet")
     assert back.name == "r.parquet"
     same(r, back)
     write_recording(back, tmp_path / "again.parquet")
-    assert read_log(tmp_path / "again.parquet").sha256 == back.sha256
+    assert ev.read_log(tmp_path / "again.parquet").sha256 == back.sha256
 
 
 def test_delays_of_sensors_are_kept(tmp_path):
-    r = recording_from_columns(COLUMNS)
+    r = ev.recording_from_columns(COLUMNS)
     late = replace(
         r, channels={name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
     )
     write_recording(late, tmp_path / "r.parquet")
-    assert {channel.delay_s for channel in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
+    assert {channel.delay_s for channel in ev.read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
     with pytest.raises(UsageError, match="the delay of"):
         write_recording(late, tmp_path / "r.csv")
 
@@ -484,16 +483,16 @@ def test_delays_of_sensors_are_kept(tmp_path):
 def test_what_cannot_be_written(tmp_path):
     with pytest.raises(UsageError, match=r"z down.*input map 'square'"):
         write_recording(
-            recording_from_columns(COLUMNS, frame=Frame.NED, input_map="square"), tmp_path / "r.csv"
+            ev.recording_from_columns(COLUMNS, frame=Frame.NED, input_map="square"), tmp_path / "r.csv"
         )
     with pytest.raises(UsageError, match="that an estimator made velocity_z"):
-        write_recording(recording_from_columns(COLUMNS, estimated=("velocity_z",)), tmp_path / "r.csv")
+        write_recording(ev.recording_from_columns(COLUMNS, estimated=("velocity_z",)), tmp_path / "r.csv")
     with pytest.raises(UsageError, match=r"channels out of time, .*received 'vz'"):
-        recording_from_columns(COLUMNS, estimated=("vz",))
+        ev.recording_from_columns(COLUMNS, estimated=("vz",))
     with pytest.raises(UsageError, match="ends in"):
-        write_recording(recording_from_columns(COLUMNS), tmp_path / "r.txt")
+        write_recording(ev.recording_from_columns(COLUMNS), tmp_path / "r.txt")
     channel = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
-    recording = Recording(
+    recording = ev.Recording(
         name="r",
         format="",
         channels={"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": channel},
@@ -518,9 +517,9 @@ def test_channels_of_several_clocks_read_back_the_same(tmp_path):
         name: Channel(name, time, np.sin(time), unit_of(name), source="x", held=held_by_default(name))
         for name, time in (("velocity_z", quick), ("input", slow), ("position_z", quick))
     }
-    r = Recording(name="r", format="simulation", channels=channels)
+    r = ev.Recording(name="r", format="simulation", channels=channels)
     write_recording(r, tmp_path / "r.parquet")
-    same(r, read_log(tmp_path / "r.parquet"))
+    same(r, ev.read_log(tmp_path / "r.parquet"))
 
 
 @pytest.mark.thorough
@@ -541,6 +540,6 @@ def test_channels_of_several_clocks_read_back_the_same(tmp_path):
 )
 def test_strange_metadata_is_left_out(tmp_path, metadata):
     pl.DataFrame(COLUMNS).write_parquet(tmp_path / "r.parquet", metadata={"eivor": metadata})
-    r = read_log(tmp_path / "r.parquet")
+    r = ev.read_log(tmp_path / "r.parquet")
     assert r.frame is Frame.Z_UP
     assert "metadata" in [f.name for f in r.findings]

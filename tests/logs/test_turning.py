@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from dataflash_writer import FIRMWARES, DataflashWriter
-from usd_writer import UsdLog, fixed
+from usd_writer import fixed
 
+import eivor as ev
 from eivor.inference.verdict import Status
-from eivor.logs import read_log
 from eivor.logs.ulog.channels import attitude_setpoints
 from eivor.logs.ulog.topics import Topic
-from eivor.motions.identify import identify_flight
-from eivor.signals.recording import Recording
 from motions.turning_logs import STEP_S, Vehicle, turned
 
 FULL = 65535.0
 
 
-def read(tmp_path: Path, log: UsdLog) -> Recording:
+def read(tmp_path, log):
     (tmp_path / "log03").write_bytes(log.bytes())
-    return read_log(tmp_path / "log03")
+    return ev.read_log(tmp_path / "log03")
 
 
 def test_units_and_signs(tmp_path):
@@ -122,7 +118,7 @@ def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     writer.add("SIDD", time[within], "ff", Time=since, Targ=swept[within, 0] * DEG)
     path = tmp_path / "flight.bin"
     path.write_bytes(writer.bytes())
-    fit = identify_flight(read_log(path), model="rates")
+    fit = ev.identify_flight(ev.read_log(path), model="rates")
     assert fit.prepared[0].usable_references == ("reference_roll",)
     assert fit.verdict.status is Status.REFUSED
     assert fit.quantities["pitch_effectiveness"].verdict is Status.REFUSED
@@ -135,7 +131,7 @@ COUNT = 8
 TIME = np.arange(COUNT, dtype=np.float64)
 
 
-def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+def quaternion(roll, pitch, yaw):
     """Z, then y, then x."""
     (cr, cp, cy), (sr, sp, sy) = (f(0.5 * np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
     return np.array(
@@ -148,7 +144,7 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def log(states=(), **attitude) -> tuple[dict[str, Topic], dict[str, np.ndarray]]:
+def log(states=(), **attitude):
     rates = {name: np.full(COUNT, value) for name, value in (("roll", 1.0), ("pitch", 2.0), ("yaw", 3.0))}
     topics = {
         "vehicle_attitude_setpoint": Topic("vehicle_attitude_setpoint", 0, attitude),
@@ -161,11 +157,11 @@ def log(states=(), **attitude) -> tuple[dict[str, Topic], dict[str, np.ndarray]]
     return topics, clocks
 
 
-def made(topics, clocks) -> dict[str, np.ndarray]:
+def made(topics, clocks):
     return {name: values for name, _, values, _ in attitude_setpoints(topics, clocks)}
 
 
-def of(angles) -> dict[str, np.ndarray]:
+def of(angles):
     parts = np.stack([quaternion(*angle) for angle in angles], axis=1)
     return {f"q_d[{index}]": part for index, part in enumerate(parts)}
 

@@ -409,16 +409,16 @@ def test_nothing_is_printed(tmp_path):
 RATE_HZ = 4000.0
 
 
-def topic(name: str, **fields) -> Topic:
+def topic(name, **fields):
     stamps = (1_000_000 + 4000 * np.arange(50)).astype(np.uint64)
     return Topic(name, 0, {"timestamp": stamps, **fields})
 
 
-def seconds(name: str, parameters=None, **fields) -> float:
+def seconds(name, parameters=None, **fields):
     return sum(seconds for seconds, _ in topic_delays(topic(name, **fields), parameters or {}))
 
 
-def late_at_one_hertz(b, a) -> float:
+def late_at_one_hertz(b, a):
     return float(group_delay((b, a), w=[1.0], fs=RATE_HZ)[1][0]) / RATE_HZ
 
 

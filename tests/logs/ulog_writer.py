@@ -17,7 +17,7 @@ _CODES = {
 }
 
 
-def message(kind: str, payload: bytes) -> bytes:
+def message(kind, payload):
     return struct.pack("<HB", len(payload), ord(kind)) + payload
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,18 +17,18 @@ class UsdLog:
     types: list[tuple[int, str, tuple[str, ...]]] = field(default_factory=list)
     body: bytearray = field(default_factory=bytearray)
 
-    def add_type(self, number: int, name: str, *variables: str) -> None:
+    def add_type(self, number, name, *variables):
         """Announce a type; a variable is written as "acc.x(f)"."""
         self.types.append((number, name, variables))
 
-    def add_record(self, number: int, stamp: int, *values: float) -> None:
+    def add_record(self, number, stamp, *values):
         """Append a record; the stamp in ms (version 1) or us."""
         variables = next(announced for known, _, announced in self.types if known == number)
         letters = "".join(variable[-2] for variable in variables)
         self.body += struct.pack("<H" + ("I" if self.version == 1 else "Q"), number, stamp)
         self.body += struct.pack("<" + letters, *values)
 
-    def head(self) -> bytes:
+    def head(self):
         """The head."""
         out = b"\xbc" + struct.pack("<HH", self.version, len(self.types))
         for number, name, variables in self.types:
@@ -37,19 +36,17 @@ class UsdLog:
             out += b"".join(variable.encode() + b"\x00" for variable in variables)
         return out
 
-    def bytes(self) -> bytes:
+    def bytes(self):
         """The file, with its checksum."""
         return with_checksum(self.head() + bytes(self.body))
 
 
-def with_checksum(content: bytes) -> bytes:
+def with_checksum(content):
     """Content and its CRC-32."""
     return content + struct.pack("<I", zlib.crc32(content))
 
 
-def fixed(
-    version: int, variables: Sequence[str], rows: Iterable[Sequence[float]], start: int = 1000
-) -> UsdLog:
+def fixed(version, variables, rows, start=1000):
     """Log of one type of events, with a row each 10 ms."""
     log = UsdLog(version)
     log.add_type(0xFFFF, "fixedFrequency", *variables)
@@ -59,7 +56,7 @@ def fixed(
     return log
 
 
-def flight(version: int = 2, count: int = 200) -> UsdLog:
+def flight(version=2, count=200):
     """A flight of three types of events that alternate irregularly."""
     log = UsdLog(version)
     motors = [f"motor.m{rotor}(I)" for rotor in range(1, 5)]

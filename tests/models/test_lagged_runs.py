@@ -30,7 +30,7 @@ class Throttle:
         return first_order_lag(self.throttle, step_s=STEP_S, lag_s=nuisance_values["actuator_lag"])[:, None]
 
 
-def rover(velocity: np.ndarray, acceleration: np.ndarray, throttle: np.ndarray) -> LaggedRuns:
+def rover(velocity, acceleration, throttle):
     """The problem of one drive forwards and backwards."""
     slow = np.column_stack(
         [first_order_lag(throttle, step_s=STEP_S, lag_s=lag) for lag in (0.0, 0.2, 0.6, 2.0)]
@@ -47,7 +47,7 @@ def rover(velocity: np.ndarray, acceleration: np.ndarray, throttle: np.ndarray) 
     return LaggedRuns((columns,), names, (LAG,))
 
 
-def drive(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def drive(rng):
     """Velocity, acceleration and throttle of a rover with a = 3, c = 0.6, d = 0.4 and a lag of 0.15 s."""
     count, fine = 4000, 20
     throttle = np.repeat(rng.uniform(-1.0, 1.0, count // 50), 50)
@@ -64,7 +64,7 @@ def drive(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return velocities + 0.002 * noise[0], accelerations + 0.05 * noise[1], throttle
 
 
-def columns(seed: int, *, candidates: int = 1, instruments: int = 4, **more) -> AxisColumns:
+def columns(seed, *, candidates=1, instruments=4, **more):
     rng = np.random.default_rng(seed)
     values = rng.standard_normal((600, 2 + candidates + instruments))
     return AxisColumns(

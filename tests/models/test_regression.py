@@ -115,7 +115,7 @@ def test_without_columns_or_with_too_few_samples_it_is_the_mean(columns):
 STEP_S = 0.01
 
 
-def flight_signals(count: int = 800, seed: int = 0, **more: np.ndarray) -> Signals:
+def flight_signals(count=800, seed=0, **more):
     rng = np.random.default_rng(seed)
     walk = np.cumsum(0.05 * rng.standard_normal((count, 3)), axis=0)
     channels = {

@@ -19,7 +19,7 @@ from eivor.signals.signals import Signals
 NAMES = ("velocity_z", "specific_force_z", "input", "cos_tilt")
 
 
-def make_signals(count: int, seed: int = 0, valid=None, **more) -> Signals:
+def make_signals(count, seed=0, valid=None, **more):
     rng = np.random.default_rng(seed)
     channels = {name: rng.standard_normal(count) for name in NAMES}
     if valid is not None:
@@ -121,7 +121,7 @@ def test_the_response_is_the_specific_force_and_else_the_acceleration():
     whole = {"velocity_z": velocity, "input": deviation + GRAVITY / 0.02}
     with_force = whole | {"specific_force_z": acceleration + GRAVITY, "acceleration_z": np.zeros(50)}
 
-    def parameters(channels: dict[str, np.ndarray], *, intercept: bool) -> np.ndarray:
+    def parameters(channels, *, intercept):
         rows = VerticalMotion(intercept=intercept).regression(Signals(5.0, channels)).rows()
         return np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
 
@@ -131,14 +131,14 @@ def test_the_response_is_the_specific_force_and_else_the_acceleration():
     assert logged == pytest.approx([0.3, 0.02, -GRAVITY])
 
 
-def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
+def naive_shared(left, right, signals, first, rows):
     """C by its definition: a mean over the rows of gains times an autocovariance at the record's age."""
     result = np.zeros((len(left), len(right)))
     used = [k for k in range(first, signals.sample_count) if rows is None or rows[k - first]]
     longest = signals.offset + signals.sample_count
 
     @functools.cache
-    def growth(name: str, lag: int) -> np.ndarray:
+    def growth(name, lag):
         return signals.noise[name].autocovariance(lag, 0, longest)
 
     for i, item in enumerate(left):

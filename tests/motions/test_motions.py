@@ -21,17 +21,14 @@ from eivor.errors import UsageError
 from eivor.flights import identify
 from eivor.flights.identify import with_coupled_axes
 from eivor.flights.quantity import Quantity, QuantityEstimate
-from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import InstrumentStrength, VerdictInputs, reasons_by_quantity
-from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.motions import table as motions
-from eivor.motions.identify import identify_flight
-from eivor.motions.table import loaded_motion, motion_by_name, motion_names
+from eivor.motions.table import loaded_motion, motion_names
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals import channels
 from eivor.signals.channels import CanonicalChannel
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Channel
 
 HERE = __name__
 CLIMB_RATE = CanonicalChannel("climb_rate", "m/s")
@@ -57,16 +54,16 @@ NO_MOTION = 7
 
 
 @pytest.fixture
-def table(monkeypatch: pytest.MonkeyPatch):
+def table(monkeypatch):
     """The table of channels, which is as it was after the test."""
     monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
 
 
 @pytest.fixture
-def added(monkeypatch: pytest.MonkeyPatch):
+def added(monkeypatch):
     """Entry points of other packages, for one test."""
 
-    def add(**values: str) -> None:
+    def add(**values):
         points = [EntryPoint(name, value, motions.GROUP) for name, value in values.items()]
         groups = {motions.GROUP: points}
         monkeypatch.setattr(motions, "entry_points", lambda *, group: groups.get(group, []))
@@ -77,7 +74,7 @@ def added(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_own_motions_are_known_by_name():
-    motion = motion_by_name("vertical")
+    motion = ev.motion_by_name("vertical")
     assert motion == Vertical()
     assert (motion.name, motion.words.model) == ("vertical", "vertical_motion")
     assert "vertical" in motion_names()
@@ -96,7 +93,7 @@ def test_a_package_brings_a_motion(added, table, recording_of_example):
 def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
     added(climb=f"{HERE}:Climb")
     assert channels.canonical_channel("climb_rate") is None
-    motion_by_name("climb")
+    ev.motion_by_name("climb")
     assert channels.canonical_channel("climb_rate") == CLIMB_RATE
 
 
@@ -116,7 +113,7 @@ def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
 def test_what_is_no_motion_is_refused(added, name, value, said):
     added(**({name: value} if value else {}))
     with pytest.raises(UsageError, match=f"Expected {said}"):
-        motion_by_name(name)
+        ev.motion_by_name(name)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -126,7 +123,7 @@ def test_a_model_is_a_name_or_a_motion(recording_of_example):
 
 
 @pytest.fixture(scope="module")
-def recording_of_example() -> ev.Recording:
+def recording_of_example():
     from eivor.logs.read import example_flight
 
     return example_flight()
@@ -137,11 +134,11 @@ MOTIONS = {"vertical": Vertical()}
 
 
 @pytest.fixture(scope="module")
-def turning() -> FlightEstimate:
-    return identify_flight(LOG, model="rates")
+def turning():
+    return ev.identify_flight(LOG, model="rates")
 
 
-def logging(*names: str) -> Recording:
+def logging(*names):
     """The log with further channels, whose values do not matter."""
     time = np.arange(0.0, 16.0, 0.02)
     added = {name: Channel(name, time, np.full(time.size, 0.5), "", held=True) for name in names}
@@ -228,7 +225,7 @@ def simulate(monkeypatch):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_the_rover_is_identified_and_refused(simulate, tmp_path):
-    motion_by_name("rover")
+    ev.motion_by_name("rover")
     fit = ev.identify_flight(ev.recording_from_columns(simulate.drive(1), name="drive"), model="rover")
     assert fit.verdict.status.value == "identified"
     for name, true in simulate.TRUTH.items():
@@ -256,7 +253,7 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     ],
 )
 def test_a_declaration_knows_the_channels_of_its_expressions(of, received):
-    rover = motion_by_name("rover")
+    rover = ev.motion_by_name("rover")
     (axis,) = rover.axes
     wrong = replace(axis, terms=(replace(axis.terms[0], of=of), *axis.terms[1:]))
     with pytest.raises(UsageError, match=f"an expression over the channels forward_speed, .*{received}"):
@@ -265,10 +262,10 @@ def test_a_declaration_knows_the_channels_of_its_expressions(of, received):
 
 @pytest.mark.usefixtures("simulate")
 def test_weak_instruments_refuse_what_has_no_set():
-    rover = motion_by_name("rover")
+    rover = ev.motion_by_name("rover")
     names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag", "breakaway_command")
     quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.985, 1.015)) for name in names}
-    sets = dict.fromkeys(names[:2], ConfidenceSet(((0.95, 1.05),)))
+    sets = dict.fromkeys(names[:2], ev.ConfidenceSet(((0.95, 1.05),)))
     for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
         strength = InstrumentStrength({"drive_gain": F}, robust=robust)
         inputs = replace(AT, strength=strength, quantities=quantities)
@@ -288,7 +285,7 @@ def test_weak_instruments_refuse_what_has_no_set():
 )
 @pytest.mark.usefixtures("simulate")
 def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, status, sentence):
-    rover = motion_by_name("rover")
+    rover = ev.motion_by_name("rover")
     quantities = {"drive_gain": QuantityEstimate(1.0, "", 0.1, interval)}
     result = reasons_by_quantity(rover.rules, replace(AT, quantities=quantities), rover.quantities)
     found = verdict(list(result["drive_gain"]))

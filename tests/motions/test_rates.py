@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 from turning_logs import Vehicle, turned
 
+import eivor as ev
 from eivor.errors import InputError, MissingChannelError
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.inference.verdict import Status
-from eivor.logs import read_log
-from eivor.motions.identify import identify_flight
 from eivor.motions.rates.motion import Rates
 from eivor.motions.table import motion_names
-from eivor.signals.recording import Channel, Recording
 from motions.turning_logs import AXES
 from motions.turning_logs import Vehicle as Vehicle_ahead
 from motions.turning_logs import turned as turned_ahead
@@ -27,27 +23,27 @@ TRUTH = Vehicle()
 HEADLINE = {"roll_effectiveness": 100.0, "pitch_effectiveness": 80.0, "effective_lag": TRUTH.effective_lag_s}
 
 
-def changed(log: Recording, **channels: Channel | None) -> Recording:
+def changed(log, **channels):
     """The log with other channels; None takes one away."""
     merged = {**log.channels, **channels}
     return replace(log, channels={name: channel for name, channel in merged.items() if channel is not None})
 
 
 @pytest.fixture(scope="module")
-def short() -> Recording:
+def short():
     """Steps of 14 degrees for 40 s."""
     return turned(1)
 
 
 @pytest.fixture(scope="module")
-def log() -> Recording:
+def log():
     """Larger steps for longer, as the remedy of the short flight says."""
     return turned(1, seconds=80.0, size=0.5)
 
 
 @pytest.fixture(scope="module")
 def fit(log):
-    return identify_flight(log, model="rates")
+    return ev.identify_flight(log, model="rates")
 
 
 def test_it_is_a_motion_of_its_own():
@@ -66,7 +62,7 @@ def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
 
 @pytest.mark.thorough
 def test_an_interval_wider_than_a_tenth_is_weak(short):
-    flight = identify_flight(short, model="rates")
+    flight = ev.identify_flight(short, model="rates")
     assert flight.verdict.status is Status.WEAK
     for axis in ("roll", "pitch"):
         effect = flight.quantities[f"{axis}_effectiveness"]
@@ -83,7 +79,7 @@ def test_an_interval_wider_than_a_tenth_is_weak(short):
 @pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
     log = turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0)
-    exact = identify_flight(log, model="rates", controller_rate_hz=400.0)
+    exact = ev.identify_flight(log, model="rates", controller_rate_hz=400.0)
     results = {name: quantity.value for name, quantity in exact.quantities.items()}
     for axis, effect, damping in zip(
         ("roll", "pitch", "yaw"), TRUTH.effectiveness, TRUTH.damping, strict=True
@@ -92,7 +88,7 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
         assert results[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
     assert results["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
     assert results["effective_lag"] == pytest.approx(TRUTH.effective_lag_s, abs=2e-4)
-    unknown = identify_flight(log, model="rates").quantities["effective_lag"]
+    unknown = ev.identify_flight(log, model="rates").quantities["effective_lag"]
     (slack,) = [item for item in unknown.systematic_uncertainties if "how often" in item.sentence]
     assert slack.above == pytest.approx(0.25 / 400.0)
     assert abs(unknown.value - TRUTH.effective_lag_s) <= slack.above
@@ -101,7 +97,7 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
 @pytest.mark.thorough
 def test_references_that_hardly_move_tell_nothing():
     for size in (0.0, 0.01):
-        flight = identify_flight(turned(2, size=size, seconds=20.0), model="rates")
+        flight = ev.identify_flight(turned(2, size=size, seconds=20.0), model="rates")
         assert flight.verdict.status is Status.REFUSED
         assert flight.quantities["roll_effectiveness"].verdict is Status.REFUSED
 
@@ -110,7 +106,7 @@ def test_references_that_hardly_move_tell_nothing():
 def test_a_setpoint_of_the_other_sign_is_named(log):
     torque = log.channels["torque_setpoint_y"]
     turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
-    flight = identify_flight(turned_over, model="rates")
+    flight = ev.identify_flight(turned_over, model="rates")
     assert flight.verdict.status is Status.REFUSED
     assert any(
         "opposite signs" in reason.sentence and "torque_setpoint_y" in reason.remedy
@@ -121,7 +117,7 @@ def test_a_setpoint_of_the_other_sign_is_named(log):
 
 @pytest.mark.thorough
 def test_yaw_may_be_missing(log):
-    flight = identify_flight(changed(log, torque_setpoint_z=None), model="rates")
+    flight = ev.identify_flight(changed(log, torque_setpoint_z=None), model="rates")
     assert "yaw_effectiveness" not in flight.quantities
     assert flight.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
     assert any(finding.name == "no_yaw" for finding in flight.findings)
@@ -130,7 +126,7 @@ def test_yaw_may_be_missing(log):
 @pytest.mark.parametrize("missing", ["torque_setpoint_x", "angular_rate_y"])
 def test_roll_and_pitch_are_needed(log, missing):
     with pytest.raises(MissingChannelError, match=missing):
-        identify_flight(changed(log, **{missing: None}), model="rates")
+        ev.identify_flight(changed(log, **{missing: None}), model="rates")
 
 
 def test_rates_in_degrees_are_refused(log):
@@ -140,7 +136,7 @@ def test_rates_in_degrees_are_refused(log):
         if name.startswith("angular_rate")
     }
     with pytest.raises(InputError, match="deg/s"):
-        identify_flight(changed(log, **degrees), model="rates")
+        ev.identify_flight(changed(log, **degrees), model="rates")
 
 
 @pytest.mark.thorough
@@ -150,7 +146,7 @@ def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
         for name in ("reference_roll", "reference_pitch", "reference_yaw")
     }
     gone = dict.fromkeys(("reference_roll", "reference_pitch", "reference_yaw"))
-    flight = identify_flight(changed(log, **answering, **gone), model="rates")
+    flight = ev.identify_flight(changed(log, **answering, **gone), model="rates")
     assert flight.verdict.status is Status.WEAK
     assert any("answer" in reason.sentence for reason in flight.verdict.reasons)
 
@@ -158,7 +154,7 @@ def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
 @pytest.mark.thorough
 def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
     still = replace(log.channels["reference_yaw"], values=np.zeros(log.channels["reference_yaw"].values.size))
-    quiet = identify_flight(changed(log, reference_yaw=still), model="rates")
+    quiet = ev.identify_flight(changed(log, reference_yaw=still), model="rates")
     for name in ("roll_effectiveness", "pitch_effectiveness"):
         assert quiet.quantities[name].verdict is Status.IDENTIFIED
         assert quiet.fit.sets[name].robust.is_bounded
@@ -184,7 +180,7 @@ def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
 
 @pytest.mark.thorough
 def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
-    flight = identify_flight(read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
+    flight = ev.identify_flight(ev.read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
     assert flight.verdict.status is Status.REFUSED
     refusals = [item.sentence for item in flight.verdict.reasons if item.status is Status.REFUSED]
     assert all("effectiveness is ±" in item and "it needs ±25%" in item for item in refusals)
@@ -195,7 +191,7 @@ def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
 
 @pytest.mark.thorough
 def test_a_real_log_without_excitation_is_refused(recordings):
-    flight = identify_flight(read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
+    flight = ev.identify_flight(ev.read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
     assert flight.verdict.status is Status.REFUSED
 
 
@@ -211,13 +207,13 @@ WITHOUT_LAG = {**AHEAD_TRUTH, "actuator_lag": 0.0, "delay": 0.0}
 
 
 @pytest.fixture(scope="module")
-def flight() -> PreparedFlight:
+def flight():
     """Without disturbance or noise, every setpoint logged."""
     log = turned_ahead(0, seconds=12.0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0)
-    return prepare(log, Rates(), FlightOptions()).shortened
+    return prepare(log, Rates(), ev.FlightOptions()).shortened
 
 
-def models(fit: dict[str, float] = AHEAD_TRUTH) -> dict[str, SimpleModel]:
+def models(fit=AHEAD_TRUTH):
     return {"fit": SimpleModel("the fit", fit), "least_squares": SimpleModel("without lag", WITHOUT_LAG)}
 
 

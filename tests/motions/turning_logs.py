@@ -25,11 +25,11 @@ class Vehicle:
     delayed: int = 2
 
     @property
-    def effective_lag_s(self) -> float:
+    def effective_lag_s(self):
         return self.lag_s + self.delayed * STEP_S
 
 
-def steps(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
+def steps(rng, count, size):
     """Steps to either side or back, at uneven times."""
     series, index = np.zeros(count), int(rng.uniform(0.0, 400.0))
     while index < count:
@@ -39,18 +39,18 @@ def steps(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
 
 
 def turned(
-    seed: int = 0,
+    seed=0,
     *,
-    vehicle: Vehicle | None = None,
-    seconds: float = 40.0,
-    size: float = 0.25,
-    command_hz: float = 50.0,
-    rate_hz: float = 200.0,
-    disturbance: float = 3.0,
-    noise: float = 0.1,
-    injected: np.ndarray | None = None,
-    swept: np.ndarray | None = None,
-) -> Recording:
+    vehicle=None,
+    seconds=40.0,
+    size=0.25,
+    command_hz=50.0,
+    rate_hz=200.0,
+    disturbance=3.0,
+    noise=0.1,
+    injected=None,
+    swept=None,
+):
     """A log of attitude steps of some size [rad] about each axis.
 
     `injected` is added to the torques, and `swept` to the attitude that is asked for.
@@ -98,7 +98,7 @@ def turned(
     return Recording("turned.csv", "csv", channels)
 
 
-def _discrete(vehicle: Vehicle, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def _discrete(vehicle, axis):
     """Exact step of (actuator, rate, angle) under a held command and a held torque."""
     effect, damping = vehicle.effectiveness[axis], vehicle.damping[axis]
     continuous = np.zeros((5, 5))

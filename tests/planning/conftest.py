@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,7 +13,7 @@ from eivor.planning.vehicle import FlightLimits, VehicleGuess, candidates
 LIMITS = FlightLimits(duration_s=30.0)
 
 
-def planned(kind: str) -> FlightPlan:
+def planned(kind):
     """The first shape of that kind."""
     shape = next(candidates(LIMITS, (kind,), 0))
     predicted = {
@@ -25,7 +23,7 @@ def planned(kind: str) -> FlightPlan:
     return FlightPlan(VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
 
 
-def written_module(text: str, folder: Path) -> Any:
+def written_module(text, folder):
     """The text as a module, from a file."""
     path = folder / "written.py"
     path.write_text(text, encoding="utf-8")
@@ -38,10 +36,10 @@ def written_module(text: str, folder: Path) -> Any:
 
 
 @pytest.fixture(scope="session")
-def multisine() -> FlightPlan:
+def multisine():
     return planned("multisine")
 
 
 @pytest.fixture(scope="session")
-def steps() -> FlightPlan:
+def steps():
     return planned("steps")

@@ -52,11 +52,11 @@ class Received(NamedTuple):
     message: Any
     mode: str
 
-    def is_setpoint(self) -> bool:
+    def is_setpoint(self):
         """Whether it is a setpoint of any kind."""
         return self.message.get_type() in SETPOINTS
 
-    def wanted_mode(self) -> str | None:
+    def wanted_mode(self):
         """Mode that it commands, if any."""
         if self.message.get_type() == "SET_MODE":
             return "SET_MODE"
@@ -68,7 +68,7 @@ class Received(NamedTuple):
         return next(name for name, value in MODES.items() if value == pair)
 
 
-def free_port() -> int:
+def free_port():
     """A free port that the system gives to no other socket by itself."""
     for port in PORTS:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial, suppress(OSError):
@@ -112,7 +112,7 @@ class Autopilot:
     changed: list[tuple[float, str]] = field(default_factory=list)
     told: list[tuple[float, str]] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.port = free_port()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(TICK_S)
@@ -125,25 +125,25 @@ class Autopilot:
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def __enter__(self) -> Autopilot:
+    def __enter__(self):
         self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._over.set()
         self._thread.join()
         self._socket.close()
 
-    def setpoints(self) -> list[Received]:
+    def setpoints(self):
         """Setpoints in order of arrival."""
         return [item for item in self.received if item.is_setpoint()]
 
-    def flying_s(self) -> float:
+    def flying_s(self):
         """Time since offboard mode was entered [s]; negative before."""
         entered = [when for when, mode in self.changed if mode == "OFFBOARD"]
         return time.monotonic() - entered[0] if entered else -1.0
 
-    def change(self, mode: str, *, quiet: bool = False) -> None:
+    def change(self, mode, *, quiet=False):
         """Enter a mode, and announce it at once or, when quiet, with the next regular heartbeat."""
         if mode != self.mode:
             self.mode = mode
@@ -151,7 +151,7 @@ class Autopilot:
             if not quiet:
                 self._tell("heartbeat")
 
-    def _run(self) -> None:
+    def _run(self):
         """Send and receive until the end."""
         while not self._over.is_set():
             now = time.monotonic()
@@ -173,7 +173,7 @@ class Autopilot:
                 self.happens(self, received)
                 self._take(received)
 
-    def _take(self, received: Received) -> None:
+    def _take(self, received):
         """Do what a message says."""
         message = received.message
         if received.is_setpoint():
@@ -190,7 +190,7 @@ class Autopilot:
                 self.change(wanted)
             self._send(mavlink.MAVLink_command_ack_message(message.command, result))
 
-    def _tell(self, name: str) -> None:
+    def _tell(self, name):
         """Send one kind of telemetry."""
         self._sent[name] = time.monotonic()
         if name in self.silent or "all" in self.silent:
@@ -200,37 +200,37 @@ class Autopilot:
         for message in self._batteries() if name == "battery" else [getattr(self, f"_{name}")()]:
             self._send(message)
 
-    def _time_ms(self) -> int:
+    def _time_ms(self):
         """Time since boot [ms]."""
         return int((time.monotonic() - self._started) * 1000.0)
 
-    def _heartbeat(self) -> Any:
+    def _heartbeat(self):
         main, sub = MODES[self.mode]
         flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         kind, autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
         active = mavlink.MAV_STATE_ACTIVE
         return mavlink.MAVLink_heartbeat_message(kind, autopilot, flags, main << 16 | sub << 24, active, 3)
 
-    def _attitude(self) -> Any:
+    def _attitude(self):
         return mavlink.MAVLink_attitude_message(self._time_ms(), self.roll, 0.0, 0.5, 0.0, 0.0, 0.0)
 
-    def _local_position(self) -> Any:
+    def _local_position(self):
         down = -20.0 - self.height - self.gust
         return mavlink.MAVLink_local_position_ned_message(
             self._time_ms(), 1.0, self.east, down, 0.0, 0.0, -self.climb
         )
 
-    def _global_position(self) -> Any:
+    def _global_position(self):
         height = int((self.height + self.gust) * 1000.0)
         return mavlink.MAVLink_global_position_int_message(
             self._time_ms(), 473977000, 85456000, 500000 + height, height, 0, 0, 0, 0
         )
 
-    def _landed(self) -> Any:
+    def _landed(self):
         state = mavlink.MAV_LANDED_STATE_IN_AIR if self.in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
         return mavlink.MAVLink_extended_sys_state_message(0, state)
 
-    def _status(self) -> Any:
+    def _status(self):
         present = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_GPS
         healthy = present if self.position_ok else mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
         lowest = min(self.batteries.values())
@@ -238,7 +238,7 @@ class Autopilot:
             present, present, healthy, 0, 15000, 100, lowest, 0, 0, 0, 0, 0, 0
         )
 
-    def _batteries(self) -> list[Any]:
+    def _batteries(self):
         return [
             mavlink.MAVLink_battery_status_message(
                 number, 0, 0, 2500, [15000] + [65535] * 9, 100, 10, 10, percent
@@ -247,7 +247,7 @@ class Autopilot:
             if f"battery {number}" not in self.silent
         ]
 
-    def _send(self, message: Any) -> None:
+    def _send(self, message):
         """Send a message to the ground side."""
         if "all" not in self.silent:
             self._socket.sendto(message.pack(self._link), ("127.0.0.1", self.port))

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eivor.planning.plan import MARK, FlightPlan, mavsdk_text
+from eivor.planning.plan import MARK, mavsdk_text
 from planning.conftest import planned, written_module
 from planning.fake_autopilot import Autopilot, Received
 
@@ -51,12 +51,12 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="signals and /proc of
 
 
 @pytest.fixture(scope="module")
-def program(multisine: FlightPlan, tmp_path_factory: pytest.TempPathFactory) -> Any:
+def program(multisine, tmp_path_factory):
     """The program as a module."""
     return written_module(mavsdk_text(multisine), tmp_path_factory.mktemp("program"))
 
 
-def telemetry(program: Any, **changes: Any) -> Any:
+def telemetry(program, **changes):
     """Fresh telemetry of a hover at 5.5 m, with changes; `old` names streams that are old."""
     value = {
         "mode": program.FlightMode.HOLD,
@@ -122,7 +122,7 @@ NAN = math.nan
         ({"old": ["battery 0"], "batteries": {0: 90.0, 1: 90.0}}, "no telemetry of battery 0"),
     ],
 )
-def test_checks_before_the_flight(program: Any, changes: dict[str, Any], words: str) -> None:
+def test_checks_before_the_flight(program, changes, words):
     assert program.objections(telemetry(program)) == []
     assert words in "; ".join(program.objections(telemetry(program, **changes)))
 
@@ -152,14 +152,14 @@ def test_checks_before_the_flight(program: Any, changes: dict[str, Any], words: 
         ({"old": ["battery 1"], "batteries": {1: 90.0, 0: 90.0}}, 17, "no telemetry of battery 1"),
     ],
 )
-def test_limits_on_the_way(program: Any, changes: dict[str, Any], code: int, words: str) -> None:
+def test_limits_on_the_way(program, changes, code, words):
     start = SimpleNamespace(north_m=1.0, east_m=0.0, down_m=-25.5)
     assert program.breach(telemetry(program), start, True) is None
     result, sentence = program.breach(telemetry(program, **changes), start, True)
     assert (result, words in sentence) == (code, True), sentence
 
 
-def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan) -> None:
+def test_only_numbers_enter_the_program(multisine, steps):
     blank = files("eivor.planning").joinpath("fly_plan.txt").read_text(encoding="utf-8")
     assert blank.count(MARK) == 1
     before, after = blank.split(MARK)
@@ -173,7 +173,7 @@ def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan
             assert np.isfinite(value).all()
 
 
-def test_another_mavsdk_is_refused_with_the_installation_line(multisine: FlightPlan, tmp_path: Path) -> None:
+def test_another_mavsdk_is_refused_with_the_installation_line(multisine, tmp_path):
     package = tmp_path / "mavsdk"
     package.mkdir()
     (package / "__init__.py").write_text("class LegacyModuleError(Exception): ...\nraise LegacyModuleError\n")
@@ -186,7 +186,7 @@ def test_another_mavsdk_is_refused_with_the_installation_line(multisine: FlightP
 # Flights.
 
 
-def short_program() -> str:
+def short_program():
     """The program with the first setpoints of a plan, and shorter waits."""
     lines = mavsdk_text(planned("multisine")).splitlines(keepends=True)
     first = lines.index("SETPOINTS = (\n") + 1
@@ -224,11 +224,11 @@ class FlyingAutopilot(Autopilot):
     children: dict[str, int] = {}  # noqa: RUF012, processes that must be gone at the end
 
 
-def once(condition: Callable[[Any, Received | None], bool], action: Callable[[Any], object]) -> Event:
+def once(condition, action):
     """Do something at the first tick or message of a condition."""
     done: list[bool] = []
 
-    def happens(autopilot: Autopilot, received: Received | None) -> None:
+    def happens(autopilot, received):
         if not done and condition(autopilot, received):
             done.append(True)
             action(autopilot)
@@ -236,15 +236,15 @@ def once(condition: Callable[[Any, Received | None], bool], action: Callable[[An
     return happens
 
 
-def at(seconds: float, action: Callable[[Any], object]) -> Event:
+def at(seconds, action):
     """Do something that long after offboard mode was entered."""
     return once(lambda autopilot, _: autopilot.flying_s() >= seconds, action)
 
 
-def mode(name: str, *, quiet: bool = False, **changes: Any) -> Callable[[Autopilot], None]:
+def mode(name, *, quiet=False, **changes):
     """Another mode, and other attributes."""
 
-    def action(autopilot: Autopilot) -> None:
+    def action(autopilot):
         for key, value in changes.items():
             setattr(autopilot, key, value)
         autopilot.change(name, quiet=quiet)
@@ -252,17 +252,17 @@ def mode(name: str, *, quiet: bool = False, **changes: Any) -> Callable[[Autopil
     return action
 
 
-def becomes(**changes: Any) -> Callable[[Autopilot], None]:
+def becomes(**changes):
     """Other attributes."""
 
-    def action(autopilot: Autopilot) -> None:
+    def action(autopilot):
         for key, value in changes.items():
             setattr(autopilot, key, value)
 
     return action
 
 
-def children(process: int) -> dict[str, int]:
+def children(process):
     """Process ids of children, by the ends of their names."""
     results = {}
     for folder in Path("/proc").glob("[0-9]*"):
@@ -275,7 +275,7 @@ def children(process: int) -> dict[str, int]:
     return results
 
 
-def lives(process: int) -> bool:
+def lives(process):
     """Whether a process runs; one that only waits for its parent does not."""
     try:
         return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
@@ -283,7 +283,7 @@ def lives(process: int) -> bool:
         return False
 
 
-def flown(case: Case, folder: Path) -> list[str]:
+def flown(case, folder):
     """Fly a case in a process; returns what is not as expected."""
     path = folder / f"{case.name.replace(' ', '_')}.py"
     text = short_program()
@@ -310,7 +310,7 @@ def flown(case: Case, folder: Path) -> list[str]:
         return [f"{case.name}: {wrong} [{out!r}]" for wrong in unexpected(case, autopilot, out, error, ended)]
 
 
-def unexpected(case: Case, autopilot: FlyingAutopilot, out: str, error: str, ended: float) -> list[str]:
+def unexpected(case, autopilot, out, error, ended):
     """What is not as expected."""
     results = []
     if autopilot.process.returncode != case.code:
@@ -336,14 +336,14 @@ def unexpected(case: Case, autopilot: FlyingAutopilot, out: str, error: str, end
     return results
 
 
-def all_flown(cases: list[Case], folder: Path) -> None:
+def all_flown(cases, folder):
     """Fly some cases, several at a time."""
     with ThreadPoolExecutor(8) as pool:
         wrong = [text for texts in pool.map(lambda case: flown(case, folder), cases) for text in texts]
     assert not wrong, "\n".join(wrong)
 
 
-def follows_the_plan(autopilot: Autopilot) -> str:
+def follows_the_plan(autopilot):
     """The setpoints of the plan arrived, and a neutral one at last."""
     heights = [-20.0 - item.message.z for item in autopilot.setpoints()]
     plan = planned("multisine").height[::5][:SHORT]
@@ -357,26 +357,26 @@ def follows_the_plan(autopilot: Autopilot) -> str:
     )
 
 
-def neutral(autopilot: Autopilot) -> str:
+def neutral(autopilot):
     """The last setpoint before hold is at rest."""
     last = autopilot.setpoints()[-1].message
     return "" if (last.vz, last.afz) == (0.0, 0.0) else f"not neutral: {last}"
 
 
-def send(name: str) -> Callable[[FlyingAutopilot], None]:
+def send(name):
     """A signal to the program and its group, as from a terminal."""
 
-    def action(autopilot: FlyingAutopilot) -> None:
+    def action(autopilot):
         autopilot.children = children(autopilot.process.pid)
         os.killpg(autopilot.process.pid, getattr(signal, name))
 
     return action
 
 
-def end_child(name: str) -> Callable[[FlyingAutopilot], None]:
+def end_child(name):
     """End a child of the program."""
 
-    def action(autopilot: FlyingAutopilot) -> None:
+    def action(autopilot):
         autopilot.children = children(autopilot.process.pid)
         os.kill(
             next(value for key, value in autopilot.children.items() if key.startswith(name)), signal.SIGKILL
@@ -385,10 +385,10 @@ def end_child(name: str) -> Callable[[FlyingAutopilot], None]:
     return action
 
 
-def silenced(after: float) -> Callable[[FlyingAutopilot], str]:
+def silenced(after):
     """No setpoints later than that after 0.5 s of flight, and the autopilot's failsafe has acted."""
 
-    def check(autopilot: FlyingAutopilot) -> str:
+    def check(autopilot):
         if not autopilot.changed:
             return "offboard mode was not entered"
         late = [item for item in autopilot.setpoints() if item.time > autopilot.changed[0][0] + 0.5 + after]
@@ -398,12 +398,12 @@ def silenced(after: float) -> Callable[[FlyingAutopilot], str]:
     return check
 
 
-def setpoint(_: Autopilot, received: Received | None) -> bool:
+def setpoint(_, received):
     """A setpoint has come."""
     return received is not None and received.is_setpoint()
 
 
-def hold_refused(autopilot: Autopilot, received: Received | None) -> bool:
+def hold_refused(autopilot, received):
     """Hold has been commanded and answered."""
     return received is None and autopilot.commanded[-1:] != [] and autopilot.commanded[-1][1] == "HOLD"
 
@@ -414,7 +414,7 @@ SOON = {"heartbeats_hz": 4.0}
 
 
 @linux
-def test_a_flight_a_takeover_and_a_killed_program(tmp_path: Path) -> None:
+def test_a_flight_a_takeover_and_a_killed_program(tmp_path):
     all_flown(
         [
             Case("flown", 0, FLOWN, words="Flown to the end; hold", vehicle=SOON, check=follows_the_plan),
@@ -428,8 +428,8 @@ def test_a_flight_a_takeover_and_a_killed_program(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_takeover_is_never_overridden(tmp_path: Path) -> None:
-    def starting(autopilot: Autopilot, received: Received | None) -> bool:
+def test_a_takeover_is_never_overridden(tmp_path):
+    def starting(autopilot, received):
         return received is not None and received.wanted_mode() == "OFFBOARD"
 
     words, holds = "Taken over: the mode is ", {"refuses": {"HOLD"}}
@@ -462,21 +462,21 @@ def test_a_takeover_is_never_overridden(tmp_path: Path) -> None:
 
 @linux
 @pytest.mark.thorough
-def test_signals_and_ends_of_processes(tmp_path: Path) -> None:
-    def both(autopilot: FlyingAutopilot) -> None:
+def test_signals_and_ends_of_processes(tmp_path):
+    def both(autopilot):
         autopilot.change("MANUAL", quiet=True)
         autopilot.process.send_signal(signal.SIGTERM)
 
-    def twice(autopilot: FlyingAutopilot) -> None:
+    def twice(autopilot):
         autopilot.process.send_signal(signal.SIGINT)
         autopilot.process.send_signal(signal.SIGTERM)
 
-    def checking(autopilot: Autopilot, _: Received | None) -> bool:
+    def checking(autopilot, _):
         return len(autopilot.received) > 3
 
     stopped, awake = at(0.5, send("SIGSTOP")), at(3.0, send("SIGCONT"))
 
-    def stands_still(autopilot: Autopilot, received: Received | None) -> None:
+    def stands_still(autopilot, received):
         stopped(autopilot, received)
         awake(autopilot, received)
 
@@ -501,7 +501,7 @@ def test_signals_and_ends_of_processes(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_links_and_telemetry(tmp_path: Path) -> None:
+def test_links_and_telemetry(tmp_path):
     two, lost = {"batteries": {0: 90, 1: 85}}, becomes(silent={"battery 1"})
     cases = [
         Case("link lost", 21, STARTED, at(0.3, becomes(silent={"all"})), "Link lost", check=silenced(2.5)),
@@ -528,7 +528,7 @@ def test_links_and_telemetry(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_commands_that_fail(tmp_path: Path) -> None:
+def test_commands_that_fail(tmp_path):
     three, refused = ("OFFBOARD", "HOLD", "HOLD", "HOLD"), {"refuses": {"HOLD"}} | SOON
     accepted = once(hold_refused, becomes(refuses=set()))
     cases = [

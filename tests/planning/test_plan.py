@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 import eivor as ev
 from eivor.errors import InputError, UsageError
-from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import NODES_HZ, controller_gains, residual_densities
 from eivor.planning import plan as planning
-from eivor.planning.plan import FlightPlan, csv_text, levels, qgc_text, ranked_std_errors
+from eivor.planning.plan import csv_text, levels, qgc_text, ranked_std_errors
 from eivor.planning.vehicle import (
     ROOM,
     STEP_S,
-    FlightLimits,
     Shape,
-    VehicleGuess,
     candidates,
     read_vehicle,
     rough_vehicle,
@@ -35,7 +31,7 @@ from eivor.report.terminal import on_terminal
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from flights.flight_logs import prepare_vertical
 
-LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
+LIMITS = ev.FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +39,7 @@ def flown_first():
     """Flights of the simulator, made ready, and the specification of the first."""
     specs = [VerticalFlightSpec(gust_rms=0.5, seed=seed, duration=40.0) for seed in range(4)]
     flights = simulate_vertical_flights(specs)
-    prepared = tuple(prepare_vertical(flight.recording, FlightOptions()) for flight in flights)
+    prepared = tuple(prepare_vertical(flight.recording, ev.FlightOptions()) for flight in flights)
     return specs[0], prepared, Vertical().problem(prepared, NoInstruments())
 
 
@@ -98,14 +94,16 @@ def test_the_formula_knows_what_slow_and_quick_flights_tell():
     time = STEP_S * np.arange(6000)
     window = np.sin(np.pi * time / time[-1]) ** 2
 
-    def sines(*hertz: float) -> Shape:
+    def sines(*hertz):
         series = sum(np.sin(2.0 * np.pi * f * time + f) / f for f in hertz)
-        return Shape("multisine", "", window * series).within(FlightLimits())
+        return Shape("multisine", "", window * series).within(ev.FlightLimits())
 
-    slow, quick = (ranked_std_errors(sines(*f), VehicleGuess()) for f in ((0.1, 0.2, 0.3), (0.6, 1.0, 1.5)))
+    slow, quick = (
+        ranked_std_errors(sines(*f), ev.VehicleGuess()) for f in ((0.1, 0.2, 0.3), (0.6, 1.0, 1.5))
+    )
     assert slow[0] < quick[0]
     assert quick[2] < slow[2]
-    calm, windy = (ranked_std_errors(sines(0.1, 0.9), VehicleGuess(gust_rms=g)) for g in (0.1, 1.0))
+    calm, windy = (ranked_std_errors(sines(0.1, 0.9), ev.VehicleGuess(gust_rms=g)) for g in (0.1, 1.0))
     assert (calm < windy).all()
 
 
@@ -132,13 +130,13 @@ def test_a_plan_is_chosen_by_flying_it(monkeypatch):
 def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
     for name in ("FINALISTS", "RUNS", "OFTEN"):
         monkeypatch.setattr(planning, name, 1)
-    tight = FlightLimits(height_m=(2.0, 2.5), speed=0.2, duration_s=20.0)
+    tight = ev.FlightLimits(height_m=(2.0, 2.5), speed=0.2, duration_s=20.0)
     with pytest.raises(InputError, match="a flight that keeps its limits"):
-        ev.plan(VehicleGuess(gust_rms=3.0, viscous_friction=1.0), limits=tight)
+        ev.plan(ev.VehicleGuess(gust_rms=3.0, viscous_friction=1.0), limits=tight)
 
 
 def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
-    def quantity(value: float, verdict: Status) -> Quantity:
+    def quantity(value, verdict):
         return Quantity(value, "", 0.1, (0.3, 0.5), verdict)
 
     quantities = {
@@ -159,7 +157,7 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
     assert vehicle.tilt_rms == 0.2  # the most that is flown
     assert vehicle.requested == "friction"
     without = vehicle_of_result("vertical_motion", "square", quantities, {})
-    assert replace(without, hover_input=0.5, requested="") == VehicleGuess()
+    assert replace(without, hover_input=0.5, requested="") == ev.VehicleGuess()
     with pytest.raises(UsageError, match="'rover_motion'"):
         vehicle_of_result("rover_motion", "square", quantities, {})
     for damaged in (
@@ -178,7 +176,7 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
 def test_a_vehicle_is_read_from_a_file(tmp_path):
     path = tmp_path / "vehicle.toml"
     path.write_text("hover_input = 0.4\nlag_s = 0.08\n")
-    assert read_vehicle(path) == VehicleGuess(hover_input=0.4, lag_s=0.08)
+    assert read_vehicle(path) == ev.VehicleGuess(hover_input=0.4, lag_s=0.08)
     path.write_text("mass = 1.2\n")
     with pytest.raises(InputError, match="mass"):
         read_vehicle(path)
@@ -187,12 +185,12 @@ def test_a_vehicle_is_read_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: FlightLimits(height_m=(0.0, 3.0)), "a lowest height above zero"),
-        (lambda: FlightLimits(height_m=(3.0, 3.2)), "half a metre or more"),
-        (lambda: FlightLimits(speed=0.0), "speed between"),
-        (lambda: FlightLimits(duration_s=5.0), "duration_s between"),
-        (lambda: ev.plan(VehicleGuess(), target="drag"), "one of friction, gain, lag"),
-        (lambda: ev.plan(VehicleGuess(), shape="chirp"), "one of multisine, steps"),
+        (lambda: ev.FlightLimits(height_m=(0.0, 3.0)), "a lowest height above zero"),
+        (lambda: ev.FlightLimits(height_m=(3.0, 3.2)), "half a metre or more"),
+        (lambda: ev.FlightLimits(speed=0.0), "speed between"),
+        (lambda: ev.FlightLimits(duration_s=5.0), "duration_s between"),
+        (lambda: ev.plan(ev.VehicleGuess(), target="drag"), "one of friction, gain, lag"),
+        (lambda: ev.plan(ev.VehicleGuess(), shape="chirp"), "one of multisine, steps"),
     ],
 )
 def test_wrong_arguments_are_told(call, words):
@@ -200,7 +198,7 @@ def test_wrong_arguments_are_told(call, words):
         call()
 
 
-def test_a_plan_is_told(multisine: FlightPlan):
+def test_a_plan_is_told(multisine):
     assert "± 0.05 1/s" in multisine.summary()
     assert "identified in 1 of 2 simulated flights" in multisine.sentence
     assert not multisine.is_informative
@@ -232,10 +230,10 @@ MISSION = {
 }
 
 
-def strictly_read(text: str) -> list[dict[str, Any]]:
+def strictly_read(text):
     """Items of a .plan file; every key, type and number of it is looked at."""
 
-    def refuse(constant: str) -> None:
+    def refuse(constant):
         raise AssertionError(constant)
 
     document = json.loads(text, parse_constant=refuse)
@@ -268,7 +266,7 @@ def strictly_read(text: str) -> list[dict[str, Any]]:
     return mission["items"]
 
 
-def test_the_mission_climbs_to_every_level_and_loiters(steps: FlightPlan) -> None:
+def test_the_mission_climbs_to_every_level_and_loiters(steps):
     items = strictly_read(qgc_text(steps, HOME))
     commands = [item["command"] for item in items]
     assert commands[:3] == [22, 178, 178]
@@ -283,14 +281,14 @@ def test_the_mission_climbs_to_every_level_and_loiters(steps: FlightPlan) -> Non
     assert (rises[1:-1] != rises[2:]).all()
 
 
-def test_a_multisine_or_a_wrong_place_is_no_mission(multisine: FlightPlan, steps: FlightPlan) -> None:
+def test_a_multisine_or_a_wrong_place_is_no_mission(multisine, steps):
     with pytest.raises(UsageError, match="a plan of steps"):
         qgc_text(multisine, HOME)
     with pytest.raises(UsageError, match="a latitude and a longitude"):
         qgc_text(steps, (91.0, 0.0))
 
 
-def test_the_table_is_the_plan(multisine: FlightPlan) -> None:
+def test_the_table_is_the_plan(multisine):
     head, *rows = csv_text(multisine).splitlines()
     assert head == "time,reference_position_z,reference_velocity_z,reference_acceleration_z"
     read = np.array([[float(cell) for cell in row.split(",")] for row in rows])

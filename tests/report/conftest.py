@@ -14,20 +14,20 @@ from coarse_search import coarse
 
 
 @pytest.fixture(scope="session")
-def recording() -> ev.Recording:
+def recording():
     """The bundled example flight."""
     with resources.as_file(resources.files("eivor.data").joinpath("example_flight.parquet")) as path:
         return ev.read_log(path)
 
 
 @pytest.fixture(scope="session")
-def fit(recording: ev.Recording) -> ev.FlightEstimate:
+def fit(recording):
     """Its result."""
     return ev.identify_flight(recording)
 
 
 @pytest.fixture(scope="session")
-def pool(recording: ev.Recording) -> ev.FlightEstimate:
+def pool(recording):
     """Its two halves as a pool, every method compared."""
     halves = [replace(recording, name=name, sha256=name) for name in ("first", "second")]
     windows = [(0.0, 30.0), (30.0, 60.0)]
@@ -36,7 +36,7 @@ def pool(recording: ev.Recording) -> ev.FlightEstimate:
 
 
 @pytest.fixture(scope="session")
-def still(recording: ev.Recording) -> ev.FlightEstimate:
+def still(recording):
     """A result without an estimate: the input is constant."""
     channels = {
         name: replace(channel, values=np.full_like(channel.values, 1800.0))

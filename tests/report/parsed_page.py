@@ -16,14 +16,14 @@ class Element:
     children: list[Element | str] = field(default_factory=list)
 
     @property
-    def text(self) -> str:
+    def text(self):
         return "".join(child if isinstance(child, str) else child.text for child in self.children)
 
     @property
-    def classes(self) -> list[str]:
+    def classes(self):
         return self.attributes.get("class", "").split()
 
-    def all(self, tag: str = "", **wanted: str) -> list[Element]:
+    def all(self, tag="", **wanted):
         """Elements below this one with a tag and with attributes; `class_` is one of the classes."""
         results = []
         for child in self.children:
@@ -34,7 +34,7 @@ class Element:
             results += child.all(tag, **wanted)
         return results
 
-    def _is(self, tag: str, wanted: dict[str, str]) -> bool:
+    def _is(self, tag, wanted):
         known = {**self.attributes, "class_": ""}
         classes = wanted.get("class_")
         return (
@@ -45,12 +45,12 @@ class Element:
 
 
 class _Builder(HTMLParser):
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__(convert_charrefs=True)
         self.root = Element("", {})
         self.open = [self.root]
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         names = [name for name, _ in attrs]
         assert len(names) == len(set(names)), f"an attribute twice in {tag}: {names}"
         made = Element(tag, {name: value or "" for name, value in attrs})
@@ -58,15 +58,15 @@ class _Builder(HTMLParser):
         if tag not in VOID:
             self.open.append(made)
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         closed = self.open.pop()
         assert closed.tag == tag, f"{closed.tag} is closed by {tag}"
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         self.open[-1].children.append(data)
 
 
-def parsed(page: str) -> Element:
+def parsed(page):
     """Root of a page, every element of which is closed in order."""
     builder = _Builder()
     builder.feed(page)
@@ -75,7 +75,7 @@ def parsed(page: str) -> Element:
     return builder.root
 
 
-def numbers_in(text: str) -> list[tuple[float, float]]:
+def numbers_in(text):
     """Numbers of a text, each with half a unit of its last digit."""
     results = []
     for mantissa, exponent in re.findall(r"(?<![\w.])([-−]?\d+(?:\.\d+)?)(?:e([-−]?\d+))?(?!\w)", text):

@@ -127,7 +127,7 @@ SCHEMA: dict[str, Any] = {
 }
 
 
-def check(value: Any, expected: Any, where: str = "document") -> None:
+def check(value, expected, where="document"):
     """Compare a value of JSON with the description above."""
     if expected == PAIR:
         assert isinstance(value, list), where
@@ -148,18 +148,18 @@ def check(value: Any, expected: Any, where: str = "document") -> None:
 
 
 @pytest.fixture(params=["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
-def document(request: pytest.FixtureRequest) -> dict[str, Any]:
+def document(request):
     """The document of a flight, a pool, and a result without an estimate, read back."""
     result: ev.FlightEstimate = request.getfixturevalue(request.param)
     read: dict[str, Any] = json.loads(result.to_json())
     return read
 
 
-def test_the_schema_holds(document: dict[str, Any]) -> None:
+def test_the_schema_holds(document):
     check(document, SCHEMA)
 
 
-def test_every_key_is_documented(document: dict[str, Any]) -> None:
+def test_every_key_is_documented(document):
     page = (DOCS / "json.md").read_text(encoding="utf-8")
     for key, value in document.items():
         assert f"| `{key}` |" in page
@@ -170,7 +170,7 @@ def test_every_key_is_documented(document: dict[str, Any]) -> None:
     assert all(f"`{key}`" in diagnostics for key in document["diagnostics"])
 
 
-def test_numbers_are_finite_or_null(still: ev.FlightEstimate) -> None:
+def test_numbers_are_finite_or_null(still):
     text = still.to_json()
     assert "NaN" not in text
     assert "Infinity" not in text
@@ -188,7 +188,7 @@ def test_numbers_are_finite_or_null(still: ev.FlightEstimate) -> None:
     }
 
 
-def test_text_is_ascii_whatever_the_log_is_called(fit: ev.FlightEstimate) -> None:
+def test_text_is_ascii_whatever_the_log_is_called(fit):
     flight = fit.prepared[0]
     named = replace(flight, recording=replace(flight.recording, name="é\udcff\x1b"))
     text = replace(fit, prepared=(named,)).to_json()

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import pickle
 import runpy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,12 +23,12 @@ from eivor.flights.motion import Abilities
 from eivor.report.saved_fit import fit_of
 
 
-def travelled(result: Any) -> Any:
+def travelled(result):
     """The same after a journey to another process."""
     return pickle.loads(pickle.dumps(result))  # noqa: S301 - what was written a moment ago
 
 
-def test_a_table_for_a_notebook_escapes_what_a_log_says(fit: ev.FlightEstimate):
+def test_a_table_for_a_notebook_escapes_what_a_log_says(fit):
     hostile = "<script>alert(1)</script>"
     log = fit.prepared[0].recording
     channels = {name: replace(channel, source=hostile) for name, channel in log.channels.items()}
@@ -41,7 +40,7 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit: ev.FlightEstimate):
         assert "viscous_friction" in table
 
 
-def test_frames_hold_every_quantity(fit: ev.FlightEstimate, still: ev.FlightEstimate):
+def test_frames_hold_every_quantity(fit, still):
     frame = fit.to_frame()
     assert frame["quantity"].to_list() == list(fit.quantities)
     friction = frame.row(0, named=True)
@@ -52,7 +51,7 @@ def test_frames_hold_every_quantity(fit: ev.FlightEstimate, still: ev.FlightEsti
     assert set(empty["verdict"]) == {"refused"}
 
 
-def test_results_travel_to_other_processes(fit: ev.FlightEstimate):
+def test_results_travel_to_other_processes(fit):
     for result in (fit, fit.estimate, ev.diagnose(fit.estimate), fit.prepared[0].recording):  # type: ignore[arg-type]
         back = travelled(result)
         assert repr(back) == repr(result)
@@ -77,7 +76,7 @@ def test_an_estimate_of_arrays_travels_and_writes_itself():
     np.testing.assert_allclose(document["covariance"], fit.covariance)
 
 
-def test_a_fit_is_read_back(fit: ev.FlightEstimate, tmp_path: Path):
+def test_a_fit_is_read_back(fit, tmp_path):
     file = tmp_path / "fit.json"
     file.write_text(fit.to_json())
     saved = ev.load_fit(file)
@@ -98,7 +97,7 @@ def test_a_fit_is_read_back(fit: ev.FlightEstimate, tmp_path: Path):
         saved.interval("hover_input", 0.9)
 
 
-def test_a_refusal_is_read_back(still: ev.FlightEstimate, tmp_path: Path):
+def test_a_refusal_is_read_back(still, tmp_path):
     file = tmp_path / "fit.json"
     file.write_text(still.to_json())
     saved = ev.load_fit(file)
@@ -114,7 +113,7 @@ def test_a_refusal_is_read_back(still: ev.FlightEstimate, tmp_path: Path):
     ["", "[1]", "{}", '{"schema": "eivor.inspect/1"}', '{"schema": "eivor.identify/1"}', "[" * 100_000],
 )
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_what_is_no_fit_is_refused(text: str, tmp_path: Path):
+def test_what_is_no_fit_is_refused(text, tmp_path):
     file = tmp_path / "x.json"
     file.write_text(text)
     with pytest.raises(InputError, match=r"a document of schema eivor\.identify/1 in x\.json"):
@@ -125,7 +124,7 @@ def test_what_is_no_fit_is_refused(text: str, tmp_path: Path):
         ev.load_fit(3)  # type: ignore[arg-type]
 
 
-def places(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+def places(value, place=()):
     """Every place in a document; of a list the first."""
     keys = value if isinstance(value, dict) else range(min(len(value), 1)) if isinstance(value, list) else ()
     for key in keys:
@@ -142,9 +141,7 @@ USES: tuple[Callable[[ev.SavedFit], object], ...] = (
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_a_damaged_document_ends_in_a_sentence(
-    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
-) -> None:
+def test_a_damaged_document_ends_in_a_sentence(fit, recording, tmp_path):
     """Finding 27: a part that is left out or replaced ends in no error of Python's, wherever it is used."""
     text = fit.to_json()
     spared = ("diagnostics", "findings", "prediction")
@@ -176,7 +173,7 @@ def test_a_damaged_document_ends_in_a_sentence(
 
 
 @pytest.mark.thorough
-def test_choices_are_named_one_by_one(fit: ev.FlightEstimate):
+def test_choices_are_named_one_by_one(fit):
     log = ev.example_flight()
     named = ev.identify_flight(log, window=(5.0, 50.0), max_tilt_deg=20.0)
     given = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 50.0), max_tilt_deg=20.0))
@@ -210,7 +207,7 @@ KEYS = {
 
 
 @pytest.fixture(scope="module")
-def found(fit: ev.FlightEstimate, recording: ev.Recording) -> ev.Validation:
+def found(fit, recording):
     """The example's first half by its own result, in two runs."""
     gap = {
         name: replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
@@ -220,7 +217,7 @@ def found(fit: ev.FlightEstimate, recording: ev.Recording) -> ev.Validation:
     return ev.validate(fit, replace(recording, channels=gap), window=(0.0, 30.0))
 
 
-def test_the_fit_predicts_better_than_simpler_models(found: ev.Validation) -> None:
+def test_the_fit_predicts_better_than_simpler_models(found):
     assert [prediction.model for prediction in found.predictions] == ["fit", "least_squares", "hover"] * 2
     assert [prediction.horizon.value for prediction in found.predictions] == ["one_step"] * 3 + [
         "open_loop"
@@ -232,7 +229,7 @@ def test_the_fit_predicts_better_than_simpler_models(found: ev.Validation) -> No
         assert 0.5 < models[0].error.explained < 1.0
 
 
-def test_json_holds_what_the_page_says(found: ev.Validation) -> None:
+def test_json_holds_what_the_page_says(found):
     document = json.loads(found.to_json())
     assert set(document) == KEYS
     assert document["schema"] == "eivor.validate/1"
@@ -244,9 +241,7 @@ def test_json_holds_what_the_page_says(found: ev.Validation) -> None:
     assert all(f"`{key}`" in page for key in (*document, *first, *document["fit"]))
 
 
-def test_text_and_tables_tell_the_same(
-    found: ev.Validation, fit: ev.FlightEstimate, tmp_path: Path, command_line: Any
-) -> None:
+def test_text_and_tables_tell_the_same(found, fit, tmp_path, command_line):
     (tmp_path / "fit.json").write_text(fit.to_json())
     with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as example:
         gap = pl.read_parquet(example).filter(~pl.col("time").is_between(15.0, 17.0))
@@ -263,9 +258,7 @@ def test_text_and_tables_tell_the_same(
     assert "climb rate" in figure.axes[2].get_ylabel()
 
 
-def test_a_result_read_back_predicts_the_same(
-    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
-) -> None:
+def test_a_result_read_back_predicts_the_same(fit, recording, tmp_path):
     path = tmp_path / "fit.json"
     path.write_text(fit.to_json())
     window = (10.0, 25.0)
@@ -280,9 +273,7 @@ def test_a_result_read_back_predicts_the_same(
     assert alone.predicts
 
 
-def test_a_wrong_fit_does_not_predict(
-    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
-) -> None:
+def test_a_wrong_fit_does_not_predict(fit, recording, tmp_path):
     (tmp_path / "fit.json").write_text(fit.to_json())
     saved = ev.load_fit(tmp_path / "fit.json")
     wrong = replace(saved, estimated=replace(saved.joint, values=saved.joint.values * [-5.0, 0.5, 1.0, 1.0]))
@@ -291,13 +282,7 @@ def test_a_wrong_fit_does_not_predict(
     assert "leave less" in validate.sentence
 
 
-def test_what_cannot_be_validated_is_told(
-    fit: ev.FlightEstimate,
-    still: ev.FlightEstimate,
-    recording: ev.Recording,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monkeypatch):
     with pytest.raises(UsageError, match="a result with an estimate"):
         ev.validate(still, recording)
     with pytest.raises(InputError, match="three seconds in the air"):
@@ -326,7 +311,7 @@ PICTURE = ROOT / "docs" / "images" / "example.png"
 SQUARE, TOLERANCE = 10, 30.0
 
 
-def squares(path: Path) -> np.ndarray:
+def squares(path):
     grey = np.asarray(Image.open(path).convert("L"), dtype=float)
     height, width = (size // SQUARE for size in grey.shape)
     whole = grey[: height * SQUARE, : width * SQUARE]

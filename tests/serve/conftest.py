@@ -5,9 +5,8 @@ from __future__ import annotations
 import http.client
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing, contextmanager
-from typing import Any
 
 import pytest
 
@@ -16,7 +15,7 @@ from eivor.serve.app import ServeOptions, Server
 from serve.quick_work import QuickWork
 
 
-def wait_for(condition: Callable[[], bool]) -> None:
+def wait_for(condition):
     """Return once it holds."""
     end = time.monotonic() + 20.0
     while not condition():
@@ -24,7 +23,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def closed(server: Server) -> None:
+def closed(server):
     """Return once no connection is open."""
     wait_for(lambda: not server.connections)
 
@@ -32,12 +31,10 @@ def closed(server: Server) -> None:
 class Asking:
     """A page of a server."""
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, server):
         self.server = server
 
-    def __call__(
-        self, method: str, path: str, body: bytes | None = None, **headers: str | None
-    ) -> tuple[int, bytes, http.client.HTTPMessage]:
+    def __call__(self, method, path, body=None, **headers):
         """Status, body and headers of an answer; a header of None is left out."""
         with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
             line.putrequest(method, path, skip_host="host" in headers, skip_accept_encoding=True)
@@ -56,35 +53,33 @@ class Asking:
             answer = line.getresponse()
             return answer.status, answer.read(), answer.headers
 
-    def json(self, method: str, path: str, body: object = None, **headers: str | None) -> Any:
+    def json(self, method, path, body=None, **headers):
         """JSON of an answer that is one."""
         data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
         status, text, _ = self(method, path, data, **headers)
         assert status == 200, text
         return json.loads(text)
 
-    def refused(
-        self, method: str, path: str, body: bytes | None = None, **headers: str | None
-    ) -> tuple[int, str]:
+    def refused(self, method, path, body=None, **headers):
         """Status and sentence of a refusal, whose parts are all there."""
         status, text, _ = self(method, path, body, **headers)
         error = json.loads(text)["error"]
         assert set(error) == {"expected", "received", "advice", "sentence"}
         return status, error["sentence"]
 
-    def dropped(self, content: bytes, name: str = "flight.csv") -> str:
+    def dropped(self, content, name="flight.csv"):
         """Identifier of a log that is dropped."""
         log: str = self.json("POST", "/logs", content, x_eivor_name=name)["log"]
         return log
 
-    def job(self, content: bytes, name: str = "flight.csv", **options: object) -> str:
+    def job(self, content, name="flight.csv", **options):
         """Identifier of a job of a log that is dropped."""
         requested = {"logs": [self.dropped(content, name)], "options": options}
         job: str = self.json("POST", "/jobs", requested)["job"]
         return job
 
     @contextmanager
-    def events(self, job: str) -> Iterator[Iterator[dict[str, Any]]]:
+    def events(self, job):
         """What is told of a job, as it comes."""
         with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
             line.request("GET", f"/jobs/{job}/events", headers={"X-Eivor-Token": self.server.token})
@@ -92,7 +87,7 @@ class Asking:
             assert answer.status == 200
             yield map(json.loads, answer)
 
-    def last(self, job: str) -> dict[str, Any]:
+    def last(self, job):
         """The last that is told of a job."""
         with self.events(job) as events:
             return list(events)[-1]
@@ -101,10 +96,10 @@ class Asking:
 class Clock:
     """Seconds that pass when they are told to."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = 0.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
@@ -112,11 +107,11 @@ Opening = Callable[..., Asking]
 
 
 @pytest.fixture(scope="module")
-def opening() -> Iterator[Opening]:
+def opening():
     """Open servers whose processes do what logs say; they are closed in the end."""
     servers: list[Server] = []
 
-    def opened(**options: Any) -> Asking:
+    def opened(**options):
         quick = {"work": QuickWork(), "limits": Limits(5.0, 0.5), "largest": 1000}
         servers.append(Server(ServeOptions(**{**quick, **options})))
         return Asking(servers[-1])
@@ -129,6 +124,6 @@ def opening() -> Iterator[Opening]:
 
 
 @pytest.fixture(scope="module")
-def page(opening: Opening) -> Asking:
+def page(opening):
     """The page of a server for a whole file of tests."""
     return opening()

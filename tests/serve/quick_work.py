@@ -7,22 +7,20 @@ import subprocess
 import sys
 import time
 from http import HTTPStatus
-from pathlib import Path
 from typing import Any
 
-from eivor.process_pool import ProgressCallback
-from eivor.serve.jobs import REPORT, RESULT, File, Task
+from eivor.serve.jobs import REPORT, RESULT, File
 from eivor.serve.requests import RefusedError
 
 
-def _refused(status: int, text: str) -> RefusedError:
+def _refused(status, text):
     return RefusedError(HTTPStatus(status), text, text, text)
 
 
 class QuickWork:
     """Does what a log says: sleep, die, take memory, be refused, or else be its own result."""
 
-    def __call__(self, item: Task, tell: ProgressCallback) -> Any:
+    def __call__(self, item, tell):
         """Outcome of a task."""
         given: dict[str, Any] = dict(item.given)
         if item.name == "choices":
@@ -37,7 +35,7 @@ class QuickWork:
             return File(f"{stem}-{words['target']}.txt", said)
         return _refused(409, words["form"])
 
-    def _identified(self, logs: Any, folder: Path, tell: ProgressCallback) -> RefusedError | None:
+    def _identified(self, logs, folder, tell):
         tell({"stage": "reading"})
         decode = b" ".join(log.path.read_bytes() for log in logs.values()).decode()
         tell({"stage": "identifying"})

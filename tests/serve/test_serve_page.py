@@ -20,7 +20,7 @@ from eivor.serve.app import PARTS, page_text
 from eivor.serve.jobs import File, KeptLog, Task, Work
 from eivor.serve.requests import RefusedError, parse_job
 from eivor.serve.worker import outcome_of
-from report.parsed_page import Element, parsed
+from report.parsed_page import parsed
 
 #: What would make HTML or code of a string.
 NEVER = (
@@ -37,7 +37,7 @@ NEVER = (
 
 
 @pytest.fixture(scope="module")
-def page() -> Element:
+def page():
     return parsed(page_text())
 
 
@@ -60,7 +60,7 @@ def test_the_policy_allows_the_page_its_reports_and_its_own_server(page):
     }
 
 
-def checksum(source: str) -> str:
+def checksum(source):
     return f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'"
 
 
@@ -106,14 +106,14 @@ def test_what_the_script_looks_for_is_there(page):
 
 
 @pytest.fixture(scope="module")
-def content() -> bytes:
+def content():
     """The first 30 s of the example flight as the bytes of a log."""
     with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as path:
         table = pl.read_parquet(path).head(3000)
     return table.write_csv().encode()
 
 
-def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[Any, list[Any]]:
+def identified(folder, logs, **options):
     """Outcome of identifying logs that are kept under other names, and what was told."""
     kept = {}
     for number, (name, log) in enumerate(logs.items()):

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import eivor as ev
 from eivor.errors import ChannelMapError, UsageError
 from eivor.flights.grid import upward
-from eivor.logs import read_log
-from eivor.logs.mapping import recording_from_columns
 from eivor.signals import channels
 from eivor.signals.channels import (
     CanonicalChannel,
@@ -22,7 +21,7 @@ from eivor.signals.channels import (
     unit_of,
 )
 from eivor.signals.recording import Frame
-from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
+from eivor.signals.thrust_map import Mixed, Power, input_map
 
 THROTTLE = CanonicalChannel("throttle", "", held=True, free_unit=True)
 SPEED = CanonicalChannel("forward_speed", "m/s")
@@ -71,18 +70,18 @@ column = "pwm"
 unit = "us"
 """
     (tmp_path / "m.toml").write_text(text)
-    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels["forward_speed"].values, [10.0, 20.0])
     assert (r.channels["motor_current_2"].unit, r.channels["throttle"].held) == ("A", True)
     assert [c.name for c in r.family("motor_current_*")] == ["motor_current_2"]
     (tmp_path / "m.toml").write_text(text.replace('"km/h"', '"A"'))
     with pytest.raises(ChannelMapError, match=r"one of .*, km/h, .*received 'A'"):
-        read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+        ev.read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
 
 
 def test_frames_turn_what_says_so(declared):
     columns = {"time": [0.0, 0.1], "forward_speed": [1.0, 2.0], "sideways_speed": [1.0, 2.0]}
-    r = upward(recording_from_columns(columns, frame=Frame.NED))
+    r = upward(ev.recording_from_columns(columns, frame=Frame.NED))
     assert r.channels["forward_speed"].values.tolist() == [1.0, 2.0]
     assert r.channels["sideways_speed"].values.tolist() == [-1.0, -2.0]
 
@@ -131,7 +130,7 @@ MAPS = st.one_of(
 )
 
 
-def value(mapping: InputMap, state: float) -> float:
+def value(mapping, state):
     return float(mapping(np.array([state]))[0])
 
 

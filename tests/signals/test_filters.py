@@ -19,7 +19,7 @@ from eivor.signals.noise import fractional_weights
 STEP_S = 0.01
 
 
-def exact_state(command: np.ndarray, lag_s: float, delay_s: float) -> np.ndarray:
+def exact_state(command, lag_s, delay_s):
     """State at the samples, by the exponential between the times at which the delayed command changes."""
     state = command[0]
     states = [state]
@@ -48,7 +48,7 @@ def test_state_is_exact_for_any_lag_and_any_fraction_of_a_delay(lag_s, delay_s, 
 def test_state_is_that_of_a_general_integrator(lag_s, delay_s):
     command = np.random.default_rng(3).standard_normal(30)
 
-    def reaching(time: float) -> float:
+    def reaching(time):
         return command[max(int(np.floor((time - delay_s) / STEP_S + 1e-9)), 0)]
 
     state, states = command[0], [command[0]]

@@ -10,19 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import eivor as ev
 from eivor.errors import EivorError, MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.logs.common import channel_findings
 from eivor.signals.channels import family_members
-from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import Channel, Recording, clean_channel, interval_within
-from eivor.signals.signals import Signals
+from eivor.signals.recording import Channel, clean_channel, interval_within
 
 STAMPS = st.lists(
     st.one_of(st.integers(-3, 12).map(float), st.sampled_from([np.nan, np.inf, -np.inf])), max_size=25
 )
 
 
-def channel(time, values=None, name="velocity_z") -> Channel:
+def channel(time, values=None, name="velocity_z"):
     time = np.asarray(time, dtype=float)
     return Channel(name, time, time.copy() if values is None else np.asarray(values, dtype=float), "m/s")
 
@@ -91,19 +90,19 @@ def test_gaps_are_long_in_median_steps_and_in_seconds():
 
 def test_families_are_in_the_order_of_their_numbers():
     names = ["rotor_command_10", "rotor_command_2", "rotor_command_1", "rotor_command_x", "input"]
-    log = Recording("log", "frame", {name: channel([0.0, 1.0], name=name) for name in names})
+    log = ev.Recording("log", "frame", {name: channel([0.0, 1.0], name=name) for name in names})
     ordered = ["rotor_command_1", "rotor_command_2", "rotor_command_10"]
     for item in ("rotor_command", "rotor_command_", "rotor_command_*"):
         assert [c.name for c in log.family(item)] == ordered
     assert [c.name for c in log.family("rotor_command_2")] == ["rotor_command_2"]
     assert log.family("rotor_speed") == []
-    signals = Signals(10.0, {name: np.full(3, float(i)) for i, name in enumerate(names)})
+    signals = ev.Signals(10.0, {name: np.full(3, float(i)) for i, name in enumerate(names)})
     np.testing.assert_array_equal(signals.family("rotor_command")[0], [2.0, 1.0, 0.0])
     assert signals.family("rotor_speed").shape == (3, 0)
 
 
 def test_missing_channels_say_what_was_looked_for():
-    log = Recording("a.ulg", "ulog", {}, looked_for={"velocity_z": ("vehicle_local_position.vz",)})
+    log = ev.Recording("a.ulg", "ulog", {}, looked_for={"velocity_z": ("vehicle_local_position.vz",)})
     with pytest.raises(
         MissingChannelError, match=r"Expected the channel 'velocity_z' in a\.ulg.*position\.vz"
     ):
@@ -127,16 +126,16 @@ def test_windows_are_cut_to_the_span_or_refused(window):
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
 def test_signals_refuse_rates_that_are_none(rate):
     with pytest.raises(NonFiniteError, match=r"Expected a positive rate in Hz; received rate_hz="):
-        Signals(rate, {"input": np.zeros(3)})
+        ev.Signals(rate, {"input": np.zeros(3)})
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     "build",
     [
-        lambda: Signals(1.0, {}),
-        lambda: Signals(1.0, {"input": np.zeros(3), "velocity_z": np.zeros(4)}),
-        lambda: Signals(1.0, {"input": np.zeros(3)}, valid=np.ones(2, dtype=bool)),
+        lambda: ev.Signals(1.0, {}),
+        lambda: ev.Signals(1.0, {"input": np.zeros(3), "velocity_z": np.zeros(4)}),
+        lambda: ev.Signals(1.0, {"input": np.zeros(3)}, valid=np.ones(2, dtype=bool)),
     ],
 )
 def test_signals_refuse_shapes_that_do_not_fit(build):
@@ -147,18 +146,18 @@ def test_signals_refuse_shapes_that_do_not_fit(build):
 def test_signals_refuse_values_that_are_not_finite_where_they_count():
     values = np.array([0.0, np.nan, 1.0, np.inf])
     with pytest.raises(NonFiniteError, match=r"'input' at every valid sample; received 2 .* sample 1"):
-        Signals(1.0, {"input": values})
+        ev.Signals(1.0, {"input": values})
     with pytest.raises(NonFiniteError, match=r"received 1 .* sample 3"):
-        Signals(1.0, {"input": values}, valid=np.array([True, False, True, True]))
-    Signals(1.0, {"input": values}, valid=np.array([True, False, True, False]))
+        ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, True]))
+    ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, False]))
     with pytest.raises(
         MissingChannelError, match="Expected a channel called 'speed'; received channels input"
     ):
-        Signals(1.0, {"input": np.zeros(2)}).channel("speed")
+        ev.Signals(1.0, {"input": np.zeros(2)}).channel("speed")
 
 
 def test_a_record_without_a_mask_is_one_run_unless_it_is_too_short():
-    signals = Signals(2.0, {"input": np.zeros(5)})
+    signals = ev.Signals(2.0, {"input": np.zeros(5)})
     assert signals.runs() == [slice(0, 5)]
     assert signals.runs(2.5) == [slice(0, 5)]
     assert signals.runs(2.6) == []
@@ -179,10 +178,10 @@ def test_errors_survive_other_processes_and_copies():
 
 def test_noise_of_a_channel_that_is_not_there_is_refused():
     with pytest.raises(UsageError, match="noise of the channels input; received noise of 'inptu'"):
-        Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": WhiteNoise(0.1)})
+        ev.Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": ev.WhiteNoise(0.1)})
 
 
-def erring(step_s: float, error_s: float, seconds: float = 40.0):
+def erring(step_s, error_s, seconds=40.0):
     """Even times, and stamps of them that err."""
     even = np.arange(0.0, seconds, step_s)
     return even, even + error_s * np.random.default_rng(5).standard_normal(even.size)

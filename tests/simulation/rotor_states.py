@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from eivor.signals.recording import Recording
-from eivor.simulation.environment import SimulatedFlight, simulated_recording
+from eivor.simulation.environment import simulated_recording
 from eivor.simulation.vertical import SIMULATOR
 
 
-def actual_state_recording(flight: SimulatedFlight) -> Recording:
+def actual_state_recording(flight):
     """Recording in which the rotor's actual state stands in place of its command (`rotor_speed_1`)."""
     log, truth = flight.recording, flight.truth
     held = {key: channel.values for key, channel in log.channels.items() if key.startswith("reference_")}

@@ -9,23 +9,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+import eivor as ev
 from eivor.errors import ParameterError
-from eivor.lab.records import (
-    AltitudeControl,
-    Control,
-    DisturbanceRoute,
-    Scenario,
-    VelocityControl,
-    pushed_motion,
-    simulate,
-)
+from eivor.lab.records import AltitudeControl, DisturbanceRoute, VelocityControl, pushed_motion
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import SteppedExcitation, WhiteDisturbance, WhiteExcitation
 from eivor.simulation.vertical import (
     THRUST_RANGE,
     AltitudeController,
-    SimulatedMotion,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
@@ -35,21 +26,21 @@ K, K_U, T = 0.293, 0.021, 0.2
 VELOCITY = VelocityControl(15.0, 4.0)
 ALTITUDE = AltitudeControl(0.4, 30.0, 5.0)
 CONTROLS = [VELOCITY, VelocityControl(15.0), ALTITUDE, AltitudeControl(0.4, 30.0)]
-QUIET = Scenario(K, K_U, samples=150, excitation=WhiteExcitation(1.0), control=ALTITUDE)
+QUIET = ev.Scenario(K, K_U, samples=150, excitation=WhiteExcitation(1.0), control=ALTITUDE)
 NOISY = replace(
     QUIET,
     noise={
-        "velocity_z": FractionalNoise(0.02, -0.4),
-        "acceleration_z": WhiteNoise(0.1),
-        "input": WhiteNoise(0.5),
-        "position_z": FractionalNoise(0.05, -0.2),
+        "velocity_z": ev.FractionalNoise(0.02, -0.4),
+        "acceleration_z": ev.WhiteNoise(0.1),
+        "input": ev.WhiteNoise(0.5),
+        "position_z": ev.FractionalNoise(0.05, -0.2),
     },
     disturbance=WhiteDisturbance(0.05),
     route=DisturbanceRoute.DYNAMICS,
 )
 
 
-def rng(seed: int = 1) -> np.random.Generator:
+def rng(seed=1):
     return np.random.default_rng(seed)
 
 
@@ -62,7 +53,7 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
     if isinstance(control, AltitudeControl):
         noise["position_z"] = NOISY.noise["position_z"]
     scenario = replace(NOISY, viscous_friction=friction, control=control, noise=noise, route=route)
-    result = simulate(scenario, rng())
+    result = ev.simulate(scenario, rng())
     truth, signals = result.truth.channels, result.signals.channels
     errors = {name: signals[name] - truth[name] for name in noise}
     flow = expm(T * np.array([[-friction, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
@@ -87,7 +78,7 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
 def test_altitude_follows_its_reference():
     """Without steady error, also against a constant push, since the velocity's errors are summed."""
     steps = replace(QUIET, excitation=SteppedExcitation((1.0,), 1e6), samples=1500)
-    result = simulate(steps, rng())
+    result = ev.simulate(steps, rng())
     assert result.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
     assert result.truth.channel("position_z")[0] == 0.0
     np.testing.assert_array_equal(result.signals.channel("reference_position_z"), 1.0)
@@ -97,7 +88,7 @@ def test_altitude_follows_its_reference():
     assert pushed.input[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)
 
 
-def loop_by_columns(control: Control) -> np.ndarray:
+def loop_by_columns(control):
     """Matrix of the loop, each column by letting the controller and the vehicle make one step."""
     assert isinstance(control, VelocityControl | AltitudeControl)
     altitude_gain = control.altitude_gain if isinstance(control, AltitudeControl) else 0.0
@@ -141,7 +132,7 @@ CONTROLLER = AltitudeController(
 )
 
 
-def environment(count: int = 300) -> VerticalEnvironment:
+def environment(count=300):
     """Everything at once: trajectory, wind, tilt and noise, different for each flight."""
     rng = np.random.default_rng(5)
     time = STEP_S * np.arange(count)[:, None]
@@ -159,7 +150,7 @@ def environment(count: int = 300) -> VerticalEnvironment:
     )
 
 
-def single(index: int) -> tuple[VerticalVehicles, VerticalEnvironment, AltitudeController]:
+def single(index):
     """One of the flights alone."""
     met = environment()
     return (
@@ -169,7 +160,7 @@ def single(index: int) -> tuple[VerticalVehicles, VerticalEnvironment, AltitudeC
     )
 
 
-def fly_all() -> SimulatedMotion:
+def fly_all():
     return simulate_vertical(VEHICLES, environment(), step_s=STEP_S, controller=CONTROLLER)
 
 
@@ -185,7 +176,7 @@ def test_flight_is_that_of_an_independent_integration(index):
     state = np.array([hover, met["reference_position"][0], met["reference_velocity"][0]])
     integral, issued = 0.0, []
 
-    def received(time: float) -> float:
+    def received(time):
         period = int(np.floor((time - vehicle["delay_s"]) / STEP_S + 1e-6))
         return issued[period] if period >= 0 else hover
 

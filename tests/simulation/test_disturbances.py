@@ -26,29 +26,29 @@ from eivor.lab.disturbances import (
     bilinear,
     paper_disturbance,
 )
-from eivor.simulation.excitation import Disturbance, DrydenGust, WhiteDisturbance
+from eivor.simulation.excitation import DrydenGust, WhiteDisturbance
 
 STEP_S = 0.2
 #: Standard errors within which a mean must lie.
 WITHIN = 4.5
 
 
-def rng(seed: int = 1) -> np.random.Generator:
+def rng(seed=1):
     return np.random.default_rng(seed)
 
 
-def realisations(disturbance: Disturbance, count: int, runs: int) -> np.ndarray:
+def realisations(disturbance, count, runs):
     """Independent ones, shape (runs, count)."""
     return np.array([disturbance.sample(count, STEP_S, stream) for stream in rng(7).spawn(runs)])
 
 
-def assert_mean(values: np.ndarray, expected: float) -> None:
+def assert_mean(values, expected):
     """The mean of independent values is that one, within its standard error."""
     error = values.std() / np.sqrt(values.size)
     assert abs(values.mean() - expected) < WITHIN * error, (values.mean(), expected, error)
 
 
-def assert_autocovariance(disturbance: Disturbance, expected: dict[int, float], runs: int = 400) -> None:
+def assert_autocovariance(disturbance, expected, runs=400):
     """Averages over time of each realisation have these means."""
     series = realisations(disturbance, 300, runs)
     for lag, value in expected.items():

@@ -10,10 +10,9 @@ import pytest
 
 from eivor.errors import ParameterError
 from eivor.motions.identify import identify_flight
-from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import SensorNoise, TrajectoryKind
 from eivor.simulation.excitation import (
     Chirp,
-    Excitation,
     FilteredWhite,
     GivenSeries,
     Multisine,
@@ -30,15 +29,15 @@ from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flig
 STEP_S = 0.2
 
 
-def rng(seed: int = 1) -> np.random.Generator:
+def rng(seed=1):
     return np.random.default_rng(seed)
 
 
-def sampled(excitation: Excitation, count: int = 4000, seed: int = 1) -> np.ndarray:
+def sampled(excitation, count=4000, seed=1):
     return excitation.sample(count, STEP_S, rng(seed))
 
 
-def power_outside(series: np.ndarray, low_hz: float, high_hz: float) -> float:
+def power_outside(series, low_hz, high_hz):
     """Share of the power outside a band."""
     power = np.abs(np.fft.rfft(series)) ** 2
     frequencies = np.fft.rfftfreq(series.size, STEP_S)
@@ -146,7 +145,7 @@ VEHICLES = ((0.005, 0.0, 0.87), (0.04, 0.01, 0.4), (0.12, 0.02, 0.18))
 CASES = tuple(zip(EXCITATIONS, VEHICLES, strict=True))
 
 
-def quiet(kind: TrajectoryKind, vehicle: tuple[float, float, float], **changes: object) -> VerticalFlightSpec:
+def quiet(kind, vehicle, **changes):
     lag, delay, friction = vehicle
     fields = {"noise": SensorNoise.none(), "trajectory": kind, "seed": 71, "duration": 40.0} | changes
     return VerticalFlightSpec(viscous_friction=friction, actuator_lag=lag, delay=delay, **fields)
@@ -163,7 +162,7 @@ FAINT = tuple(
 
 
 @functools.cache
-def flights() -> dict[VerticalFlightSpec, SimulatedFlight]:
+def flights():
     specs = [*QUIET, *LEVEL, *FAINT]
     return dict(zip(specs, simulate_vertical_flights(specs), strict=True))
 

@@ -12,18 +12,11 @@ import polars as pl
 import pytest
 from scipy.stats import binom
 
+import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.lab import scenario_files
 from eivor.lab.disturbances import paper_disturbance
-from eivor.lab.records import (
-    AltitudeControl,
-    DisturbanceRoute,
-    Intersample,
-    OpenLoop,
-    Scenario,
-    VelocityControl,
-    simulate,
-)
+from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, OpenLoop, VelocityControl
 from eivor.lab.scenario_files import KINDS as PAGE_KINDS
 from eivor.lab.scenario_files import (
     SHIPPED,
@@ -36,8 +29,6 @@ from eivor.lab.scenario_files import (
     shipped_scenario,
     shipped_scenarios,
 )
-from eivor.motions.identify import identify_flight
-from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import (
     DrydenGust,
@@ -56,7 +47,7 @@ TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
 
 @pytest.fixture
 def read(tmp_path):
-    def reader(text: str) -> Scenario:
+    def reader(text):
         path = tmp_path / "one.toml"
         path.write_text(text, encoding="utf-8")
         return read_scenario(path)
@@ -65,8 +56,8 @@ def read(tmp_path):
 
 
 def test_what_is_left_out_has_the_scenarios_default(read):
-    assert read(TRUTH) == Scenario(0.293, 0.021)
-    assert read(TRUTH + 'kind = "vertical"') == Scenario(0.293, 0.021)
+    assert read(TRUTH) == ev.Scenario(0.293, 0.021)
+    assert read(TRUTH + 'kind = "vertical"') == ev.Scenario(0.293, 0.021)
 
 
 def test_everything_can_be_said(read):
@@ -106,16 +97,16 @@ kind = "paper"
 ratio_to_signal = 0.5
 """
     )
-    assert result == Scenario(
+    assert result == ev.Scenario(
         0.293,
         0.021,
         rate_hz=10.0,
         samples=500,
         excitation=ScaledExcitation(PaperInput(1.0), 0.04),
         noise={
-            "velocity_z": FractionalNoise(1.0, -0.4),
-            "input": WhiteNoise(0.05),
-            "position_z": WhiteNoise(0.02),
+            "velocity_z": ev.FractionalNoise(1.0, -0.4),
+            "input": ev.WhiteNoise(0.05),
+            "position_z": ev.WhiteNoise(0.02),
         },
         noise_to_signal={"velocity_z": 0.1},
         disturbance=paper_disturbance(),
@@ -173,9 +164,9 @@ KINDS = [
 def test_every_kind_simulates(read, section, body, route):
     """A disturbance moves the vehicle by the dynamics, and by the equation only shifts its response."""
     scenario = read(f'{TRUTH}samples = 100\nroute = "{route}"\n[{section}]\n{body}\n')
-    result = simulate(scenario, np.random.default_rng(1))
+    result = ev.simulate(scenario, np.random.default_rng(1))
     assert np.isfinite(result.signals.channel("acceleration_z")).all()
-    calm = simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
+    calm = ev.simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
     moved = np.any(result.truth.channel("velocity_z") != calm.channel("velocity_z"))
     assert moved == (section == "disturbance" and route == "dynamics")
 
@@ -239,7 +230,7 @@ def test_shipped_scenarios_read_and_simulate():
         scenario = shipped_scenario(name)
         assert scenario.samples == 4000
         assert scenario.rate_hz == 5.0
-        simulate(scenario, np.random.default_rng(1))
+        ev.simulate(scenario, np.random.default_rng(1))
 
 
 def test_unknown_shipped_scenario():
@@ -258,7 +249,7 @@ def test_it_is_accepted_and_its_intervals_hold_the_truth():
     specs = [replace(shipped_flight(), seed=seed) for seed in range(SEEDS)]
     accepted, held = 0, dict.fromkeys(("viscous_friction", "input_gain", "effective_lag", "hover_input"), 0)
     for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
-        fit = identify_flight(flight.recording)
+        fit = ev.identify_flight(flight.recording)
         accepted += fit.verdict.status.value == "identified"
         for name in held:
             truth = spec.actuator_lag + spec.delay if name == "effective_lag" else getattr(spec, name)
@@ -278,7 +269,7 @@ VALUES = np.random.default_rng(4).standard_normal(60)
 def series(tmp_path):
     """Scenario file that names a file, and a column of it."""
 
-    def scenario(file: str, column: str = "u") -> Path:
+    def scenario(file, column="u"):
         path = tmp_path / "one.toml"
         path.write_text(SCENARIO + SERIES.format(file=file, column=column), encoding="utf-8")
         return path
@@ -286,7 +277,7 @@ def series(tmp_path):
     return scenario
 
 
-def table(**columns: object) -> pl.DataFrame:
+def table(**columns):
     return pl.DataFrame({"time": np.arange(60.0), "u": VALUES} | columns)
 
 
@@ -297,7 +288,7 @@ def test_column_is_the_input(series, tmp_path, name):
     write(table(), tmp_path / name)
     scenario = read_scenario(series(name))
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
-    truth = simulate(scenario, np.random.default_rng(0)).truth
+    truth = ev.simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
 
 
@@ -381,7 +372,7 @@ def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
         read_scenario(series("mine.csv"))
 
 
-def study_identity(folder: Path, values: str) -> str:
+def study_identity(folder, values):
     path = folder / "study.toml"
     body = SCENARIO + f'excitation = {{ kind = "series", values = {values} }}\n'
     path.write_text(f'runs = 2\nseed = 1\n[scenario]\n{body}[[methods]]\nname = "least_squares"\n')
@@ -444,7 +435,7 @@ omitted = ["rotor_command_*"]
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     return tmp_path / "mine.toml"
 
 
@@ -458,8 +449,8 @@ def test_everything_is_read(file):
     assert flight.attitude.pitch is None
     assert flight.injection.yaw == SteppedExcitation((0.1, -0.1), 0.1)
     assert (flight.wind.steady, flight.wind.z) == ((1.0, 0.0, 0.0), DrydenGust(0.3, 3.0, 2.0))
-    assert flight.sensors.angular_rate.noise == FractionalNoise(0.02, -0.2)
-    assert flight.sensors.velocity.noise == WhiteNoise(0.05)
+    assert flight.sensors.angular_rate.noise == ev.FractionalNoise(0.02, -0.2)
+    assert flight.sensors.velocity.noise == ev.WhiteNoise(0.05)
     assert flight.sensors.rotor_speed is not None
     assert flight.logged.omitted == ("rotor_command_*",)
     assert (flight.trajectory, flight.duration, flight.seed) == (TrajectoryKind.CHIRP, 0.2, 0)
@@ -531,9 +522,9 @@ def test_examples_are_read_and_simulated(tmp_path):
     path = tmp_path / "mine.toml"
     (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
     path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")
-    assert simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
+    assert ev.simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
     path.write_text(about_hover, encoding="utf-8")
-    record = simulate(read_scenario(path), np.random.default_rng(0))
+    record = ev.simulate(read_scenario(path), np.random.default_rng(0))
     assert record.signals.sample_count == 4000
     path.write_text(flight, encoding="utf-8")
     (flights,) = simulate_vertical_flights([read_flight(path)])

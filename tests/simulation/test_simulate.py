@@ -9,23 +9,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import eivor as ev
 from eivor.errors import ParameterError, UsageError
 from eivor.lab.disturbances import Arma
-from eivor.lab.records import (
-    ALWAYS_MEASURED,
-    DisturbanceRoute,
-    Intersample,
-    Scenario,
-    VelocityControl,
-    simulate,
-)
-from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.lab.records import ALWAYS_MEASURED, DisturbanceRoute, Intersample, VelocityControl
+from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.environment import (
     FlightTruth,
     NoiseKind,
     SensorNoise,
-    SimulatedFlight,
     TrajectoryKind,
     altitude_reference,
     sensor_errors,
@@ -35,23 +27,23 @@ from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertic
 from validation.effective_parameters import effective_parameters
 
 NOISY = {
-    "velocity_z": FractionalNoise(1.0, -0.4),
-    "acceleration_z": FractionalNoise(1.0, -0.5),
-    "input": WhiteNoise(1.0),
+    "velocity_z": ev.FractionalNoise(1.0, -0.4),
+    "acceleration_z": ev.FractionalNoise(1.0, -0.5),
+    "input": ev.WhiteNoise(1.0),
 }
 RATIOS = {"velocity_z": 0.1, "acceleration_z": 0.045, "input": 0.045}
-OPEN = Scenario(0.293, 0.021, samples=200)
+OPEN = ev.Scenario(0.293, 0.021, samples=200)
 FULL = replace(
     OPEN, noise=NOISY, noise_to_signal=RATIOS, disturbance=WhiteDisturbance(1.0), disturbance_to_signal=0.3
 )
 CONTROL = {"control": VelocityControl(15.0, 4.0)}
 
 
-def rng(seed: int = 1) -> np.random.Generator:
+def rng(seed=1):
     return np.random.default_rng(seed)
 
 
-def integrated(scenario: Scenario, u: np.ndarray, e: np.ndarray) -> np.ndarray:
+def integrated(scenario, u, e):
     """Velocity at the samples by an adaptive integrator, interval by interval."""
     K, K_u, T = scenario.viscous_friction, scenario.input_gain, scenario.step_s
     linear = scenario.intersample is Intersample.LINEAR
@@ -81,7 +73,7 @@ def test_velocity_is_the_integrators(friction, intersample):
         disturbance=WhiteDisturbance(0.02),
         route=DisturbanceRoute.DYNAMICS,
     )
-    truth = simulate(scenario, rng()).truth
+    truth = ev.simulate(scenario, rng()).truth
     expected = integrated(scenario, truth.channel("input"), truth.channel("disturbance"))
     np.testing.assert_allclose(truth.channel("velocity_z"), expected, atol=1e-9 * np.abs(expected).max())
 
@@ -90,7 +82,7 @@ def test_velocity_is_the_integrators(friction, intersample):
     "scenario", [FULL, replace(FULL, route=DisturbanceRoute.DYNAMICS), replace(FULL, **CONTROL)]
 )
 def test_truth_obeys_the_equation(scenario):
-    truth = simulate(scenario, rng()).truth
+    truth = ev.simulate(scenario, rng()).truth
     v, u, e = (truth.channel(name) for name in ("velocity_z", "input", "disturbance"))
     np.testing.assert_allclose(truth.channel("acceleration_z"), 0.021 * u - 0.293 * v + e, atol=1e-13)
 
@@ -99,9 +91,9 @@ def test_truth_obeys_the_equation(scenario):
 @pytest.mark.parametrize("control", [{}, CONTROL])
 def test_ratios_are_of_the_motion_without_noise(route, control):
     scenario = replace(FULL, route=route, **control)
-    result = simulate(scenario, rng())
-    noiseless = simulate(replace(scenario, noise_to_signal=dict.fromkeys(RATIOS, 0.0)), rng()).truth
-    undisturbed = simulate(
+    result = ev.simulate(scenario, rng())
+    noiseless = ev.simulate(replace(scenario, noise_to_signal=dict.fromkeys(RATIOS, 0.0)), rng()).truth
+    undisturbed = ev.simulate(
         replace(scenario, noise_to_signal={}, noise={}, disturbance=None, disturbance_to_signal=None), rng()
     ).truth
     response = undisturbed.channel("acceleration_z")
@@ -115,7 +107,7 @@ def test_ratios_are_of_the_motion_without_noise(route, control):
 @pytest.mark.parametrize("control", [{}, CONTROL])
 def test_measured_is_true_plus_declared(control):
     """Each error, divided by its declared std, is the unit noise of its own stream."""
-    result = simulate(replace(FULL, **control), rng())
+    result = ev.simulate(replace(FULL, **control), rng())
     streams = rng().spawn(5)
     for name, stream in zip(ALWAYS_MEASURED, streams[2:], strict=True):
         error = result.signals.channel(name) - result.truth.channel(name)
@@ -127,9 +119,9 @@ def test_measured_is_true_plus_declared(control):
 CHANGES = [
     ("excitation", {"excitation": WhiteExcitation(1.0)}),
     ("disturbance", {"disturbance": Arma(1.0, (0.5,))}),
-    ("velocity_z", {"noise": NOISY | {"velocity_z": WhiteNoise(1.0)}}),
-    ("acceleration_z", {"noise": NOISY | {"acceleration_z": FractionalNoise(1.0, 0.2)}}),
-    ("input", {"noise": NOISY | {"input": FractionalNoise(1.0, -0.1)}}),
+    ("velocity_z", {"noise": NOISY | {"velocity_z": ev.WhiteNoise(1.0)}}),
+    ("acceleration_z", {"noise": NOISY | {"acceleration_z": ev.FractionalNoise(1.0, 0.2)}}),
+    ("input", {"noise": NOISY | {"input": ev.FractionalNoise(1.0, -0.1)}}),
 ]
 
 
@@ -137,8 +129,8 @@ CHANGES = [
 def test_changing_one_source_leaves_the_others(changed, change):
     """Realisations in units of their own std, since ratios make sizes depend on each other."""
 
-    def sources(scenario: Scenario) -> dict[str, np.ndarray]:
-        result = simulate(scenario, rng())
+    def sources(scenario):
+        result = ev.simulate(scenario, rng())
         errors = {name: result.signals.channel(name) - result.truth.channel(name) for name in ALWAYS_MEASURED}
         errors |= {
             "excitation": result.truth.channel("input"),
@@ -153,8 +145,8 @@ def test_changing_one_source_leaves_the_others(changed, change):
 
 
 def test_record_without_noise_gives_its_parameters_back():
-    signals = simulate(replace(OPEN, excitation=PaperInput()), rng()).signals
-    rows = VerticalMotion(intercept=False).regression(signals).rows()
+    signals = ev.simulate(replace(OPEN, excitation=PaperInput()), rng()).signals
+    rows = ev.VerticalMotion(intercept=False).regression(signals).rows()
     solution = np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
     np.testing.assert_allclose(solution, [0.293, 0.021], rtol=1e-10)
 
@@ -182,13 +174,13 @@ def test_impossible_scenarios_are_refused(change, said):
 def test_disturbance_without_variation_cannot_be_scaled():
     scenario = replace(OPEN, disturbance=WhiteDisturbance(0.0), disturbance_to_signal=0.1)
     with pytest.raises(ParameterError, match="a disturbance that varies"):
-        simulate(scenario, rng())
+        ev.simulate(scenario, rng())
 
 
 STEP_S = 0.01
 
 
-def reference(kind: TrajectoryKind, *, seed: int = 1, count: int = 6000, vigour: float = 1.0):
+def reference(kind, *, seed=1, count=6000, vigour=1.0):
     rng = np.random.default_rng(seed)
     return altitude_reference(kind, count=count, step_s=STEP_S, rng=rng, vigour=vigour)
 
@@ -236,15 +228,15 @@ LOUD = VerticalFlightSpec(
 )
 
 
-def fly(spec: VerticalFlightSpec) -> SimulatedFlight:
+def fly(spec):
     return next(simulate_vertical_flights([spec]))
 
 
-def values(flight: SimulatedFlight, name: str) -> np.ndarray:
+def values(flight, name):
     return flight.recording.channel(name).values
 
 
-def identical(first: SimulatedFlight, second: SimulatedFlight) -> None:
+def identical(first, second):
     """Raise unless two flights are one, to rounding."""
     assert first.recording.channels.keys() == second.recording.channels.keys()
     for name in first.recording.channels:

@@ -12,16 +12,16 @@ from eivor.errors import InputError
 from eivor.process_pool import abandoned
 
 
-def text_of(item: object) -> str:
+def text_of(item):
     """Any pure function of a module will do."""
     return f"<{item}>"
 
 
-def refusing(item: int) -> int:
+def refusing(item):
     raise InputError(f"no {item}", "one", "Leave it out.")
 
 
-def interrupted_on_the_way() -> object:
+def interrupted_on_the_way():
     """What a worker calls while it takes over its function, before it is set up."""
     os.kill(os.getpid(), signal.SIGINT)
     return text_of
@@ -30,10 +30,10 @@ def interrupted_on_the_way() -> object:
 class Arriving:
     """A function that is interrupted where it arrives."""
 
-    def __call__(self, item: object) -> str:
+    def __call__(self, item):
         return text_of(item)
 
-    def __reduce__(self) -> tuple[object, ...]:
+    def __reduce__(self):
         return interrupted_on_the_way, ()
 
 
@@ -43,7 +43,7 @@ class Patient:
 
     folder: Path
 
-    def __call__(self, item: int) -> int:
+    def __call__(self, item):
         end = time.monotonic() + 600.0
         while item and not abandoned() and time.monotonic() < end:
             time.sleep(0.01)

@@ -6,12 +6,9 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from eivor.lab.experiments import DifferenceEquation
 from eivor.lab.study import TABLE_FILE, MethodChoice, Study
@@ -23,7 +20,7 @@ from eivor.simulation.excitation import Excitation
 class Coin(Excitation):
     """+-1, independent."""
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, count, step_s, rng):
         del step_s
         return rng.choice([-1.0, 1.0], count)
 
@@ -40,12 +37,12 @@ METHODS = (
 )
 
 
-def small_study(runs: int = 60, **changes: object) -> Study:
+def small_study(runs=60, **changes):
     parts: dict[str, object] = {"name": "small", "experiment": EQUATION, "methods": METHODS, "seed": 7}
     return Study(**(parts | {"runs": runs} | changes))
 
 
-def content(folder: Path) -> dict[str, bytes]:
+def content(folder):
     """Every file of trials in a folder, by name."""
     shards = {path.name: path.read_bytes() for path in sorted((folder / "shards").iterdir())}
     return shards | {TABLE_FILE: (folder / TABLE_FILE).read_bytes()}
@@ -69,7 +66,7 @@ class Cluster:
 
 
 @contextmanager
-def dask_cluster(tmp_path: Path) -> Iterator[Cluster]:
+def dask_cluster(tmp_path):
     """A Dask scheduler and two workers on loopback, each a process of its own."""
     scheduler_file = tmp_path / "scheduler.json"
     environment = os.environ | {
@@ -78,7 +75,7 @@ def dask_cluster(tmp_path: Path) -> Iterator[Cluster]:
         "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
     }
 
-    def begun(command: str, *options: str) -> subprocess.Popen[bytes]:
+    def begun(command, *options):
         return subprocess.Popen(
             [
                 *(sys.executable, "-m", f"distributed.cli.dask_{command}"),
@@ -102,21 +99,21 @@ def dask_cluster(tmp_path: Path) -> Iterator[Cluster]:
             process.wait()
 
 
-def address_in(scheduler_file: Path) -> str:
+def address_in(scheduler_file):
     import json
 
     result: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
     return result
 
 
-def wait_for_workers(address: str, count: int) -> None:
+def wait_for_workers(address, count):
     from distributed import Client
 
     with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
         client.wait_for_workers(count, timeout=PATIENCE_S)
 
 
-def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s: float = PATIENCE_S) -> None:
+def wait_until(true, process=None, patience_s=PATIENCE_S):
     end = time.monotonic() + patience_s
     while not true():
         assert process is None or process.poll() is None, "the process ended before it was killed"

@@ -10,24 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import Arma
-from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import read_study, shipped_scenario
 from eivor.lab.study import MethodScore, run_study, scores
 from eivor.process_pool import LocalProcesses
-from eivor.signals.noise import WhiteNoise
-from eivor.simulation.excitation import Disturbance, WhiteDisturbance
-from eivor.tools import Float
+from eivor.simulation.excitation import WhiteDisturbance
 
 SMALL = ("paper", "--runs", "3", "--workers", "1")
 
 
-def eivor(*arguments: str) -> Result:
+def eivor(*arguments):
     return CliRunner().invoke(app, list(arguments))
 
 
@@ -68,8 +65,8 @@ Scored = Callable[[str, int], dict[str, MethodScore]]
 
 
 @pytest.fixture(scope="module")
-def scored(tmp_path_factory: pytest.TempPathFactory) -> Scored:
-    def run(name: str, runs: int) -> dict[str, MethodScore]:
+def scored(tmp_path_factory):
+    def run(name, runs):
         study = replace(read_study(FOLDER / name), runs=runs)
         result = run_study(study, tmp_path_factory.mktemp("study"), executor=LocalProcesses(2))
         return {score.label: score for score in scores(result)}
@@ -148,19 +145,19 @@ KNOWN = {
 
 
 @pytest.mark.parametrize("name", KNOWN)
-def test_shipped_scenarios_have_the_bounds_known_of_them(name: str) -> None:
+def test_shipped_scenarios_have_the_bounds_known_of_them(name):
     bound = ev.bounds.cramer_rao(shipped_scenario(name), runs=4)
     np.testing.assert_allclose(100.0 * np.array(list(bound.relative.values())), KNOWN[name], rtol=0.04)
 
 
-def test_what_friction_does_to_a_disturbance_informs_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_friction_does_to_a_disturbance_informs_of_it(monkeypatch):
     scenario = replace(shipped_scenario("rich-dynamic"), samples=500)
     bound = ev.bounds.cramer_rao(scenario, runs=2).covariance[0, 0]
     monkeypatch.setattr("eivor.lab.cramer_rao._shaped_noise_information", lambda *_: 0.0)
     assert bound < ev.bounds.cramer_rao(scenario, runs=2).covariance[0, 0]
 
 
-def exact_regressors(disturbance: Disturbance | None, response_std: float) -> Scenario:
+def exact_regressors(disturbance, response_std):
     """The velocity is exact, and its equation, which would tell the friction without error, is kept out.
 
     Noise of the velocity far above that of the input, and none to speak of beside the response's, does that.
@@ -168,14 +165,14 @@ def exact_regressors(disturbance: Disturbance | None, response_std: float) -> Sc
     noise = {"input": 1e-7, "velocity_z": 1e3, "acceleration_z": response_std}
     return replace(
         shipped_scenario("white"),
-        noise={name: WhiteNoise(std) for name, std in noise.items()},
+        noise={name: ev.WhiteNoise(std) for name, std in noise.items()},
         noise_to_signal={},
         disturbance=disturbance,
         disturbance_to_signal=None,
     )
 
 
-def regressors(scenario: Scenario) -> Float[np.ndarray, "n 2"]:
+def regressors(scenario):
     """Derivatives of z'' by K and K_u over the first record of a scenario, without their means."""
     truth = ev.simulate(scenario, np.random.default_rng([0, 0])).truth
     K, b, T = scenario.viscous_friction, scenario.input_gain, scenario.step_s
@@ -191,7 +188,7 @@ def regressors(scenario: Scenario) -> Float[np.ndarray, "n 2"]:
     return np.asarray(X - X.mean(axis=0))
 
 
-def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -> None:
+def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares():
     """An autoregression that shifts the response: (X' S^-1 X)^-1, with its covariance matrix S."""
     phi, std = 0.9, 1e-3
     scenario = replace(exact_regressors(Arma(std, (phi,)), 1e-7), samples=1000)
@@ -205,7 +202,7 @@ def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -
     assert np.abs(np.log(separated)).max() > 1.0
 
 
-def test_what_has_no_bound_is_refused() -> None:
+def test_what_has_no_bound_is_refused():
     with pytest.raises(ParameterError, match="in open loop"):
         ev.bounds.cramer_rao(shipped_scenario("closed-loop"))
     with pytest.raises(ParameterError, match="noise of input"):
@@ -222,7 +219,7 @@ def test_readings_are_listed():
     assert "central-10-lags" in run.output
 
 
-def test_a_folder_that_is_a_file_is_told(tmp_path: Path):
+def test_a_folder_that_is_a_file_is_told(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     run = eivor(*SMALL, "--out", str(tmp_path / "file"))
     assert run.exit_code == 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,7 +21,7 @@ from eivor.process_pool import (
     local_executor,
 )
 from studies.mapped_tasks import Arriving, Patient, refusing, text_of
-from studies.study_parts import Cluster, content, dask_cluster, small_study, wait_for_workers
+from studies.study_parts import content, dask_cluster, small_study, wait_for_workers
 from worker_answers import answered
 
 #: Enough shards that every worker has some and a killed one leaves some.
@@ -30,7 +29,7 @@ RUNS = 6 * SHARD_TRIALS + 10
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def expected(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")
     run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
@@ -43,7 +42,7 @@ def test_a_lost_worker_is_a_sentence():
         list(LocalProcesses(1).map(answered, ["a", "die"]))
 
 
-def children() -> list[int]:
+def children():
     """Worker processes of this one."""
     below = [
         int(item) for task in Path("/proc/self/task").glob("*/children") for item in task.read_text().split()
@@ -86,7 +85,7 @@ def test_closing_ends_the_work(executor, tmp_path):
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
+def cluster(tmp_path):
     with dask_cluster(tmp_path) as started:
         yield started
 
@@ -97,7 +96,7 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
     folder = tmp_path / "study"
     killed: list[int] = []
 
-    def kill(done: int, total: int) -> None:
+    def kill(done, total):
         if done >= 2 * SHARD_TRIALS and not killed:
             cluster.workers[0].kill()
             killed.append(done)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from eivor.errors import InputError
@@ -48,7 +46,7 @@ EXTREMES = [
 ]
 
 
-def read(folder: Path, text: str):
+def read(folder, text):
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return read_study(path)

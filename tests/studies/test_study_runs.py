@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import pytest
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
 from eivor.lab.study import PARTS, Row, Share, StudyResult, run_study, schema, scores, trial_nrmse
-from eivor.process_pool import Executor, Item, Result
+from eivor.process_pool import Executor
 from studies.study_parts import METHODS, content, small_study
 
 
@@ -28,9 +27,7 @@ class Recorder(Executor):
     asked: list[int] = field(default_factory=list)
     stop_after: int = 1000
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function, items):
         for count, (entry, item) in enumerate(reversed(list(enumerate(items)))):
             if count == self.stop_after:
                 raise KeyboardInterrupt
@@ -39,7 +36,7 @@ class Recorder(Executor):
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
+def finished(tmp_path_factory):
     return run_study(small_study(), tmp_path_factory.mktemp("finished"))
 
 
@@ -77,7 +74,7 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
 def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
     """It is no Exception, and would end the program with a traceback."""
 
-    def panic(*parts: object, **options: object) -> None:
+    def panic(*parts, **options):
         raise pl.exceptions.PanicException("index out of bounds")
 
     run_study(small_study(30), tmp_path)
@@ -115,7 +112,7 @@ def test_folders_that_are_not_a_studys(tmp_path):
             run_study(small_study(5), other)
 
 
-def of_another_version(folder: Path) -> dict[str, object]:
+def of_another_version(folder):
     """Say in a study's folder that another version has made it; returns what its study.json says then."""
     path = folder / "study.json"
     document: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))

@@ -12,7 +12,6 @@ import eivor
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
-from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import method_choice
 from eivor.lab.study import (
     DIRECT,
@@ -27,8 +26,6 @@ from eivor.lab.study import (
     trial,
 )
 from eivor.lab.study import METHODS as METHOD_NAMES
-from eivor.signals.noise import WhiteNoise
-from eivor.signals.signals import Signals
 from eivor.simulation.excitation import WhiteDisturbance
 from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
@@ -63,7 +60,7 @@ def test_a_trial_is_what_identify_says(covariance):
 @pytest.mark.parametrize("name", METHOD_NAMES)
 def test_every_method_on_the_vertical_experiment(name):
     """Without noise each finds the truth, except bias that there is none to compensate."""
-    experiment = VerticalExperiment(Scenario(0.293, 0.021, samples=500))
+    experiment = VerticalExperiment(ev.Scenario(0.293, 0.021, samples=500))
     lagged = None if name in DIRECT else (0, 10)
     study = small_study(experiment=experiment, methods=(MethodChoice(name, lagged),))
     row = trial(study, 0)
@@ -101,7 +98,7 @@ def test_noise_that_is_not_known_is_not_used():
 class Broken(DifferenceEquation):
     """Fails in some trials."""
 
-    def record(self, rng: np.random.Generator) -> Signals:
+    def record(self, rng):
         if rng.random() < 0.5:
             raise ZeroDivisionError("no record")
         return DifferenceEquation.record(self, rng)
@@ -224,7 +221,7 @@ def test_a_disturbance_moves_the_machine():
         ({"delay": -1}, "a delay of zero or more samples; received -1"),
         ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
         (
-            {"noise": {"velocity_z": WhiteNoise(1.0)}},
+            {"noise": {"velocity_z": ev.WhiteNoise(1.0)}},
             "noise of output, input; received noise of 'velocity_z'",
         ),
     ],

@@ -19,7 +19,7 @@ from validation.flight_recipe.study import (
     requirements,
     score,
 )
-from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR, QUANTITIES, TrialTable, read_trial_table
+from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR, QUANTITIES, read_trial_table
 
 BEGIN, END = f"<!-- generated: {PART} -->", f"<!-- end: {PART} -->"
 
@@ -31,12 +31,12 @@ CHANCE = 1e-3
 
 
 @pytest.fixture(scope="module")
-def calm(trials) -> pl.DataFrame:
+def calm(trials):
     return trials.rows.filter(pl.col("calm"))
 
 
 @pytest.fixture(scope="module")
-def small_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrialTable, str]:
+def small_run(tmp_path_factory):
     """Trials and tables of the command, in a process of its own."""
     folder = tmp_path_factory.mktemp("study")
     trials, page = folder / "trials.parquet", folder / "page.md"
@@ -56,7 +56,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrialTable, str
 
 
 @pytest.fixture(scope="module")
-def trials(small_run) -> TrialTable:
+def trials(small_run):
     return small_run[0]
 
 
@@ -75,12 +75,12 @@ def test_the_small_grid_is_flown_and_meets_what_is_required(small_run, trials, c
     assert far.hits <= most(far.count, 0.04)
 
 
-def least(count: int, share: float) -> int:
+def least(count, share):
     """So many of `count` trials succeed at least, unless a rare chance has it otherwise."""
     return int(binom.ppf(CHANCE, count, share))
 
 
-def most(count: int, share: float) -> int:
+def most(count, share):
     return int(binom.isf(CHANCE, count, share))
 
 

@@ -49,7 +49,7 @@ HALF = TWICE | {
 
 
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def project(tmp_path, monkeypatch):
     # Other plugins than the one that its option is of take a second to load.
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     for name, text in (
@@ -64,7 +64,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def table(project: Path, *entries: dict) -> Path:
+def table(project, *entries):
     path = project / "mutants.toml"
     lines = []
     for entry in entries:

@@ -11,11 +11,11 @@ from validation.paper.page import INERTIA, errata
 
 
 @pytest.fixture(scope="module")
-def checks() -> dict[str, str]:
+def checks():
     return {item.where: item.check for item in errata(4)}
 
 
-def numbers(sentence: str) -> list[float]:
+def numbers(sentence):
     return [float(word) for word in re.findall(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", sentence)]
 
 

@@ -7,8 +7,6 @@ import importlib.util
 import itertools
 import json
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -34,7 +32,7 @@ DATA = ROOT / "src" / "eivor" / "data"
 
 
 @functools.cache
-def example_script() -> ModuleType:
+def example_script():
     spec = importlib.util.spec_from_file_location("make_example", ROOT / "examples/make_example_flight.py")
     assert spec is not None
     assert spec.loader is not None
@@ -65,7 +63,7 @@ def test_example_is_what_its_script_makes(stamps, monkeypatch):
     assert record["seed"] == 20240617
 
 
-def every_effect() -> dict[str, Any]:
+def every_effect():
     """A vehicle with all that RotorPy knows: a hub above the centre of mass, flapping, a full inertia."""
     parameters = vehicle_parameters(Vehicle.HUMMINGBIRD, None)
     raised = {
@@ -75,7 +73,7 @@ def every_effect() -> dict[str, Any]:
     return parameters | products | {"rotor_pos": raised, "k_flap": 2e-5, "c_Dx": 0.02}
 
 
-def multirotor(parameters: dict[str, Any], **options: Any) -> Any:
+def multirotor(parameters, **options):
     from rotorpy.vehicles.multirotor import Multirotor
 
     return Multirotor(parameters, control_abstraction="cmd_motor_speeds", **options)

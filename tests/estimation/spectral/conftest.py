@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -14,11 +12,11 @@ Problem = ev.SignalRegression
 
 
 @pytest.fixture
-def problem_of() -> Callable[[str, int, int], Problem]:
+def problem_of():
     """Problem of a shipped scenario's record: name, samples, seed."""
     from dataclasses import replace
 
-    def made(name: str, samples: int, seed: int) -> Problem:
+    def made(name, samples, seed):
         scenario = replace(shipped_scenario(name), samples=samples)
         signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
         channel = scenario.references[0] if scenario.references else "input"

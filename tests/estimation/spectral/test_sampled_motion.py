@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -15,20 +14,17 @@ from eivor.estimation import spectral_iv
 from eivor.estimation.pair_whitening import PairWhitening, responses
 from eivor.estimation.sampled_motion import NoiseModel, SampledMotion, SampledRecord, unitary_bins
 from eivor.estimation.spectral_iv import spectral_giv_of_flights
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
 from eivor.lab.records import Intersample
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.models.separable import LaggedReferences, SeparableProblem
+from eivor.models.separable import LaggedReferences
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals.recording import Recording
-from eivor.tools import Float
 from tests.flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, flown
 
 
-def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> SampledMotion:
+def motion_of(intersample, blend, samples=801):
     """Motion at the truth of a record without any noise."""
     scenario = replace(
         shipped_scenario("rich"),
@@ -46,14 +42,14 @@ def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> Sam
     return SampledMotion(record, scenario.viscous_friction, scenario.input_gain, blend)
 
 
-def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
+def test_the_noise_model_is_the_covariance_of_what_noises_leave():
     """Residuals of simulated noises have the spectrum of the model, within chance."""
     motion, count = motion_of(Intersample.HOLD, 0.0, 4001), 4001
     noise = NoiseModel(0.3, 0.2, 0.4, 0.5, 0.0, 0.0)
     C = noise.spectrum(motion)
     rng = np.random.default_rng(7)
 
-    def series(variance: float) -> Float[np.ndarray, " bins"]:
+    def series(variance):
         return unitary_bins(np.sqrt(variance) * rng.standard_normal(count))
 
     ratios: list[float] = []
@@ -70,22 +66,22 @@ TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "effective_lag": LAG_
 
 
 @cache
-def log_of(gust: float = 0.4) -> Recording:
+def log_of(gust=0.4):
     return flown(seconds=30.0, gust=gust, seed=3)[0]
 
 
-def identified(method: str, noise: Mapping[str, float] | None = None) -> ev.FlightEstimate:
+def identified(method, noise=None):
     return ev.identify_flight(log_of(), method=method, input_map="square", noise=noise)
 
 
-def problem_of_flight() -> SeparableProblem:
-    flight = prepare(log_of(), Vertical(), FlightOptions(input_map="square"))
+def problem_of_flight():
+    flight = prepare(log_of(), Vertical(), ev.FlightOptions(input_map="square"))
     return Vertical().problem((flight,), LaggedReferences(flight.usable_references))
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
+def test_a_flight_is_told_with_its_lag_and_its_noises():
     result = identified("spectral_giv")
     assert result.verdict.status is Status.IDENTIFIED
     for name, true in TRUTH.items():
@@ -105,7 +101,7 @@ def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch):
     monkeypatch.setattr(spectral_iv, "_squared_distance", lambda *_: 100.0)
     result, plain = identified("spectral_giv"), identified("generalized_iv")
     assert result.verdict.status is Status.WEAK
@@ -117,8 +113,8 @@ def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-def test_equations_without_a_solution_leave_generalized_iv(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> None:
+def test_equations_without_a_solution_leave_generalized_iv(monkeypatch):
+    def fails(*_):
         raise EstimationError("a solution", "none", "Fly more.")
 
     monkeypatch.setattr(PairWhitening, "first_pass", fails)
@@ -129,7 +125,7 @@ def test_equations_without_a_solution_leave_generalized_iv(monkeypatch: pytest.M
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("method", ["spectral_giv", "whittle_ml"])
-def test_without_an_accelerometer_it_is_refused(method: str) -> None:
+def test_without_an_accelerometer_it_is_refused(method):
     log = log_of()
     channels = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
     identify_flight = ev.identify_flight(replace(log, channels=channels), method=method, input_map="square")
@@ -139,9 +135,7 @@ def test_without_an_accelerometer_it_is_refused(method: str) -> None:
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
-def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(monkeypatch):
     problem = problem_of_flight()
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
     farthest = spectral_iv.hotelling_quantile(
@@ -153,12 +147,12 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     assert spectral_iv._squared_distance(spectral_giv, moved) > farthest
 
 
-def run_of(count: int, step_s: float = 0.1) -> SpectralRun:
+def run_of(count, step_s=0.1):
     return SpectralRun(0, count, step_s, (0.04, 4.0))
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_samples() -> None:
+def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_samples():
     K, b, step_s, count = 0.4, 3.0, 0.1, 4000
     time = step_s * np.arange(count)
     u = sum(np.sin(2.0 * np.pi * hertz * time + hertz) for hertz in (0.3, 1.1, 2.3))

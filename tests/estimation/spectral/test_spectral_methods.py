@@ -12,7 +12,7 @@ import pytest
 import eivor as ev
 from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.pair_whitening import corrected_spectrum
-from eivor.estimation.sampled_motion import PairSpectrum, SampledMotion, SampledProblem, sampled_problem
+from eivor.estimation.sampled_motion import PairSpectrum, SampledMotion, sampled_problem
 from eivor.estimation.spectral_equations import (
     SpectralSolution,
     _meat,
@@ -31,7 +31,7 @@ TRUTH = (0.293, 0.021)
 
 
 @pytest.mark.parametrize("method", SPECTRAL)
-def test_a_record_is_told_with_shorter_intervals(problem_of: ProblemOf, method: Callable[[], object]) -> None:
+def test_a_record_is_told_with_shorter_intervals(problem_of, method):
     problem = problem_of("rich", 2000, 21)
     spectral, plain = ev.identify(problem, method()), ev.identify(problem, ev.methods.generalized_iv())
     # by chance the share between samples is more than three standard errors from zero in this record
@@ -46,7 +46,7 @@ def test_a_record_is_told_with_shorter_intervals(problem_of: ProblemOf, method: 
 
 
 @pytest.mark.thorough
-def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
+def test_errors_are_smaller_than_generalized_ivs(problem_of):
     errors: dict[str, list[np.ndarray]] = {"spectral": [], "plain": []}
     for seed in range(24):
         problem = problem_of("white", 1000, seed)
@@ -57,7 +57,7 @@ def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
     assert rmse["spectral"][1] < rmse["plain"][1]
 
 
-def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) -> None:
+def test_under_control_the_reference_is_the_instrument(problem_of):
     result = ev.identify(problem_of("closed-loop", 2000, 5), ev.methods.spectral_giv())
     for name, true in zip(result.names[:2], TRUTH, strict=True):
         low, high = result.interval(name)
@@ -65,7 +65,7 @@ def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) ->
 
 
 @pytest.mark.thorough
-def test_an_input_that_moves_between_samples_is_found_out() -> None:
+def test_an_input_that_moves_between_samples_is_found_out():
     from eivor.lab.records import Intersample
 
     scenario = replace(shipped_scenario("rich"), intersample=Intersample.LINEAR, samples=4000)
@@ -84,7 +84,7 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
     assert doubted >= 3
 
 
-def test_a_likelihood_says_weak_of_an_input_that_is_not_held(problem_of: ProblemOf) -> None:
+def test_a_likelihood_says_weak_of_an_input_that_is_not_held(problem_of):
     for seed in range(3):
         result = ev.identify(problem_of("rich-linear", 500, seed), ev.methods.whittle_ml())
         low, high = result.interval("input_gain")
@@ -94,24 +94,24 @@ def test_a_likelihood_says_weak_of_an_input_that_is_not_held(problem_of: Problem
         assert ev.identify(problem_of("rich", 500, seed), ev.methods.whittle_ml()).status is Status.IDENTIFIED
 
 
-def without_noise(problem: ev.SignalRegression, *names: str) -> ev.SignalRegression:
+def without_noise(problem, *names):
     kept = {name: noise for name, noise in problem.signals.noise.items() if name not in names}
     return replace(problem, signals=replace(problem.signals, noise=kept))
 
 
-def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of: ProblemOf) -> None:
+def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of):
     bare = without_noise(problem_of("rich", 500, 1), "input", "velocity_z")
     with pytest.raises(MissingNoiseError, match=r"noise of input.*spectral_giv"):
         ev.identify(bare, ev.methods.whittle_ml())
 
 
-def test_an_unknown_noise_of_a_white_input_is_refused(problem_of: ProblemOf) -> None:
+def test_an_unknown_noise_of_a_white_input_is_refused(problem_of):
     result = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
     assert result.status is Status.REFUSED
     assert result.method == "spectral_giv"
 
 
-def test_with_references_the_noise_of_the_input_is_of_no_account(problem_of: ProblemOf) -> None:
+def test_with_references_the_noise_of_the_input_is_of_no_account(problem_of):
     problem = problem_of("closed-loop", 2000, 5)
     result = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
     for name, true in zip(result.names[:2], TRUTH, strict=True):
@@ -119,7 +119,7 @@ def test_with_references_the_noise_of_the_input_is_of_no_account(problem_of: Pro
         assert low < true < high
 
 
-def test_what_is_no_sampled_motion_is_refused(problem_of: ProblemOf) -> None:
+def test_what_is_no_sampled_motion_is_refused(problem_of):
     problem = problem_of("rich", 500, 1)
     method = ev.methods.spectral_giv()
     with pytest.raises(UsageError, match="without an intercept"):
@@ -137,7 +137,7 @@ def test_what_is_no_sampled_motion_is_refused(problem_of: ProblemOf) -> None:
 
 
 @pytest.mark.parametrize("method", SPECTRAL)
-def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Callable[[], object]) -> None:
+def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method):
     rng = np.random.default_rng(5)  # of nothing but noise generalized IV makes a negative friction
     noise = {name: rng.standard_normal(300) for name in ("velocity_z", "acceleration_z", "input")}
     signals = ev.Signals(5.0, noise, noise={"input": ev.WhiteNoise(0.1)})
@@ -153,7 +153,7 @@ def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Call
     assert np.isfinite(result.interval("input_gain")).all()
 
 
-def with_gap(problem: ev.SignalRegression) -> ev.SignalRegression:
+def with_gap(problem):
     valid = np.ones(problem.signals.sample_count, dtype=bool)
     valid[100:120] = False
     return replace(problem, signals=replace(problem.signals, valid=valid))
@@ -161,9 +161,7 @@ def with_gap(problem: ev.SignalRegression) -> ev.SignalRegression:
 
 @pytest.mark.parametrize("method", SPECTRAL)
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
-def test_a_record_without_spectra_gets_generalized_ivs_answer(
-    problem_of: ProblemOf, method: Callable[[], object]
-) -> None:
+def test_a_record_without_spectra_gets_generalized_ivs_answer(problem_of, method):
     for problem, why, remedy in (
         (problem_of("rich", 50, 1), "there are 50 samples, and it needs 64", "Give a longer record."),
         (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid", "stretch between gaps"),
@@ -177,7 +175,7 @@ def test_a_record_without_spectra_gets_generalized_ivs_answer(
         assert remedy in result.reasons[-1].remedy
 
 
-def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
+def test_a_short_record_says_what_it_gets(problem_of):
     problem = problem_of("rich", 300, 1)
     result, combined = (
         ev.identify(problem, method())
@@ -189,7 +187,7 @@ def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
     assert "fewer than" not in combined.summary()
 
 
-def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
+def test_answers_that_differ_by_chance_are_no_contradiction():
     """Generalized IV's covariance is told by eight averages: the limit is that of Hotelling's T^2."""
     from eivor.estimation.spectral_iv import COSINE_AVERAGES, FARTHEST
     from eivor.inference.regions import hotelling_quantile
@@ -206,40 +204,40 @@ BINS = 5
 
 
 @pytest.fixture
-def dense() -> np.ndarray:
+def dense():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((BINS, 2, 2)) + 1j * rng.standard_normal((BINS, 2, 2))
     return root @ root.conj().swapaxes(1, 2) + 0.1 * np.eye(2)
 
 
 @pytest.fixture
-def pair() -> np.ndarray:
+def pair():
     rng = np.random.default_rng(2)
     return rng.standard_normal((2, BINS)) + 1j * rng.standard_normal((2, BINS))
 
 
-def as_pair(dense: np.ndarray) -> PairSpectrum:
+def as_pair(dense):
     return PairSpectrum(dense[:, 0, 0].real, dense[:, 1, 1].real, dense[:, 0, 1])
 
 
-def test_solutions_are_those_of_the_matrices(dense: np.ndarray, pair: np.ndarray) -> None:
+def test_solutions_are_those_of_the_matrices(dense, pair):
     expected = np.linalg.solve(dense, pair.T[:, :, None])[:, :, 0].T
     np.testing.assert_allclose(as_pair(dense).solved(pair), expected, rtol=1e-12)
 
 
 @pytest.fixture
-def sampled(problem_of: ProblemOf) -> SampledProblem:
+def sampled(problem_of):
     return sampled_problem(problem_of("rich", 1001, 11), "spectral_giv")
 
 
 @pytest.fixture(params=[False, True], ids=["held", "free rho"])
-def solution(sampled: SampledProblem, request: pytest.FixtureRequest) -> SpectralSolution:
+def solution(sampled, request):
     start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).values[:2].tolist())
     pilot = pilot_at(start, sampled.input_variance)
     return solved_equations(pilot, sampled.input_variance, free_blend=request.param)
 
 
-def test_the_sensitivity_is_the_derivative_of_the_equations(solution: SpectralSolution) -> None:
+def test_the_sensitivity_is_the_derivative_of_the_equations(solution):
     """By the gain, of which no test function is made: what is taken off for the input's noise counts."""
     step = np.array([0.0, 1e-4 * solution.motion.gain, 0.0])
     ends = [replace(solution, motion=moved_by(solution.motion, sign * step)).scores() for sign in (1.0, -1.0)]
@@ -247,9 +245,7 @@ def test_the_sensitivity_is_the_derivative_of_the_equations(solution: SpectralSo
     np.testing.assert_allclose(slope[:2], solution.sensitivity[:2, 1], rtol=1e-6)
 
 
-def test_noise_of_the_input_and_leverage_enlarge_the_covariance(
-    solution: SpectralSolution, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_noise_of_the_input_and_leverage_enlarge_the_covariance(solution, monkeypatch):
     inverse = np.linalg.inv(solution.sensitivity)[: solution.parameters]
     answered = np.tensordot(inverse, solution.tests, axes=1)
     by_noise = _meat(solution, inverse, answered) - _meat(
@@ -261,7 +257,7 @@ def test_noise_of_the_input_and_leverage_enlarge_the_covariance(
     assert np.all(enlarged > np.diag(spectral_covariance(solution).model))
 
 
-def test_a_wrong_model_is_corrected_by_the_residuals(solution: SpectralSolution) -> None:
+def test_a_wrong_model_is_corrected_by_the_residuals(solution):
     """Residuals four times as strong as the model has them: most of it is found."""
     C = solution.spectrum
     rng = np.random.default_rng(1)

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import eivor as ev
 from eivor.flights.lag_prior import LagPrior
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, SensorAgreement
 from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.verdict import (
@@ -20,11 +20,9 @@ from eivor.flights.verdict import (
     reasons_by_quantity,
     systematic_uncertainties,
 )
-from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
-from eivor.inference.verdict import Status, Verdict, verdict
-from eivor.models.separable import Prior
+from eivor.inference.verdict import Status, verdict
 from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities, VelocitySpectrum
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import ThrustDrift
@@ -37,14 +35,14 @@ NAMES = (FRICTION, GAIN, "actuator_lag")
 WEAK, REFUSED, PROVISIONAL = Status.WEAK, Status.REFUSED, Status.PROVISIONAL
 
 
-def quantity(value: float, half_width: float) -> QuantityEstimate:
+def quantity(value, half_width):
     return QuantityEstimate(value, "", 0.5 * half_width, (value - half_width, value + half_width))
 
 
-def strength(F=(50.0, 50.0, 50.0), p_value: float = 0.5, lag_s: float = 0.05, names=NAMES, **sets):
+def strength(F=(50.0, 50.0, 50.0), p_value=0.5, lag_s=0.05, names=NAMES, **sets):
     searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
     agreement = OverIdentification(18.0, 2, p_value, None)
-    known = {name: ConfidenceSet(pieces) for name, pieces in sets.items()}
+    known = {name: ev.ConfidenceSet(pieces) for name, pieces in sets.items()}
     return InstrumentStrength(dict(zip(names, F, strict=True)), agreement, searched, known)
 
 
@@ -59,13 +57,13 @@ GOOD = {
 }
 
 
-def inputs(found=(), flights=(), **changed) -> VerdictInputs:
+def inputs(found=(), flights=(), **changed):
     good = {"checks": VerticalChecks(apparent_gravity=GRAVITY), "strength": strength(), "used_s": 300.0}
     good |= {"command_rate_hz": 100.0, "response_rate_hz": 100.0, "exogenous": True, "direct": False}
     return VerdictInputs(flights, **good | changed, quantities=GOOD | dict(found))
 
 
-def judged(name: str, found=(), **changed) -> Verdict:
+def judged(name, found=(), **changed):
     return verdict(list(reasons_by_quantity(RULES, inputs(found, **changed), QUANTITIES)[name]))
 
 
@@ -78,7 +76,7 @@ UNKNOWN = QuantityEstimate(0.4, "1/s", 0.1, (-np.inf, np.inf))
 SIGN = {"scale": Difference(2.0 * (-1.01 - 1.0) / (-1.01 + 1.0), 1e-3)}
 UNIT = {"scale": Difference(2.0 * 99.0 / 101.0, 1e-3)}
 AGREE = OverIdentification(0.0, 1, 0.5, None)
-CONTRADICTED = LagPrior(Prior(0.05, 0.001), quantity(0.09, 0.002))
+CONTRADICTED = LagPrior(ev.Prior(0.05, 0.001), quantity(0.09, 0.002))
 CASES = [
     # contradictions
     (FRICTION, {FRICTION: quantity(-0.2, 0.1)}, {}, REFUSED, r"came out at -0.2 1/s, which no vehicle has"),
@@ -200,7 +198,7 @@ def test_bounds_themselves_are_accepted_and_what_widens_is_no_veto(name, found, 
 
 
 def test_the_lag_is_asked_for_where_it_would_help():
-    weak, given = (50.0, 50.0, 3.0), LagPrior(Prior(0.05, 0.01), quantity(0.05, 0.1))
+    weak, given = (50.0, 50.0, 3.0), LagPrior(ev.Prior(0.05, 0.01), quantity(0.05, 0.1))
     texts = [
         "--lag MS:STD" in judged(FRICTION, **changed).reasons[0].remedy
         for changed in (
@@ -225,14 +223,14 @@ def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
         assert judged(FRICTION, strength=known).status is status
 
 
-def parts(name: str, found=(), **changed):
+def parts(name, found=(), **changed):
     known = systematic_uncertainties(PARTS, inputs(found, **changed))
     return [(item.counts.value, item.below, item.above, item.sentence) for item in known.get(name, ())]
 
 
-def logged_at(rate_hz: float) -> dict[str, object]:
+def logged_at(rate_hz):
     """A command at even stamps, whose controller's rate is not known."""
-    flight = prepare_vertical(flown(1, seconds=10.0)[0], FlightOptions())
+    flight = prepare_vertical(flown(1, seconds=10.0)[0], ev.FlightOptions())
     unknown = replace(flight, command_slack_s=0.25 / rate_hz, unlogged_step_s=0.5 / rate_hz)
     return {"flights": (unknown,), "command_rate_hz": rate_hz}
 

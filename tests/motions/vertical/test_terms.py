@@ -8,19 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import eivor as ev
 from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, MissingChannelError, UsageError
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import check_options
 from eivor.flights.quantity import Horizon
-from eivor.motions.identify import identify_flight
-from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import fit_of
-from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -55,7 +52,7 @@ def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(log):
     """Real flights lose 1 to 5 per cent of the thrust of one command in half a minute."""
     time = log.channels["rotor_command_1"].time_s
     falling = commanded(log, lambda mapped: mapped * (1.0 + 0.04 * (time - time[0]) / np.ptp(time)))
-    still, fit = (identify_flight(item) for item in (log, falling))
+    still, fit = (ev.identify_flight(item) for item in (log, falling))
     for name in ("viscous_friction", "effective_lag"):
         moved = fit.quantities[name].value - still.quantities[name].value
         assert abs(moved) < 0.25 * still.quantities[name].half_width
@@ -66,7 +63,7 @@ def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(log):
     assert numbers["hover_drift"] == pytest.approx(share, abs=numbers["hover_drift_half_width"])
     assert numbers["hover_drift_half_width"] < 0.4 * share
     assert "thrust of one command fell by 0.3" in dict(fit.fit.motion_checks.report)["drift"]
-    short = identify_flight(log, FlightOptions(window=(5.0, 18.0)))
+    short = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 18.0)))
     assert "thrust_drift" not in short.diagnostics
 
 
@@ -90,9 +87,9 @@ def sagging(log):
 def test_quadratic_drag_is_told_apart_from_friction(log):
     velocity = log.channels["reference_velocity_z"].values
     draggy = commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
-    biased = identify_flight(draggy).quantities["viscous_friction"]
+    biased = ev.identify_flight(draggy).quantities["viscous_friction"]
     assert biased.interval[0] > FRICTION
-    quantities = identify_flight(draggy, terms=("quadratic-drag",)).quantities
+    quantities = ev.identify_flight(draggy, terms=("quadratic-drag",)).quantities
     assert near(quantities["viscous_friction"], FRICTION)
     assert near(quantities["quadratic_drag"], 0.2)
     assert quantities["quadratic_drag"].interval[0] > 0.0
@@ -120,12 +117,12 @@ def test_climbs_with_drag_are_predicted_of_the_input_alone():
 def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     over, near_ground = with_height(log, 0.5)
     near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
-    plain = identify_flight(near_ground, rotor_radius=RADIUS)
+    plain = ev.identify_flight(near_ground, rotor_radius=RADIUS)
     for name in ("input_gain", "hover_input"):
         assert any(
             "rotor radii over the ground" in reason.sentence for reason in plain.quantities[name].reasons
         )
-    fit = identify_flight(near_ground, terms=("ground-effect",), rotor_radius=RADIUS)
+    fit = ev.identify_flight(near_ground, terms=("ground-effect",), rotor_radius=RADIUS)
     assert not any("rotor radii" in reason.sentence for reason in fit.quantities["input_gain"].reasons)
     assert near(fit.quantities["ground_effect"], 0.3)
     assert fit.quantities["ground_effect"].interval[0] > 0.0
@@ -138,7 +135,7 @@ def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
 def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     voltage = sagging(log)
     sags = commanded(with_channel(log, "battery_voltage", 16.0 * voltage), lambda U: U / voltage**2)
-    fit = identify_flight(sags, terms=("voltage",))
+    fit = ev.identify_flight(sags, terms=("voltage",))
     assert near(fit.quantities["voltage_exponent"], 2.0)
     assert fit.quantities["voltage_exponent"].interval[0] > 1.0
     # a slow column: its covariance is taken row by row as well
@@ -147,7 +144,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     # at the mean voltage
     assert near(fit.quantities["hover_input"], HOVER)
     # another part of the flight is predicted with the voltage that the gain belongs to, not with its own
-    result = validate(fit, sags, window=(0.0, 12.0))
+    result = ev.validate(fit, sags, window=(0.0, 12.0))
     assert result.motion.mean_voltage == fit.motion.mean_voltage
     assert result.predicts
     reported = next(
@@ -161,7 +158,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
         for name, parameter in fit.estimate.parameters.items()
     ]
     blind = replace(saved.joint, values=np.array(values))
-    worse = validate(replace(saved, estimated=blind), sags, window=(0.0, 12.0)).predictions
+    worse = ev.validate(replace(saved, estimated=blind), sags, window=(0.0, 12.0)).predictions
     assert reported.error.rms < next(item for item in worse if item.horizon is Horizon.OPEN_LOOP).error.rms
 
 
@@ -169,7 +166,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
 def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(log):
     _, high_up = with_height(with_channel(log, "battery_voltage", 16.0 * sagging(log)), 0.5)
     every = ("quadratic-drag", "ground-effect", "voltage")
-    fit = identify_flight(high_up, terms=every, rotor_radius=RADIUS)
+    fit = ev.identify_flight(high_up, terms=every, rotor_radius=RADIUS)
     for name in ("quadratic_drag", "ground_effect", "voltage_exponent"):
         low, high = fit.quantities[name].interval
         assert low < 0.0 < high
@@ -184,7 +181,7 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         "z'' + g = K_u U - K z' + b - K_2 z'|z'| + k g (U/mean U) (R/h)² + n g (U/mean U) (V/V_0 - 1); "
     )
     with pytest.raises(InputError, match="begins or ends on the ground"):
-        validate(fit, log)
+        ev.validate(fit, log)
     reported = json.loads(json_text(json_document(fit)))
     assert reported["prediction"]["vehicle"] == {
         "rotor_radius": RADIUS,
@@ -192,32 +189,32 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
     }
     reported["prediction"]["vehicle"] = None  # as it was written before terms were predicted with
     with pytest.raises(UsageError, match="radius of a rotor"):
-        validate(fit_of(reported), high_up)
+        ev.validate(fit_of(reported), high_up)
     reported["prediction"]["vehicle"] = {"rotor_radius": "wide"}
     with pytest.raises(InputError, match="with rotor_radius and mean_voltage of its terms"):
-        validate(fit_of(reported), high_up)
+        ev.validate(fit_of(reported), high_up)
 
 
 def test_without_instruments_terms_are_provisional(log):
-    fit = identify_flight(log, terms=("quadratic-drag",), method="least_squares")
+    fit = ev.identify_flight(log, terms=("quadratic-drag",), method="least_squares")
     assert fit.quantities["quadratic_drag"].verdict.value == "provisional"
 
 
 def test_what_a_term_needs_is_asked_for(log):
     with pytest.raises(UsageError, match="quadratic-drag, ground-effect, voltage; received 'qudratic-drag'"):
-        identify_flight(log, terms=("qudratic-drag",))
+        ev.identify_flight(log, terms=("qudratic-drag",))
     with pytest.raises(UsageError, match="each term once; received voltage twice"):
-        identify_flight(log, terms=("voltage", "voltage"))
+        ev.identify_flight(log, terms=("voltage", "voltage"))
     with pytest.raises(UsageError, match="the radius of a rotor with the term ground-effect"):
-        identify_flight(log, terms=("ground-effect",))
+        ev.identify_flight(log, terms=("ground-effect",))
     with pytest.raises(UsageError, match="between 0 and 5 m; received -1 m"):
-        identify_flight(log, rotor_radius=-1.0)
+        ev.identify_flight(log, rotor_radius=-1.0)
     with pytest.raises(MissingChannelError, match="battery_voltage for the term voltage"):
-        identify_flight(log, terms=("voltage",))
+        ev.identify_flight(log, terms=("voltage",))
     with pytest.raises(MissingChannelError, match="position_z for the term ground-effect"):
-        identify_flight(changed(log, "position_z"), terms=("ground-effect",), rotor_radius=RADIUS)
+        ev.identify_flight(changed(log, "position_z"), terms=("ground-effect",), rotor_radius=RADIUS)
     with pytest.raises(InputError, match="begins or ends on the ground"):
-        identify_flight(log, terms=("ground-effect",), rotor_radius=RADIUS)
+        ev.identify_flight(log, terms=("ground-effect",), rotor_radius=RADIUS)
     measured = with_channel(log, "battery_voltage", 16.0 * sagging(log))
     command = measured.channels["rotor_command_1"]
     measured = replace(
@@ -226,7 +223,7 @@ def test_what_a_term_needs_is_asked_for(log):
         | {"rotor_speed_1": replace(command, name="rotor_speed_1", held=False)},
     )
     with pytest.raises(InputError, match="commands for the term voltage"):
-        identify_flight(measured, terms=("voltage",))
+        ev.identify_flight(measured, terms=("voltage",))
 
 
 def test_the_command_line_takes_terms_before_a_log_is_read():
@@ -238,4 +235,4 @@ def test_the_command_line_takes_terms_before_a_log_is_read():
 
 def test_motions_without_terms_say_so():
     with pytest.raises(UsageError, match="no optional terms: 'rates' has none"):
-        check_options(motion_by_name("rates"), FlightOptions(terms=("voltage",)))
+        check_options(ev.motion_by_name("rates"), ev.FlightOptions(terms=("voltage",)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,24 +12,19 @@ import eivor as ev
 from coarse_search import coarse
 from eivor.errors import InputError, UsageError
 from eivor.flights.motion import for_flights, of_vehicle
-from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference
-from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.logs.read import example_flight
-from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings
 from eivor.motions.vertical.regression import check_terms
 from eivor.motions.vertical.verdict import near_ground
-from eivor.signals.recording import Recording
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
 
 @pytest.fixture(scope="module")
-def fit() -> ev.FlightEstimate:
+def fit():
     with coarse():
-        return ev.identify_flight(example_flight(), FlightOptions(window=(0.0, 20.0)))
+        return ev.identify_flight(ev.example_flight(), ev.FlightOptions(window=(0.0, 20.0)))
 
 
 @pytest.mark.thorough
@@ -43,14 +37,14 @@ def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
 
 
 def test_an_input_of_zero_says_nothing_of_its_variation():
-    log = example_flight()
+    log = ev.example_flight()
     off = {
         name: replace(channel, values=np.zeros_like(channel.values))
         for name, channel in log.channels.items()
         if name.startswith("rotor_command")
     }
     idle = replace(log, channels={**log.channels, **off, "landed": replace(off["rotor_command_1"])})
-    flight = prepare(idle, Vertical(), FlightOptions())
+    flight = prepare(idle, Vertical(), ev.FlightOptions())
     assert flight.runs
     assert Vertical().abilities.excitation((flight,)) == ""
 
@@ -66,7 +60,7 @@ def test_lag_and_delay_have_profile_sets_and_their_sum_is_known_best(fit):
 RADIUS = 0.2
 
 
-def flight(lowest: float, *, on_ground: bool = True):
+def flight(lowest, *, on_ground=True):
     log = flown(seconds=10.0, seed=5)[0]
     height = log.channels["position_z"]
     over = height.values - height.values.min() + lowest
@@ -76,7 +70,7 @@ def flight(lowest: float, *, on_ground: bool = True):
         height, time_s=np.concatenate([time, height.time_s]), values=np.concatenate([before, over])
     )
     log = replace(log, channels={**log.channels, "position_z": changed})
-    return prepare(log, Vertical(), FlightOptions())
+    return prepare(log, Vertical(), ev.FlightOptions())
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -97,16 +91,16 @@ def test_nothing_is_known_without_radius_or_ground_or_where_the_equation_has_it(
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_the_radius_comes_from_a_vehicle_too(tmp_path: Path):
+def test_the_radius_comes_from_a_vehicle_too(tmp_path):
     file = tmp_path / "mine.toml"
     rotors = '[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n'
     file.write_text(rotors + "radius = 0.15\n", encoding="utf-8")
     vertical = of_vehicle(Vertical(), str(file))
     assert vertical.rotor_radius == 0.15
-    check_terms(FlightOptions(terms=("ground-effect",)), vertical.rotor_radius)
+    check_terms(ev.FlightOptions(terms=("ground-effect",)), vertical.rotor_radius)
     low = (flight(0.4),)
-    assert for_flights(vertical, low, FlightOptions()).rotor_radius == 0.15
-    assert for_flights(vertical, low, FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
+    assert for_flights(vertical, low, ev.FlightOptions()).rotor_radius == 0.15
+    assert for_flights(vertical, low, ev.FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
     with pytest.raises(UsageError, match="the radius of its rotors"):
         of_vehicle(Vertical(), "quadrotor-x")
     file.write_text(rotors + "radius = 15.0\n", encoding="utf-8")
@@ -119,7 +113,7 @@ TIME = np.arange(0.0, 30.0, 0.1)
 
 
 @pytest.fixture(scope="module")
-def log() -> Recording:
+def log():
     """A flight by thrust, whose hover input is .495."""
     flight = flown(seed=2, noise=0.3)[0]
     commands = flight.channel("rotor_command_1").values
@@ -129,12 +123,12 @@ def log() -> Recording:
     )
 
 
-def told(log: Recording, values: np.ndarray | None = None, **parameters: float) -> dict[str, str]:
+def told(log, values=None, **parameters):
     log = replace(log, parameters=dict(log.parameters) | parameters)
     if values is not None:
         log = changed(log, hover_thrust_estimate=channel("hover_thrust_estimate", TIME, values))
-    result = identify_flight(log)
-    assert isinstance(result, FlightEstimate)
+    result = ev.identify_flight(log)
+    assert isinstance(result, ev.FlightEstimate)
     assert result.quantities["hover_input"].verdict is Status.IDENTIFIED
     return {finding.name: finding.message for finding in result.findings if finding.name.startswith("hover")}
 
@@ -172,16 +166,16 @@ def test_an_estimate_at_its_limit_is_not_compared(log, value, words):
 @pytest.mark.usefixtures("coarse_search")
 def test_a_hover_that_is_not_identified_or_no_thrust_is_not_compared(log):
     wrong = replace(log, parameters={"MPC_THR_HOVER": 0.3})
-    biased = identify_flight(wrong, FlightOptions(input_map="linear", method="least_squares"))
+    biased = ev.identify_flight(wrong, ev.FlightOptions(input_map="linear", method="least_squares"))
     assert biased.quantities["hover_input"].verdict is Status.PROVISIONAL
     rotors = changed(wrong, "input", rotor_command_1=wrong.channel("input").values)
-    for result in (biased, identify_flight(rotors)):
+    for result in (biased, ev.identify_flight(rotors)):
         assert not [finding.name for finding in result.findings if finding.name.startswith("hover")]
 
 
 @pytest.fixture(scope="module")
 def prepared():
-    return prepare_vertical(flown(seconds=150.0, noise=0.3)[0], FlightOptions())
+    return prepare_vertical(flown(seconds=150.0, noise=0.3)[0], ev.FlightOptions())
 
 
 def told_supply(prepared, volts=None, **changes):
@@ -226,7 +220,7 @@ def test_flights_of_a_pool_are_named(prepared):
     assert second.name == "voltage_not_logged"
 
 
-def bend(value: float) -> Difference:
+def bend(value):
     """So many standard errors of a bend."""
     return Difference(value, 1.0)
 

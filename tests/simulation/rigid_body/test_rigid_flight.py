@@ -17,7 +17,7 @@ from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import Cascade, FlightController, Sensor, gains_of, mixer_of, torque_limits
 from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
-from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
@@ -65,15 +65,15 @@ LOUD = RigidBodyFlightSpec(
 
 
 @cache
-def fly(spec: RigidBodyFlightSpec) -> RigidBodyFlight:
+def fly(spec):
     return next(simulate_rigid_body_flights([spec]))
 
 
-def values(flight: RigidBodyFlight, name: str) -> np.ndarray:
+def values(flight, name):
     return flight.recording.channel(name).values
 
 
-def vectors(flight: RigidBodyFlight, stem: str, parts: str = "xyz") -> np.ndarray:
+def vectors(flight, stem, parts="xyz"):
     return np.column_stack([values(flight, f"{stem}_{part}") for part in parts])
 
 
@@ -132,7 +132,7 @@ def test_equations_of_the_truth_hold():
         np.testing.assert_allclose(result, expected, rtol=0.01)  # trapezoids across kinks
 
 
-def mean_squares(command: np.ndarray, speed: np.ndarray, step_s: float, lag_s: float) -> np.ndarray:
+def mean_squares(command, speed, step_s, lag_s):
     """Mean of the squared speed over each step, from its course under a held command."""
     away, left = speed - command, np.exp(-step_s / lag_s)
     once, twice = lag_s * (1.0 - left) / step_s, lag_s * (1.0 - left**2) / (2.0 * step_s)
@@ -190,7 +190,7 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
     assert channels["velocity_z"].time_s.size == 200
 
 
-def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
+def same(first, second):
     for part in fields(RigidBodyTruth):
         item, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
         if isinstance(item, np.ndarray):

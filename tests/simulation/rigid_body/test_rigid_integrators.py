@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, coefficients_of, speed_derivative
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, speed_derivative
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.simulation.rigid_body_spec import HeldInputs, RotorCourse, runge_kutta
 
@@ -31,19 +30,11 @@ DRAGGED = replace(
 LEVEL = [0.0] * 6 + [1.0] + [0.0] * 6
 
 
-def turning(rates: Sequence[float]) -> list[float]:
+def turning(rates):
     return LEVEL[:10] + list(rates)
 
 
-def flown(
-    coefficients: Coefficients,
-    body: list[float],
-    speeds: list[float],
-    held: HeldInputs,
-    *,
-    step_s: float,
-    seconds: float,
-) -> tuple[np.ndarray, np.ndarray]:
+def flown(coefficients, body, speeds, held, *, step_s, seconds):
     """States of body and rotors at the start and after each step."""
     stepper = runge_kutta(coefficients, step_s)
     bodies, rotors = [body], [speeds]
@@ -54,7 +45,7 @@ def flown(
     return np.array(bodies), np.array(rotors)
 
 
-def rotations(bodies: np.ndarray) -> Rotation:
+def rotations(bodies):
     return Rotation.from_quat(bodies[:, 6:10], scalar_first=True)
 
 
