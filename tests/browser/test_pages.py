@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 from dataclasses import replace
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
 
@@ -67,21 +64,6 @@ def watched_site(chromium):
         context.close()
 
 
-@pytest.fixture
-def served():
-    """Address of a server of the pages."""
-    handler = partial(QuietHandler, directory=SITE)
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
-
-
-class QuietHandler(SimpleHTTPRequestHandler):
-    def log_message(self, *_):
-        pass
-
-
 def outside(page, origin):
     return [url for url in page.asked if not url.startswith((f"{origin}/", "data:"))]
 
@@ -120,20 +102,6 @@ def test_search_from_disk(watched_site):
     page.wait_for_url("file://**/*.html*")
     assert page.url.partition("?")[0] != (Path(SITE) / "studies" / "coverage.html").as_uri()
     assert outside(page, f"file://{SITE}") == []
-    assert page.said == []
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(
-    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
-)
-def test_search_and_equations_from_a_server(watched_site, served):
-    page = watched_site(offline=False)
-    page.goto(f"{served}/studies/coverage.html")
-    seen = page.evaluate(EQUATIONS)
-    assert seen["drawn"] == seen["all"] > 0
-    assert "efficiency.html" in searched(page, "Whittle")
-    assert outside(page, served) == []
     assert page.said == []
 
 

@@ -13,9 +13,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -29,7 +27,6 @@ from eivor.signals.recording import DataSheet
 from eivor.tools import Stage
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
-Caller = Callable[..., Any]
 
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
@@ -51,20 +48,6 @@ def test_help_loads_nothing_heavy():
     heavy = {"numpy", "polars", "scipy", "scipy.signal", "matplotlib", "pyulog", "pooch", "requests"}
     assert "eivor.cli.main" in loaded
     assert not heavy & loaded
-
-
-@pytest.mark.thorough
-def test_a_shell_completes_commands_and_options(shell, eivor):
-    for words, expected in (
-        ("eivor ide", "identify"),
-        ("eivor identify --exa", "--example"),
-        ("eivor identify --method spec", "spectral_giv"),
-    ):
-        completed = shell(
-            _EIVOR_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1)
-        )
-        assert completed.out.split() == [expected]
-    assert "--install-completion" in eivor("--help").out
 
 
 def test_version(eivor):

@@ -6,9 +6,7 @@ import inspect
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars
@@ -16,7 +14,6 @@ import pytest
 
 from eivor.cli.identify import identify, report
 
-Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 

@@ -7,11 +7,10 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from fnmatch import fnmatch
 from itertools import combinations, cycle
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 import typer
@@ -35,7 +34,6 @@ from eivor.cli.outputs import (
 )
 from eivor.errors import InputError, UsageError
 
-Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("coarse_search")
 
 STUDY = """
@@ -429,31 +427,6 @@ def test_files_are_written_when_nobody_reads_the_report(tmp_path):
     )
     assert run.stderr == ""
     assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))["schema"] == "eivor.inspect/1"
-
-
-@pytest.mark.thorough
-def test_inspect_and_study_print_what_their_file_does_not_hold(study):
-    folder = study.parent
-    for name, arguments in (
-        ("inspect.json", ("inspect", "drive.parquet")),
-        ("study-found.json", ("study", "study.toml", "--workers", "1")),
-    ):
-        if arguments[0] == "inspect":
-            from eivor.logs.read import example_flight
-            from eivor.logs.table.columnar import write_recording
-
-            write_recording(example_flight(), folder / "drive.parquet")
-        (folder / name).symlink_to("/dev/full")
-        run = subprocess.run(
-            [sys.executable, "-c", "from eivor.cli.main import run; run()", *arguments, "--json", name],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=folder,
-        )
-        assert run.returncode == 1
-        assert len(run.stdout.splitlines()) > 5
-        assert "No space left" in run.stderr
 
 
 @pytest.mark.thorough

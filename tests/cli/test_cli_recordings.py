@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,6 @@ import pytest
 
 from coarse_search import coarse
 from eivor.tools import plain_text
-
-Caller = Callable[..., Any]
 
 CLEAN = (
     "B2_circle_fast_rep1",

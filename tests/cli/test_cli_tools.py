@@ -22,7 +22,7 @@ import eivor as ev
 from coarse_search import full
 from eivor.cli import tools
 from eivor.cli.tools import PublicLog, fetched, public_logs
-from eivor.errors import CorruptLogError, InputError
+from eivor.errors import InputError
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles, vehicle_template
 from eivor.planning.vehicle import VehicleGuess
 from eivor.report import other_results
@@ -340,16 +340,6 @@ def test_a_log_is_fetched_once(server: str, tmp_path: Path) -> None:
     assert path.read_bytes() == CONTENT
     (tmp_path / "origin" / "x.ulg").unlink()
     assert fetched(_log(server), folder=folder) == path
-
-
-@pytest.mark.thorough
-def test_only_the_right_content_is_kept(server: str, tmp_path: Path) -> None:
-    path = fetched(_log(server), folder=tmp_path / "damaged")
-    path.write_bytes(b"damage")
-    assert fetched(_log(server), folder=tmp_path / "damaged").read_bytes() == CONTENT
-    with pytest.raises(CorruptLogError, match="another content"):
-        fetched(_log(server, b"other"), folder=tmp_path / "cache")
-    assert not list((tmp_path / "cache").glob("*"))
 
 
 def test_what_cannot_be_fetched_is_told(server: str, tmp_path: Path) -> None:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import polars
 import pytest
-
-Caller = Callable[..., Any]
-Columns = dict[str, tuple[np.ndarray, np.ndarray]]
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
 

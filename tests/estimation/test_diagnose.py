@@ -381,11 +381,3 @@ def test_default_intervals_cover(name):
     )
     low, high = stats.binom.ppf(CHANCE, RUNS, 0.92), stats.binom.ppf(1.0 - CHANCE, RUNS, 0.98)
     assert np.all((low <= hits) & (hits <= high)), hits / RUNS
-
-
-@pytest.mark.calibration
-def test_a_method_that_is_told_nothing_of_the_errors_does_not_cover():
-    hits = coverage(
-        lambda rng: ev.identify(problem_intervals(rng, "errors in regressors"), least_squares), seed=99
-    )
-    assert np.all(hits < stats.binom.ppf(CHANCE, RUNS, 0.5))

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 import eivor as ev
@@ -70,37 +69,6 @@ def test_known_orders_are_a_linear_problem(name):
     model = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))
     result = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
     assert result.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
-
-
-def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
-    problem = MODEL.problem(record(noise_ratio=0.05))
-    method = methods.bias_compensated_least_squares()
-
-    def misfit(order):
-        rows = problem.regression({"order": order}).rows()
-        columns = np.column_stack([rows.regressors, rows.response])
-        moments = columns.T @ columns / rows.response.size - rows.regressor_noise_covariance()
-        return moments[-1, -1] - moments[-1, :-1] @ np.linalg.solve(moments[:-1, :-1], moments[:-1, -1])
-
-    parameter = ev.identify(problem, method).parameters["order"]
-    least = minimize_scalar(misfit, bounds=(parameter - 0.05, parameter + 0.05), options={"xatol": 1e-10})
-    assert parameter == pytest.approx(least.x, abs=1e-6)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("shape", [ev.WhiteNoise(1.0), ev.FractionalNoise(1.0, 0.3)])
-def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape):
-    """20 dB on both signals; a fractional noise is compensated by its own tags."""
-    errors = {"least_squares": [], "total_least_squares": [], "generalized_iv": []}
-    for seed in range(4):
-        signals = record(seed, 1000, noise_ratio=0.1, shape=shape)
-        for name, error in errors.items():
-            method, instruments = METHODS[name]
-            problem = MODEL.problem(signals, instruments, divided_by_output_at=TRUTH | {"order": 0.6})
-            error.append(ev.identify(problem, method).parameters["output_coefficient_2"] - 8.0)
-    means = {name: abs(np.mean(item)) for name, item in errors.items()}
-    assert means["total_least_squares"] < 0.3 * means["least_squares"]
-    assert means["generalized_iv"] < 0.3 * means["least_squares"]
 
 
 def test_the_estimate_is_one_like_all_others():

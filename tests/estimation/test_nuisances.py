@@ -121,18 +121,6 @@ def test_intervals_of_two_nuisances_cover(spread, number):
     assert stats.binom.ppf(1e-4, RUNS, 0.95) <= covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.calibration
-def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
-    squared = [
-        d @ np.linalg.solve(fit.joint_covariance.part("classical").matrix, d)
-        for fit in spread
-        for d in [fit.values - TRUTH]
-    ]
-    low, high = stats.chi2(4 * RUNS).ppf([1e-4, 1.0 - 1e-4])
-    assert low < np.sum(squared) < high
-
-
 def pseudo_observed(made, method, prior):
     """Joint minimum with the prior as one more row, and the covariance of that; s^2 is that of the rows."""
     fit = ev.identify(made, method)
@@ -286,12 +274,6 @@ def test_what_is_no_method_is_refused(given, said):
 def test_what_is_no_problem_is_refused():
     with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
         ev.identify(np.zeros((10, 2)), least_squares())
-
-
-def over(box, function):
-    """Values of a function of one array for each variable, at the points of a box."""
-    mesh = np.meshgrid(*box, indexing="ij")
-    return np.asarray(function(*mesh), dtype=np.float64).ravel()
 
 
 def test_of_two_valleys_the_deeper_one_is_searched():

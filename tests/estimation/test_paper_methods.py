@@ -381,27 +381,6 @@ def test_the_k_class(seed, strength):
         np.testing.assert_allclose(list(liml.parameters.values()), wanted, rtol=1e-9)
 
 
-@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
-def test_the_compensated_k_class():
-    """(A'A - (k - 1) S) theta = A'b - (k - 1) s of two-stage equations without what noises share."""
-    y, X, Z = weakly_instrumented(4)
-    C = np.zeros((6, 4))
-    C[0, 1], C[2, 0] = 0.2, 0.1
-    problem = ev.regression(response=y, regressors=X, instruments=Z, instrument_noise_covariance=C)
-    both, rows = np.column_stack([X, y]), len(y)
-    weight = np.linalg.inv(Z.T @ Z / rows)
-    cross = Z.T @ both / rows
-    S = both.T @ both / rows - cross.T @ weight @ cross
-    G = (cross - C).T @ weight @ (cross - C)
-    S[1:3], S[:, 1:3] = 0.0, 0.0  # its own instrument, and the constant
-    largest = scipy.linalg.eigvals(S, G).real.max()  # of the inverse, since S is singular
-    for strength, method in ((0.0, ev.methods.generalized_liml()), (4.0, ev.methods.generalized_fuller(4.0))):
-        shift = 1.0 / largest - strength / (rows - 6)
-        wanted = np.linalg.solve(G[:-1, :-1] - shift * S[:-1, :-1], G[:-1, -1] - shift * S[:-1, -1])
-        result = ev.identify(problem, method)
-        np.testing.assert_allclose(list(result.parameters.values()), wanted, rtol=1e-9)
-
-
 def test_what_limited_information_cannot_use_is_refused():
     rng = np.random.default_rng(6)
     X = rng.standard_normal((20, 2))

@@ -121,19 +121,6 @@ def autocorrelated(trial, rows, memory):
 
 
 @pytest.mark.calibration
-def test_intervals_of_autocorrelated_errors_cover():
-    """Within binomial error of 90 %, and of the four percent that blocks of finite length lose."""
-    trials, held = 150, 0
-    for trial in range(trials):
-        problem = autocorrelated(trial, 1000, 0.6)
-        result = bootstrap(problem, methods.least_squares(), runs=99, seed=trial)
-        low, high = result.interval("theta_1", 0.9)
-        held += low <= 0.5 <= high
-    error = 3.0 * np.sqrt(0.9 * 0.1 / trials)
-    assert 0.86 - error < held / trials < 0.9 + error
-
-
-@pytest.mark.calibration
 def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not():
     """Variance of the slope over 150 data sets, against the mean of what the blocks say (no runs needed)."""
     trials, slopes, selected, alone = 150, [], [], []
@@ -221,25 +208,6 @@ def test_a_replicate_written_out():
     W = np.linalg.inv(Q.T @ Q)
     theta = np.linalg.solve(A.T @ W @ A, A.T @ W @ b)
     np.testing.assert_allclose(result.theta, theta, rtol=1e-9)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.thorough
-def test_replicates_are_what_the_method_makes_of_the_drawn_flights():
-    """The method renews its whitening in each: a tenth or two of a standard error, no more."""
-    nuisances = (lag(), share())
-    problem = pool([0, 1, 2, 3, 4, 5], *nuisances)
-    estimate = ev.identify(problem, reference_iv())
-    again, random = pool_flights(problem, estimate), np.random.default_rng(1)
-    moved = []
-    for _ in range(4):
-        result, times = again.replicate(random)
-        drawn = [seed for seed, count in enumerate(times) for _ in range(int(count))]
-        full = ev.identify(pool(drawn, *nuisances), reference_iv())
-        away = joint(estimate, result) - full.values
-        assert (np.abs(away) < 0.25 * errors(estimate)).all()
-        moved.append(np.abs(joint(estimate, result) - estimate.values) / errors(estimate))
-    assert (np.max(moved, axis=0) > 0.3).all()
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

@@ -9,15 +9,12 @@ import importlib.resources
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 import eivor as ev
 import shape_checks
 from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
 from eivor.inference.confidence_set import profile_interval
-from eivor.inference.regions import fieller_set
 from eivor.lab.scenario_files import shipped_scenario
 
 LEVEL = 0.95
@@ -184,45 +181,6 @@ def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):
     y = x @ truth + noise * rng.standard_normal(count)
     problem = ev.regression(response=y, regressors=x, names=["a", "b"])
     return ev.identify(problem, ev.methods.least_squares())
-
-
-@given(
-    p=st.floats(-3, 3),
-    q=st.floats(-3, 3),
-    corr=st.floats(-0.95, 0.95),
-    unit=st.sampled_from([1e-6, 1.0, 1e6]),
-)
-def test_fieller_set_is_the_inverted_test(p, q, corr, unit):
-    V = np.array([[1.0, 0.8 * corr], [0.8 * corr, 0.64]])
-    scale = np.diag([1.0, unit])
-    result = fieller_set(scale @ [p, q], scale @ V @ scale, 1.5)
-    for r in np.concatenate([np.linspace(-40, 40, 161), [-1e6, 1e6]]):
-        distance = (p - r * q) ** 2 - 1.5**2 * (V[0, 0] - 2 * r * V[0, 1] + r**2 * V[1, 1])
-        if abs(distance) > 1e-6 * (1 + r**2):
-            assert result.contains(r / unit) == (distance <= 0.0)
-
-
-@pytest.mark.thorough
-def test_profile_does_not_depend_on_a_monotone_scale():
-    rng = np.random.default_rng(3)
-    root = 0.3 * rng.standard_normal((3, 3))
-    values, C = np.array([1.0, 2.0, 0.5]), root @ root.T
-
-    def bent(v):
-        return float(v[0] + 0.4 * v[1] ** 2 + 0.3 * v[2] * v[0])
-
-    low, high = profile_interval(bent, values, C, 1.96)
-    logarithmic = profile_interval(lambda v: np.exp(bent(v)), values, C, 1.96)
-    assert logarithmic == pytest.approx((np.exp(low), np.exp(high)), rel=1e-5)
-    # No vector of the ellipsoid lies beyond.
-    eigenvalues, vectors = np.linalg.eigh(C)
-    w = rng.standard_normal((4000, 3))
-    w /= np.linalg.norm(w, axis=1, keepdims=True)
-    around = values + 1.96 * w @ (vectors * np.sqrt(eigenvalues)).T
-    reached = np.array([bent(v) for v in around])
-    assert low <= reached.min() + 1e-9
-    assert high >= reached.max() - 1e-9
-    assert high - low == pytest.approx(np.ptp(reached), rel=0.01)
 
 
 def test_what_cannot_be_derived_is_refused():

@@ -17,11 +17,8 @@ from scipy import stats
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation.profile_sets import ProfileSets
-from eivor.estimation.variable_projection import nodes_of
-from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
 from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, widened
-from eivor.flights.result import FlightEstimate, run_leverage
 from eivor.inference.diagnostics.excitation import Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
@@ -37,22 +34,6 @@ LAGS = np.geomspace(0.02, 0.12, 5)
 @pytest.fixture(scope="module")
 def example() -> ev.FlightEstimate:
     return ev.identify_flight(ev.read_log(str(EXAMPLE)))
-
-
-@pytest.mark.thorough
-def test_leverage_of_a_run_is_the_solution_without_it():
-    made = problem(*flights(4, seconds=30.0, noise=Noise(gust=0.3)), lags=LAGS)
-    # the scores add up to zero as nearly as the lag is searched for
-    fine = tuple(replace(nuisance, tolerance=1e-8) for nuisance in made.nuisances)
-    fit = ev.identify(replace(made, nuisances=fine), ev.methods.reference_iv())
-    leverage = run_leverage(ev.diagnose(fit))
-    assert leverage.shift.shape == (4, 3)
-    equation, rows = fit.equation, fit.rows
-    jacobian = np.column_stack([rows.regressors, fit.nuisance_columns])
-    for flight in range(4):
-        rest = rows.layout.flight_of_row != flight
-        P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]
-        np.testing.assert_allclose(leverage.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=1e-3)
 
 
 @pytest.mark.calibration
@@ -187,50 +168,6 @@ def one_frequency() -> Recording:
 def two_frequencies() -> Recording:
     """A flight whose reference hardly tells its lag."""
     return flown(seconds=30.0, gust=3.0, amplitude=0.7, seed=1501, hertz=(0.3, 0.35))[0]
-
-
-def searched(result: FlightEstimate, values: np.ndarray) -> np.ndarray:
-    """The criterion at some values of K, from rows at very many lags."""
-    problem, estimate = result.fit.problem, result.fit.estimate
-    grid = problem.lag.grid
-    lags = np.geomspace(grid[0], grid[-1], 101)
-    results = np.full(values.size, np.inf)
-    weights = whitened_by_residuals(problem, estimate.theta, estimate.nuisances)
-    for delay_s in nodes_of(problem.nuisances).axes[1].values.tolist():
-        for lag_s in lags:
-            index = {"actuator_lag": float(lag_s), "delay": delay_s}
-            rows = weights.rows(index)
-            columns = np.column_stack([rows.response, rows.regressors])
-            seen = rows.instruments.T @ columns
-            N, D = seen.T @ seen, columns.T @ columns / (len(columns) - estimate.unknowns)
-            misfit = sum(nuisance.misfit(index) for nuisance in problem.nuisances)
-            for item, value in enumerate(values):
-                T = np.array([[1.0, 0.0], [-value, 0.0], [0.0, 1.0]])
-                least = scipy.linalg.eigh(T.T @ N @ T, T.T @ D @ T, eigvals_only=True)[0]
-                results[item] = min(results[item], least + misfit)
-    return results
-
-
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.thorough
-@pytest.mark.parametrize("lag", [None, ev.Prior(0.07, 0.01)])
-def test_sets_are_those_of_a_search_over_everything(gusty, lag):
-    result = ev.identify_flight(gusty, lag=lag)
-    sets = result.fit.sets[K]
-    near = np.array([end + step for end in sets.profile.hull for step in (-0.01, 0.01)])
-    J = searched(result, np.concatenate([near, np.linspace(*sets.profile.hull, 9)]))
-    # within one percent of the ends, and of the least criterion
-    wide = sets.profile.length
-    assert wide > 0.2
-    assert (J[:4] <= J.min() + 2.306**2).tolist() == [False, True, True, False]
-    # the lag and the gain are unknown, and of the delay what instruments determine
-    estimate = result.fit.estimate
-    degrees = estimate.rank + (lag is not None) - 3 + estimate.undetermined
-    bound = float(scipy.stats.chi2.ppf(0.95, degrees))
-    low, high = sets.anderson_rubin.hull
-    step = 0.02 * (high - low)
-    J = searched(result, np.array([low - step, low + step, high - step, high + step]))
-    assert (bound >= J).tolist() == [False, True, True, False]
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -9,7 +9,6 @@ from math import inf
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, ParameterError, ShapeError, TooFewSamplesError, UsageError
@@ -22,7 +21,7 @@ from eivor.inference.anderson_rubin import (
     sign_perturbed_region,
 )
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages, cosine_covariance
+from eivor.inference.covariance import cosine_averages, cosine_covariance
 from eivor.inference.distributions import chi_square_quantile, conditional_ratio_quantile
 from eivor.inference.regions import ConfidenceRegion, Ellipse, joint_ellipse, scanned_shadow
 
@@ -168,27 +167,6 @@ def wald_covers(psi: np.ndarray, columns: np.ndarray) -> bool:
     return bool(abs(estimate - 1.0) <= 1.96 * np.sqrt(residual @ residual / y.size / (fitted @ fitted)))
 
 
-def ar1(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> np.ndarray:
-    from scipy.signal import lfilter
-
-    return lfilter([1.0], [1.0, -rho], rng.standard_normal((100 + shape[0], *shape[1:])), axis=0)[100:]
-
-
-@pytest.mark.calibration
-def test_autocorrelated_errors_need_the_robust_test():
-    runs, rng = 600, np.random.default_rng(12)
-    error = np.sqrt(LEVEL * (1.0 - LEVEL) / runs)
-    covered = np.zeros(2)
-    for _ in range(runs):
-        psi, e = ar1(rng, (500, 3), 0.7), ar1(rng, (500,), 0.7)
-        x = 0.1 * psi.sum(axis=1) + e + rng.standard_normal(500)
-        columns = np.column_stack([x + e, x])
-        covered += robust(psi, columns).contains(np.ones(1)), classical(psi, columns).contains(np.ones(1))
-    hotelling, exact = covered / runs
-    assert hotelling > LEVEL - 3.5 * error, hotelling
-    assert exact < LEVEL - 10.0 * error, exact
-
-
 def test_empty_when_the_instruments_contradict_each_other():
     """Two instruments that each say something else of the parameter, both loudly."""
     rng = np.random.default_rng(13)
@@ -261,17 +239,6 @@ def test_sets_that_are_none_are_refused():
         ConfidenceSet.from_quadratic(inf, 0.0, 0.0)
     with pytest.raises(ParameterError, match="other than zero"):
         ConfidenceSet.whole_line().scaled(0.0)
-
-
-def forms(seed: int, strength: float) -> tuple[np.ndarray, np.ndarray]:
-    """N and D of thirty rows, five instruments that move two regressors so much, one more or less."""
-    rng = np.random.default_rng(seed)
-    Q = np.linalg.qr(rng.standard_normal((30, 5)))[0]
-    moved = strength * Q @ rng.standard_normal((5, 2)) + 0.3 * rng.standard_normal((30, 2))
-    response = moved @ [0.5, -1.0] + 0.3 * rng.standard_normal(30)
-    columns = np.column_stack([response, moved])
-    seen = Q.T @ columns
-    return seen.T @ seen, columns.T @ columns / 28.0
 
 
 ROWS, RUNS = 50, 1000
@@ -433,21 +400,3 @@ def test_a_pair_of_a_longer_vector_and_two_combinations_of_it() -> None:
         joint_ellipse(values, C, np.eye(2))
     with pytest.raises(ShapeError):
         Ellipse(values, C)
-
-
-@pytest.mark.calibration
-def test_means_of_autocorrelated_pairs_are_covered_as_often_as_promised() -> None:
-    """Cosine averages of AR(1) pairs with Hotelling's quantile: binomial error about the level."""
-    random, runs, length = np.random.default_rng(7), 2_000, 1_000
-    held = chi_square = 0
-    for _ in range(runs):
-        shocks = random.normal(size=(length + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
-        series = lfilter([1.0], [1.0, -0.5], shocks, axis=0)[500:]
-        centred = series - series.mean(axis=0)
-        C = cosine_covariance([centred], length) / length**2
-        zero = np.zeros((1, 2))
-        held += int(Ellipse(series.mean(axis=0), C, 0.95, float(COSINE_AVERAGES)).contains(zero)[0])
-        chi_square += int(Ellipse(series.mean(axis=0), C, 0.95).contains(zero)[0])
-    error = 3.0 * np.sqrt(0.95 * 0.05 / runs)
-    assert abs(held / runs - 0.95) < error
-    assert chi_square / runs < 0.95 - 4.0 * error  # without Hotelling's correction it does not cover

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.bootstrap import BlockScheme, autocovariance, automatic_block_length
+from eivor.inference.bootstrap import autocovariance, automatic_block_length
 from eivor.inference.covariance import ByRow
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.products import Products, block_edges, products_of_rows
@@ -79,21 +78,6 @@ def test_autocovariance_is_its_formula() -> None:
     x -= x.mean()
     wanted = [float(x[k:] @ x[: x.size - k]) / x.size for k in range(20)]
     np.testing.assert_allclose(autocovariance(x, 19), wanted, atol=1e-14)
-
-
-@pytest.mark.parametrize("memory", [0.3, 0.6])
-@pytest.mark.parametrize(("scheme", "factor"), [(BlockScheme.CIRCULAR, 6.0), (BlockScheme.STATIONARY, 4.0)])
-def test_automatic_length_finds_the_best_one_of_first_order_noise(
-    memory: float, scheme: BlockScheme, factor: float
-) -> None:
-    """AR(1): G / g = 2 r / (1 - r^2), so the best length is (factor r^2 / (1 - r^2)^2 N)^(1/3)."""
-    rows, random = 4000, np.random.default_rng(9)
-    results = [
-        automatic_block_length(lfilter([1.0], [1.0, -memory], random.normal(size=(rows, 1)), axis=0), scheme)
-        for _ in range(60)
-    ]
-    best = (factor * memory**2 / (1.0 - memory**2) ** 2 * rows) ** (1.0 / 3.0)
-    assert float(np.median(results)) == pytest.approx(best, rel=0.15)
 
 
 def test_automatic_length_of_white_noise_is_short_and_that_of_a_trend_long() -> None:

@@ -19,9 +19,6 @@ from eivor.inference.random_effects import (
     random_effects_means,
 )
 
-Y = np.array([0.1, 0.3, 0.8, 0.2])
-V = np.array([0.01, 0.02, 0.01, 0.04])
-
 
 def drawn(seed, sizes, between):
     rng = np.random.default_rng(seed)
@@ -45,17 +42,6 @@ def test_statsmodels_gives_the_same_variances_between_and_means(between):
         assert moments[number] == pytest.approx(
             max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0), abs=1e-9
         )
-
-
-def test_pymare_gives_the_same_interval_of_the_variance_between():
-    """PyMARE 0.0.13: ``q_profile(Y[:, None], V[:, None], np.ones((4, 1)))``, and DerSimonianLaird's tau2."""
-    low, high = q_profile(one_group(4), Y, V)
-    assert low[0] == pytest.approx(0.019482394633919074, abs=1e-6)
-    assert high[0] == pytest.approx(1.3314842698242637, abs=1e-6)
-    moments = moment_between(one_group(4), Y, V)
-    assert moments[0] == pytest.approx(0.12309523809523817, abs=1e-9)
-    means = random_effects_means(one_group(4), Y, V, moments)
-    assert means.value[0] == pytest.approx(0.3582979087615189, abs=1e-9)
 
 
 def test_pymare_gives_the_same_of_flights_as_they_are():

@@ -10,13 +10,7 @@ import pytest
 from scipy import stats
 
 from eivor.inference.covariance import cosine_averages
-from eivor.inference.diagnostics.instruments import (
-    critical_value,
-    endogeneity,
-    hansen_j,
-    robust_over_identification,
-    strength,
-)
+from eivor.inference.diagnostics.instruments import critical_value, endogeneity, hansen_j, strength
 from eivor.inference.diagnostics.record import (
     conditional_first_stage,
     covariance_of_total,
@@ -344,13 +338,3 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
         shared=shared,
         constant=shared[:, 0] * theta,
     )
-
-
-@pytest.mark.calibration
-@pytest.mark.parametrize("memory", [0.0, 0.8])
-def test_size_of_compensated_equations(memory):
-    runs = 800
-    rejected = sum(
-        robust_over_identification(compensated(s, memory=memory)).p_value < 0.05 for s in range(runs)
-    )
-    assert stats.binom.ppf(1e-4, runs, 0.05) <= rejected <= stats.binom.ppf(1.0 - 1e-4, runs, 0.065)

@@ -62,19 +62,3 @@ def test_yorks_line_to_its_printed_digits():
     theta = weighted_total_least_squares(pearson_system(), york_covariances()).theta
     assert f"{theta[0]:.5f}" == f"{truth.YORK_LINE[0]:.5f}"
     assert f"{theta[1]:.6f}" == f"{truth.YORK_LINE[1]:.6f}"
-
-
-def test_yorks_line_against_odrpack():
-    odrpack = pytest.importorskip("odrpack")
-    fit = odrpack.odr_fit(
-        lambda x, beta: beta[0] + beta[1] * x,
-        truth.PEARSON_X,
-        truth.PEARSON_Y,
-        np.array([5.0, -0.5]),
-        weight_x=truth.YORK_WEIGHTS_X.astype(float),
-        weight_y=truth.YORK_WEIGHTS_Y.astype(float),
-        sstol=1e-16,
-        partol=1e-16,
-    )
-    theta = weighted_total_least_squares(pearson_system(), york_covariances()).theta
-    np.testing.assert_allclose(theta, fit.beta, rtol=1e-6)

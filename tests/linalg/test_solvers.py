@@ -26,7 +26,7 @@ from eivor.linalg import (
     LinearSystem,
     TotalLeastSquares,
 )
-from eivor.linalg.system import merged_roots, triangular_root
+from eivor.linalg.system import triangular_root
 from eivor.linalg.total_least_squares import solve_augmented, weighted_total_least_squares
 
 LEAST = (LeastSquares(), AugmentedLeastSquares())
@@ -249,17 +249,6 @@ def test_row_covariances_that_do_not_fit_are_refused():
         CovarianceError, match="a positive variance of every row's residual; received 0 in row 7"
     ):
         weighted_total_least_squares(LinearSystem(A, b), nothing)
-
-
-@given(cuts=st.lists(st.integers(0, 60), max_size=5), columns=st.integers(1, 5), seed=st.integers(0, 99))
-def test_merged_roots_have_the_products_of_all_rows(cuts, columns, seed):
-    rows = np.random.default_rng(seed).standard_normal((60, columns))
-    root = np.empty((0, columns))
-    for block in np.split(rows, sorted(cuts)):
-        root = merged_roots(root, triangular_root(block))
-    np.testing.assert_allclose(root.T @ root, rows.T @ rows, atol=1e-11)
-    assert root.shape == (columns, columns)
-    np.testing.assert_array_equal(root, np.triu(root))
 
 
 def test_roots_in_blocks_are_the_root(monkeypatch):

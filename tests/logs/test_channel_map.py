@@ -12,7 +12,6 @@ from dataflash_writer import simulated
 import eivor as ev
 from eivor.errors import ChannelMapError, EivorError, MissingReaderError, UsageError
 from eivor.logs.channel_map import parse_channel_map, parse_expression
-from eivor.logs.table import columnar
 from eivor.logs.table.columnar import write_recording
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import DataSheet
@@ -204,43 +203,6 @@ def test_maps_that_are_not_there(table):
 def test_expressions(text, value):
     columns = {"a": np.full(3, 2.0), "b": np.full(3, 3.0), "select": np.full(3, 4.0), "sin": np.full(3, 5.0)}
     np.testing.assert_allclose(parse_expression(text, "here").evaluate(columns), value)
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1/275247*a", 30009.0 / 275247.0),
-        ("4.2/275247*a", 4.2 / 275247.0 * 30009.0),
-        ("a*(1/65535)", 30009.0 / 65535.0),
-        ("1/100000000*a", 30009.0e-8),
-        ("-1/65535*a", -30009.0 / 65535.0),
-        ("-(1/65535)*-a", 30009.0 / 65535.0),
-        ("(1/3)/(7/11)*a", 30009.0 * 11.0 / 21.0),
-        ("1/(2/(3/7))*a", 30009.0 * 3.0 / 14.0),
-        ("a*1e-7/3e5", 30009.0e-7 / 3e5),
-        ("pow(1/3, 2)*a", 30009.0 / 9.0),
-        ("pow(a, 1/3)", 30009.0 ** (1.0 / 3.0)),
-        ("sqrt(1/275247)*a", 30009.0 / 275247.0**0.5),
-        ("greatest(1/7, 1/9)*a", 30009.0 / 7.0),
-        ("7/2*a", 3.5 * 30009.0),
-        ("a/65535/65535*4200", 4200.0 * 30009.0 / 65535.0**2),
-        ("1e15*1e15*1e15*a/1e45", 30009.0),
-        ("12345678901234567890/9876543210987654321*a", 30009.0 * 12345678901234567890 / 9876543210987654321),
-    ],
-)
-def test_numbers_are_floats_whether_they_meet_a_column_or_not(tmp_path, monkeypatch, text, value):
-    """Not integers, and not decimals of some digits, whatever the type of the table's column."""
-    monkeypatch.setattr(columnar, "probe_parquet", lambda *_: None)  # the files are whole
-    whole = {"time": np.arange(3) * 0.1, "a": np.full(3, 30009)}
-    for suffix in ("csv", "parquet"):
-        table = tmp_path / f"t.{suffix}"
-        frame = pl.DataFrame(whole)
-        frame.write_csv(table) if suffix == "csv" else frame.write_parquet(table)
-        (tmp_path / "m.toml").write_text(
-            f'name = "m"\n[time]\ncolumn = "time"\n[channels.input]\nexpression = "{text}"\n'
-        )
-        r = ev.read_log(table, channel_map=tmp_path / "m.toml")
-        np.testing.assert_allclose(r.channels["input"].values, value, rtol=1e-14)
 
 
 def test_a_missing_value_stays_missing():

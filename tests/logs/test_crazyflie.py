@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from usd_writer import UsdLog, fixed, flight, with_checksum
 
-from eivor.cli.main import app
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
 from eivor.logs import log_format, logging_advice, read_log
 from eivor.logs.crazyflie import reader
@@ -282,16 +281,3 @@ def test_every_source_and_every_advice_names_a_channel():
     assert logging_advice("crazyflie", "battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
     assert logging_advice("crazyflie", "pilot_throttle") == ()
     assert "stateEstimate.z, .vz" in logging_advice("crazyflie")[0]
-
-
-def test_the_command_line_says_what_to_log(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
-    (tmp_path / "log07").write_bytes(fixed(2, ["acc.z(f)", "motor.m1(I)"], [[1.0, 9]] * 50).bytes())
-    for command, code in (("identify", 1), ("inspect", 0)):
-        with pytest.raises(SystemExit) as left:
-            app([command, str(tmp_path / "log07")], prog_name="eivor")
-        assert int(left.value.code or 0) == code
-        text = " ".join("".join(capsys.readouterr()).split())
-        assert "looked for stateEstimate.vz" in text.replace("looked for:", "looked for")
-        assert "Add stateEstimate.vz to config.txt on the card." in text
-        assert "Name these variables below 'on:fixedFrequency'" in text

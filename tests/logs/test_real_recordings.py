@@ -117,18 +117,6 @@ def test_crazyflie_logs(crazyflie, name, count, seconds, gaps):
     assert gaps in r.findings[0].message
 
 
-def test_crazyflie_values(crazyflie):
-    force = crazyflie["log15"].channels["specific_force_body_z"].values
-    assert np.median(force) == pytest.approx(9.81, abs=0.05)
-    assert np.abs(crazyflie["log10"].channels["angular_rate_x"].values).max() == pytest.approx(34.2, abs=0.1)
-    for r in crazyflie.values():
-        for motor in r.family("rotor_command_*"):
-            assert motor.values.min() == 0.0
-            assert 0.85 < motor.values.max() < 0.93
-            changed = np.flatnonzero(np.diff(motor.values)) + 1
-            assert np.median(np.diff(changed)) == 2.0  # held for two rows
-
-
 def test_crazyflie_columns_by_a_map(crazyflie, recordings, tmp_path):
     (tmp_path / "m.toml").write_text(
         'name = "m"\n[time]\ncolumn = "timestamp"\n'

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
-from eivor.models import lagged_runs
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import AxisRows, Parameter
 from eivor.models.separable import Nuisance
@@ -28,40 +27,6 @@ class Throttle:
 
     def __call__(self, nuisance_values):
         return first_order_lag(self.throttle, step_s=STEP_S, lag_s=nuisance_values["actuator_lag"])[:, None]
-
-
-def rover(velocity, acceleration, throttle):
-    """The problem of one drive forwards and backwards."""
-    slow = np.column_stack(
-        [first_order_lag(throttle, step_s=STEP_S, lag_s=lag) for lag in (0.0, 0.2, 0.6, 2.0)]
-    )
-    columns = AxisColumns(
-        STEP_S,
-        (slice(0, velocity.size),),
-        np.column_stack([acceleration, np.gradient(velocity, STEP_S)]),
-        -np.column_stack([velocity, np.sign(velocity)]),
-        Throttle(throttle),
-        np.column_stack([slow, np.sign(slow[:, 2:])]),
-    )
-    names = Parameter("rolling", "1/s"), Parameter("dry", "m/s^2"), Parameter("drive", "m/s^2")
-    return LaggedRuns((columns,), names, (LAG,))
-
-
-def drive(rng):
-    """Velocity, acceleration and throttle of a rover with a = 3, c = 0.6, d = 0.4 and a lag of 0.15 s."""
-    count, fine = 4000, 20
-    throttle = np.repeat(rng.uniform(-1.0, 1.0, count // 50), 50)
-    pushed, velocity = throttle[0], 0.0
-    velocities, accelerations = np.empty(count), np.empty(count)
-    for k in range(count):
-        for part in range(fine):
-            acceleration = 3.0 * pushed - 0.6 * velocity - 0.4 * np.sign(velocity)
-            if part == 0:
-                velocities[k], accelerations[k] = velocity, acceleration
-            velocity += STEP_S / fine * acceleration
-            pushed = throttle[k] + (pushed - throttle[k]) * np.exp(-STEP_S / fine / 0.15)
-    noise = rng.standard_normal((2, count))
-    return velocities + 0.002 * noise[0], accelerations + 0.05 * noise[1], throttle
 
 
 def columns(seed, *, candidates=1, instruments=4, **more):
@@ -134,20 +99,6 @@ def test_scores_of_one_time_are_added_over_the_axes():
         scores[:550], test[:550] * e[:550, None] + test[550:1100] * e[550:1100, None], atol=1e-13
     )
     np.testing.assert_allclose(scores[550:], test[1100:] * e[1100:, None], atol=1e-13)
-
-
-@pytest.mark.parametrize("together", [1, 1500, 1_000_000])
-@pytest.mark.parametrize("remembered", [0, 1000, 1_000_000])
-def test_bins_at_many_lags_are_those_at_each(monkeypatch, together, remembered):
-    """However many are made together and remembered; a lag that comes twice, and two axes."""
-    monkeypatch.setattr(lagged_runs, "TOGETHER_NUMBERS", together)
-    monkeypatch.setattr(lagged_runs, "MEMO_NUMBERS", remembered)
-    axes = (columns(1), columns(2, axis=1, moved=(0,)))
-    problem, alone = (LaggedRuns(axes, PAIR, (LAG,)) for _ in range(2))
-    points = [{"actuator_lag": lag} for lag in (0.1, 0.03, 0.1, 0.4, 0.2, 0.05)]
-    for many_bin, point in zip(problem.many_bins(points), points, strict=True):
-        np.testing.assert_allclose(many_bin.regressors, alone.bins(point).regressors, rtol=1e-12, atol=1e-12)
-    assert sum(_moving_bin.size for _moving_bin in problem._moving_bins.values()) <= remembered
 
 
 @pytest.mark.parametrize(

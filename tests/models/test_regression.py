@@ -27,20 +27,6 @@ RNG = np.random.default_rng(0)
 PHI, Y = RNG.standard_normal((10, 2)), RNG.standard_normal(10)
 
 
-def test_arrays_of_any_number_are_taken_and_left_alone():
-    phi = [[1, 2], [3, 4], [5, 7]]
-    response = np.array([1, 2, 3], dtype=np.int32)
-    made = regression(response=response, regressors=phi)
-    assert made.response.dtype == np.float64
-    assert made.names == ("theta_1", "theta_2")
-    assert made.instruments.shape == (3, 0)
-    np.testing.assert_array_equal(made.layout.flight_of_row, [0, 0, 0])
-    assert response.dtype == np.int32
-    named = regression(response=Y, regressors=PHI, names=["K", "K_u"])
-    assert named.names == ("K", "K_u")
-    assert named.rows() is named
-
-
 @pytest.mark.parametrize("count", [0, 9, 11])
 def test_a_layout_of_another_length_is_no_single_flight(count):
     """Rows of two flights would be clustered as one."""

@@ -187,21 +187,6 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
     assert reported.prior.mean == turning.quantities["effective_lag"].value
 
 
-@pytest.mark.thorough
-def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
-    passed = []
-
-    def identified(_logs, _motion, _options, _windows, *, lag_measurements):
-        passed.append(lag_measurements)
-        return SimpleNamespace(quantities={"input_gain": turning.quantities["roll_effectiveness"]})
-
-    monkeypatch.setattr(identify, "identified", identified)
-    rough = replace(turning.quantities["effective_lag"], verdict=Status.WEAK)
-    weak = replace(turning, quantities={**turning.quantities, "effective_lag": rough})
-    with_coupled_axes(weak, MOTIONS, [logging("input", "acceleration_z")], [None])
-    assert passed == [()]
-
-
 ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
 
 

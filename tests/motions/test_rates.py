@@ -171,14 +171,6 @@ def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
 
 
 @pytest.mark.thorough
-def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
-    quantity = fit.quantities["roll_effectiveness"]
-    (part,) = quantity.systematic_uncertainties
-    assert part.above == pytest.approx(0.02 * quantity.value)
-    assert quantity.half_width > part.above
-
-
-@pytest.mark.thorough
 def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
     flight = ev.identify_flight(ev.read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
     assert flight.verdict.status is Status.REFUSED

@@ -5,21 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
 from eivor.flights.motion import of_vehicle
-from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.logs import read_log
-from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.terms import FORCE_Z_EQUATION
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
@@ -168,19 +163,6 @@ def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, 
     assert low - margin <= flight.truth.parameters.drag[2] <= high + margin  # its body drags nothing
     assert friction.half_width < 0.8 * linear.half_width
     assert friction.verdict is Status.IDENTIFIED
-
-
-@pytest.mark.thorough
-def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
-    motion = RigidBody(known(SPEC))
-    prepared = prepare(flight.recording, motion, FlightOptions())
-    responses = {
-        column.axis: column.responses for column in motion.problem((prepared,), NoInstruments()).columns
-    }
-    assert [responses[axis].shape[1] for axis in range(6)] == [1, 1, 1, 2, 2, 2]
-    by_sensor, by_velocity = responses[FORCE_Z_EQUATION].T
-    slow = np.fft.rfft(by_sensor - by_velocity)[2:8]  # below half a hertz, where velocity tells more
-    assert np.abs(slow).max() < 0.2 * np.abs(np.fft.rfft(by_sensor)[2:8]).max()
 
 
 @pytest.mark.thorough

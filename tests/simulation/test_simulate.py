@@ -13,7 +13,6 @@ import eivor as ev
 from eivor.errors import ParameterError, UsageError
 from eivor.lab.disturbances import Arma
 from eivor.lab.records import ALWAYS_MEASURED, DisturbanceRoute, Intersample, VelocityControl
-from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.environment import (
     FlightTruth,
     NoiseKind,
@@ -278,17 +277,6 @@ def test_effective_parameters_are_the_nominal_ones():
     np.testing.assert_allclose(
         parameters, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9
     )
-
-
-@pytest.mark.thorough
-def test_controller_answers_the_noise_that_is_logged():
-    hover = replace(QUIET, trajectory=TrajectoryKind.HOVER, tilt_rms=0.0, integral_share=0.0)
-    assert np.ptp(values(fly(hover), "rotor_command_1")) < 1e-12
-    flight = fly(replace(hover, noise=SensorNoise(attitude=0.0)))
-    gains = hover.controller
-    error = -gains.position_gain * values(flight, "position_z") - values(flight, "velocity_z")
-    thrust = hover.input_gain * values(flight, "rotor_command_1") ** 2
-    np.testing.assert_allclose(thrust, GRAVITY + gains.velocity_gain * error, rtol=1e-12)
 
 
 @pytest.mark.thorough

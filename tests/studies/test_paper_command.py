@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from eivor.cli.main import app
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import Arma
 from eivor.lab.scenario_files import read_study, shipped_scenario
-from eivor.lab.study import MethodScore, run_study, scores
+from eivor.lab.study import run_study, scores
 from eivor.process_pool import LocalProcesses
 from eivor.simulation.excitation import WhiteDisturbance
 
@@ -59,9 +58,6 @@ FOLDER = Path(__file__).parents[2] / "examples" / "studies"
 
 #: Published runs of the dynamic errors-in-variables example.
 PUBLISHED_RUNS = 200
-
-
-Scored = Callable[[str, int], dict[str, MethodScore]]
 
 
 @pytest.fixture(scope="module")

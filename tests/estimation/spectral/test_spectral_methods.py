@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +24,6 @@ from eivor.estimation.spectral_equations import (
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
 
-ProblemOf = Callable[[str, int, int], ev.SignalRegression]
 SPECTRAL = [ev.methods.spectral_giv, ev.methods.spectral_giv_combined, ev.methods.whittle_ml]
 TRUTH = (0.293, 0.021)
 

@@ -178,18 +178,6 @@ def test_izz_by_an_assumption_says_so():
 
 
 @pytest.mark.thorough
-def test_of_two_ways_to_izz_the_better_one_goes():
-    values = combinations_of(QUADROTOR)
-    for error, words in ((0.001, "gyroscopic couplings"), (0.05, "the torque ratio that was")):
-        errors = with_errors(values, 0.001, roll_coupling=error, pitch_coupling=error)
-        known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.01 * RATIO))
-        parameters = physical_parameters(errors, known)
-        assert words in parameters["inertia_zz"].sentence
-        assert parameters.contradictions == ()
-        assert "gyroscopic couplings" in parameters["torque_ratio"].sentence
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "error", "name", "told"),
     [

@@ -77,21 +77,6 @@ def test_a_log_of_every_command_leaves_nothing_open():
     assert not open_parts(prepared(0.0))
 
 
-@pytest.mark.thorough
-def test_a_digital_filter_is_less_late_than_a_continuous_one():
-    own_s, digital_s = (
-        np.sqrt(2.0) / (2.0 * np.pi * 80.0),
-        np.sqrt(2.0) / (1000.0 * np.tan(np.pi * 80.0 / 500.0)),
-    )
-    allowances = open_parts(prepared(0.0), 80.0)
-    (lag,) = allowances["effective_lag"]
-    assert (lag.below, lag.above) == (0.0, pytest.approx(own_s - digital_s))
-    (gain,) = allowances["roll_gain"]
-    assert (gain.below, gain.above) == (pytest.approx(200.0 * (own_s - digital_s) / 0.05), 0.0)
-    assert gain.counts is lag.counts is Counts.ADDED
-    assert "drag_z" not in allowances
-
-
 REFUSED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
 REFUSED_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
 PARTS = [f"attitude_{part}" for part in "wxyz"]

@@ -206,20 +206,6 @@ def test_a_fall_of_the_voltage_is_told(prepared):
     assert told_supply(prepared, volts=lambda t: 16.5 - 0.002 * t) == []
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_measured_rotors_do_not_answer_the_voltage(prepared):
-    assert told_supply(prepared, input=replace(prepared.input, measured=True)) == []
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_flights_of_a_pool_are_named(prepared):
-    first, second = supply_findings((prepared, prepared))
-    assert first.message.startswith("flight 0: No battery voltage")
-    assert second.name == "voltage_not_logged"
-
-
 def bend(value):
     """So many standard errors of a bend."""
     return Difference(value, 1.0)

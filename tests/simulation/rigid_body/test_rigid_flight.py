@@ -14,7 +14,7 @@ from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.rigid_body.dynamics import coefficients_of, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.controller import Cascade, FlightController, Sensor, gains_of, mixer_of, torque_limits
+from eivor.simulation.controller import FlightController, Sensor, mixer_of, torque_limits
 from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body import RigidBodyTruth, simulate_rigid_body_flights
@@ -327,18 +327,6 @@ def test_mixer_gives_the_thrust_and_torques_that_are_asked_for():
     assert force[2] == pytest.approx(0.4 * HEXACOPTER.full_thrust)
     limits = torque_limits(HEXACOPTER)
     assert torque == pytest.approx((0.1 * limits[0], -0.05 * limits[1], 0.08 * limits[2]))
-
-
-def test_attitude_loop_turns_the_shorter_way():
-    gains = gains_of(FlightController(), HEXACOPTER, 0.0)
-    cascade = Cascade(gains, 0.002, 0.02)
-    now, wanted = quaternions(np.array([[0.1, -0.2, 0.3], [0.15, -0.1, 0.35]])).tolist()
-    rates = cascade.rates(wanted, now)
-    opposite = cascade.rates([-part for part in wanted], now)
-    assert rates == pytest.approx(opposite)
-    small = [rate / gain for rate, gain in zip(rates, gains.attitude, strict=True)]
-    turn = Rotation.from_quat(now, scalar_first=True).inv() * Rotation.from_quat(wanted, scalar_first=True)
-    np.testing.assert_allclose(small, turn.as_rotvec(), rtol=1e-2, atol=1e-4)
 
 
 def test_quaternions_are_yaw_then_pitch_then_roll():
