@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +14,22 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
+from eivor.flights.identify import identified
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import LARGEST_INPUT_RATIO, check_options, prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
+from eivor.flights.quantity import (
+    Horizon,
+    Kind,
+    PredictedQuantity,
+    Quantity,
+    QuantityTable,
+    SimpleModel,
+)
 from eivor.flights.result import FlightEstimate
+from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.table import motion_of_model
@@ -54,7 +64,7 @@ from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
-from eivor.report.rows import NO_NUMBER
+from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table, printable
@@ -64,6 +74,59 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+# -- Comparison of quantities --
+
+#: Level at which a flight contradicts a fit, over all quantities.
+CONTRADICTION_LEVEL = 0.05
+TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, slots=True)
+class QuantityComparison:
+    """A quantity of a fit, and of the flight that is predicted alone."""
+
+    fit: QuantityRow
+    flight: QuantityRow
+    p_value: float  # Of no difference, over all quantities that are compared
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the intervals leave no room for one value."""
+        return self.p_value < CONTRADICTION_LEVEL
+
+
+def quantity_comparisons(
+    table: QuantityTable, fit: Mapping[str, Quantity], flight: Mapping[str, Quantity]
+) -> tuple[QuantityComparison, ...]:
+    """Wald tests of quantities of the vehicle, by half-widths of both intervals.
+
+    Parts of a lag are compared by their sum. The p-values are Bonferroni's.
+    """
+    rows = []
+    parts = LAG_SUMS[EFFECTIVE_LAG]
+    for name, spec in table.items():
+        compared = name == EFFECTIVE_LAG or (spec.kind is Kind.PARAMETER and name not in parts)
+        if spec.by_run or not compared or name not in fit or name not in flight:
+            continue
+        first, second = _summed(fit, name), flight[name]
+        halves = [0.5 * (each.interval[1] - each.interval[0]) for each in (first, second)]
+        distance = normal_quantile(0.95) * (second.value - first.value) / max(math.hypot(*halves), TINY)
+        if math.isfinite(distance):
+            pair = QuantityRow(name, spec, first), QuantityRow(name, spec, second)
+            rows.append((*pair, chi_square_tail(distance**2, 1)))
+    return tuple(QuantityComparison(a, b, min(len(rows) * p_value, 1.0)) for a, b, p_value in rows)
+
+
+def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
+    """A quantity; of an effective lag the value is that of its parts, by which a fit predicts."""
+    quantity = quantities[name]
+    if name != EFFECTIVE_LAG or not quantities.keys() >= set(LAG_SUMS[name]):
+        return quantity
+    value = sum(quantities[part].value for part in LAG_SUMS[name])
+    (low, high), shift = quantity.interval, value - quantity.value
+    return replace(quantity, value=value, interval=(low + shift, high + shift))
 
 
 # -- Validation --
@@ -103,6 +166,7 @@ class Validation:
     #: predicts ahead from many starts.
     predictions: tuple[ModelPrediction, ...]
     multi_step_prediction: MultiStepPrediction | None = None  # None for a motion that predicts whole runs
+    comparisons: tuple[QuantityComparison, ...] = ()  # With what the flight identifies by itself
 
     @property
     def spans_s(self) -> tuple[tuple[float, float], ...]:
@@ -133,8 +197,23 @@ class Validation:
         )
 
     @property
+    def contradictions(self) -> tuple[QuantityComparison, ...]:
+        """Quantities in which the flight contradicts the fit."""
+        return tuple(item for item in self.comparisons if item.contradicts)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the fit predicts the flight, and the flight contradicts none of its quantities."""
+        return self.predicts and not self.contradictions
+
+    @property
     def sentence(self) -> str:
-        """What was found, in a sentence."""
+        """Prediction and contradictions in words."""
+        against = " and ".join(item.fit.wording.words for item in self.contradictions)
+        return f"The flight contradicts the {against}. {self._predicted}" if against else self._predicted
+
+    @property
+    def _predicted(self) -> str:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
         farthest, *others = self.by_quantity[-1]
@@ -244,8 +323,10 @@ def validate(
     motion = motion_of_model(result.document.model.name)
     if motion.abilities.vehicle is not None:
         motion = motion.abilities.vehicle.restore(prediction.vehicle)
-    motion, flight = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
+    motion, flight, options = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
     _check_scale(prediction, flight)
+    alone = identified([recording], motion, options, [None])
+    comparisons = quantity_comparisons(motion.quantities, result.quantities, alone.quantities)
     models = _simpler_models(result, prediction)
     predicts = motion.abilities.prediction
     if predicts is not None and predicts.multi_step is not None:
@@ -256,7 +337,7 @@ def validate(
                 " ".join(ahead.omitted) or "no half second without a gap",
                 "Validate a flight that carries more information, on a log of the same vehicle.",
             )
-        return Validation(result, motion, flight, (), ahead)
+        return Validation(result, motion, flight, (), ahead, comparisons)
     if predicts is None or predicts.another_flight is None:
         received = f"'{motion.name}', which does not"
         raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
@@ -267,7 +348,7 @@ def validate(
         for predicted in predicts.another_flight(problem, model.values)
     )
     in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
-    return Validation(result, motion, flight, tuple(in_order))
+    return Validation(result, motion, flight, tuple(in_order), comparisons=comparisons)
 
 
 def _prepared(
@@ -277,7 +358,7 @@ def _prepared(
     recording: Recording,
     window: tuple[float, float] | None,
     max_tilt_deg: float | None,
-) -> tuple[Motion[Any], PreparedFlight]:
+) -> tuple[Motion[Any], PreparedFlight, FlightOptions]:
     terms = fit.document.provenance.options.get("terms")
     options = FlightOptions(
         window=window,
@@ -294,7 +375,7 @@ def _prepared(
             f"none in {recording.name}",
             motion.words.loosen,
         )
-    return for_flights(motion, (flight,), options), flight
+    return for_flights(motion, (flight,), options), flight, options
 
 
 def _check_scale(prediction: JsonPrediction, flight: PreparedFlight) -> None:
@@ -374,6 +455,7 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             "verdict": validation.fit.verdict,
         },
         predicts=validation.predicts,
+        contradicted=[item.fit.name for item in validation.contradictions],
         sentence=validation.sentence,
         runs=validation.spans_s,
         samples=int(validation.flight.used.sum()),
@@ -391,6 +473,16 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             for item in validation.predictions
         ],
         ahead=prediction_json(validation.multi_step_prediction),
+        comparisons=[
+            {
+                "quantity": item.fit.name,
+                "unit": item.fit.quantity.unit,
+                "p_value": item.p_value,
+                "fit": {"value": item.fit.quantity.value, "interval": item.fit.quantity.interval},
+                "flight": {"value": item.flight.quantity.value, "interval": item.flight.quantity.interval},
+            }
+            for item in validation.comparisons
+        ],
     )
 
 
@@ -402,6 +494,8 @@ def validation_document(validation: Validation) -> Document:
     steps = validation.multi_step_prediction
     parts = (_models_table(validation),) if steps is None else prediction_parts(steps, sentence=False)
     sections = [Section("", (_validation_facts(validation), *parts))]
+    if validation.comparisons:
+        sections.append(Section("This flight by itself", (_comparison_table(validation.comparisons),)))
     if steps is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
@@ -435,6 +529,32 @@ def _models_table(validation: Validation) -> TableOf:
         rows.append(("" if what == before else what, *others))
         before = what
     return table((*columns, TableColumn("explained", right=True)), rows)
+
+
+def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
+    number = partial(TableColumn, right=True, strong=True)
+    columns = (
+        "quantity",
+        number("fit"),
+        "95 % interval",
+        number("flight"),
+        "95 % interval",
+        "unit",
+        "p-value",
+    )
+    rows = []
+    for item in comparisons:
+        wording = item.fit.wording
+        p_value = f"{item.p_value:.2g}{': contradicts' if item.contradicts else ''}"
+        texts = (
+            wording.words,
+            *item.fit.texts,
+            *item.flight.texts,
+            wording.shown_unit or wording.unit,
+            p_value,
+        )
+        rows.append(texts)
+    return table(columns, rows)
 
 
 def _by_run(validation: Validation) -> TableOf:
