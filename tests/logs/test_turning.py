@@ -123,7 +123,7 @@ def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     assert fit.verdict.status is Status.REFUSED
     assert fit.quantities["pitch_effectiveness"].verdict is Status.REFUSED
     roll = fit.quantities["roll_effectiveness"]
-    assert roll.verdict is Status.IDENTIFIED
+    assert roll.verdict in {Status.IDENTIFIED, Status.WEAK}
     assert roll.interval[0] <= Vehicle().effectiveness[0] <= roll.interval[1]
 
 

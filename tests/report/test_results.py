@@ -202,6 +202,8 @@ KEYS = {
     "band",
     "predictions",
     "ahead",
+    "comparisons",
+    "contradicted",
     "provenance",
 }
 
@@ -234,11 +236,16 @@ def test_json_holds_what_the_page_says(found):
     assert set(document) == KEYS
     assert document["schema"] == "eivor.validate/1"
     assert document["predicts"] is True
+    assert document["contradicted"] == []
+    compared = [item["quantity"] for item in document["comparisons"]]
+    assert compared == ["viscous_friction", "input_gain", "effective_lag"]
     first = document["predictions"][0]
     assert set(first) == {"model", "horizon", "quantity", "unit", "rms", "explained", "by_run"}
     assert len(first["by_run"]) == len(document["runs"]) == 2
     page = (DOCS / "json.md").read_text(encoding="utf-8")
-    assert all(f"`{key}`" in page for key in (*document, *first, *document["fit"]))
+    assert all(
+        f"`{key}`" in page for key in (*document, *first, *document["fit"], *document["comparisons"][0])
+    )
 
 
 def test_text_and_tables_tell_the_same(found, fit, tmp_path, command_line):
@@ -280,6 +287,24 @@ def test_a_wrong_fit_does_not_predict(fit, recording, tmp_path):
     validate = ev.validate(wrong, recording, window=(0.0, 30.0))
     assert not validate.predicts
     assert "leave less" in validate.sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "words"),
+    [
+        ("viscous_friction", 2.0, "viscous friction"),
+        ("input_gain", 0.85, "input gain"),
+        ("actuator_lag", 1.6, "effective lag"),
+    ],
+)
+def test_a_quantity_that_the_flight_contradicts(fit, recording, tmp_path, name, factor, words):
+    """Numbers that predict better than no model, and are not those of the flight."""
+    document = json.loads(fit.to_json())
+    document["parameters"][name]["value"] *= factor
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    validation = ev.validate(tmp_path / "fit.json", recording)
+    assert not validation.agrees
+    assert f"The flight contradicts the {words}." in validation.sentence
 
 
 def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monkeypatch):

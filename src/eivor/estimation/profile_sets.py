@@ -202,7 +202,7 @@ class Criterion:
     def _in_slices(self) -> list[list[Float[np.ndarray, "S T *shape"]]]:
         """Equations and power of each flight, at the nodes of every slice."""
 
-        def sliced(part: Float[np.ndarray, "T *shape"]) -> Float[np.ndarray, "S T *shape"]:
+        def sliced(part: Float[np.ndarray, "nodes *shape"]) -> Float[np.ndarray, "S T *shape"]:
             fine, count = self.nodes.over(part, self._closer[1]), len(self.slices)
             # no -1: equations without a parameter that stays are empty
             shape = (fine.shape[0] // count, count, *part.shape[1:])
