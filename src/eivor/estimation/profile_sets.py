@@ -79,7 +79,7 @@ POSITIONS = 65
 #: Places at which a profile over further nuisances is compared with its bound.
 PROFILE_POINTS = 2001
 
-Forms = Float[np.ndarray, "F k b b"]
+Forms = Float[np.ndarray, "F m b b"]
 Rows = Int[np.ndarray, " R"]
 Places = Float[np.ndarray, "R k"]
 
@@ -144,7 +144,7 @@ class Criterion:
         sizes = np.outer(self._scales, self._scales) * (self.rows - self.unknowns)
         return [(member.equations / self._scales, member.power / sizes) for member in self.members]
 
-    def _joined(self, blocks: Forms) -> Float[np.ndarray, "k m m"]:
+    def _joined(self, blocks: Forms) -> Float[np.ndarray, "m q q"]:
         """Form of all parameters: residual, each flight's own, and what is shared."""
         width = 1 + len(self.members) * len(self.flight_specific) + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
@@ -153,7 +153,7 @@ class Criterion:
             joined[:, positions[:, None], positions] += block
         return joined
 
-    def _least(self, N: Forms, D: Forms) -> Float[np.ndarray, " k"]:
+    def _least(self, N: Forms, D: Forms) -> Float[np.ndarray, " m"]:
         return least_ratio(self._joined(N), self._joined(D))
 
     def least(self, box: Box) -> Float[np.ndarray, " points"]:
@@ -216,7 +216,7 @@ class Criterion:
         if self._axis is not None:
             weights = self._axis.weights(places.ravel()).reshape(*places.shape, -1)
 
-        def between(part: Float[np.ndarray, "S T *shape"]) -> Float[np.ndarray, "k *shape"]:
+        def between(part: Float[np.ndarray, "S T *shape"]) -> Float[np.ndarray, "m *shape"]:
             at_nodes = part[rows].reshape(rows.size, part.shape[1], -1)
             return (weights @ at_nodes).reshape(places.size, *part.shape[2:])
 
@@ -328,7 +328,7 @@ class Criterion:
                 pieces[number] += [(float(centre + a * scale), float(centre + b * scale)) for a, b in made]
         return [ConfidenceSet.union(item) for item in pieces]
 
-    def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "k b b"], Bool[np.ndarray, " k"]]]:
+    def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "m c c"], Bool[np.ndarray, " m"]]]:
         """For each flight the form of its parameters, those of the other flights where the form is least."""
         selected, kept = [1 + item for item in self.flight_specific], [0, *(1 + item for item in self.shared)]
         rest = Q[:, :, kept][:, :, :, kept]

@@ -309,7 +309,7 @@ class NodeAxis:
         """Nodes on the spline's scale."""
         return np.log(self.values) if self.nuisance.positive else self.values
 
-    def values_at(self, positions: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    def values_at(self, positions: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
         """Values of the nuisance at places of the scale."""
         return np.exp(positions) if self.nuisance.positive else positions
 
