@@ -184,6 +184,19 @@ def show(report: RenderableType) -> None:
     write(text)
 
 
+def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
+    """Print a table; the first column is a name."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for title in titles:
+        table.add_column(title, overflow="fold")
+    for name, *more in rows:
+        table.add_row(Text(name, style="bold"), *map(Text, more))
+    show(table)
+
+
 def write(text: str) -> None:
     """Write text on standard output, in letters that it has."""
     with printing():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -26,7 +26,7 @@ from eivor.cli.outputs import (
     group,
     guarded,
     option,
-    show,
+    show_table,
     step,
     with_options,
     write,
@@ -146,19 +146,6 @@ def _cause(error: OSError) -> str:
 
 example_app = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
 NO_FAILURE = "[bold]Exit codes[/bold]: 0 done; 2 wrong usage."
-
-
-def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
-    """Print a table; the first column is a name."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for title in titles:
-        table.add_column(title, overflow="fold")
-    for name, *more in rows:
-        table.add_row(Text(name, style="bold"), *map(Text, more))
-    show(table)
 
 
 @example_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)

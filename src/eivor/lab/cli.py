@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -29,6 +29,7 @@ from eivor.cli.outputs import (
     output_file,
     progress_bar,
     show,
+    show_table,
     step,
     write,
     write_out,
@@ -47,7 +48,7 @@ from eivor.lab.figures import (
     study_figures,
     write_figures,
 )
-from eivor.lab.paper import PaperReading, PaperResult, named_readings, run_paper
+from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import (
     FLIGHT_KIND,
@@ -66,7 +67,6 @@ from eivor.lab.study import (
     SHARD_TRIALS,
     TOGETHER,
     MethodScore,
-    Spread,
     StudyResult,
     failure,
     run_study,
@@ -74,7 +74,7 @@ from eivor.lab.study import (
 )
 from eivor.logs.table.columnar import write_recording
 from eivor.process_pool import local_executor
-from eivor.report.json_document import json_text, number
+from eivor.report.json_document import document, json_text
 from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec
@@ -129,7 +129,7 @@ def paper(
     named = tuple(name.strip() for name in readings.split(",") if name.strip())
     chosen = named_readings(() if named == (ALL,) else named)
     if list_readings:
-        _list(chosen)
+        show_table(("reading", "what it says"), ((item.name, item.sentence) for item in chosen))
         return ExitCode.IDENTIFIED
     if runs < 2 or workers < 0:
         expected = "two runs or more, and workers of zero or more"
@@ -169,18 +169,6 @@ def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:
 def _draw(folder: Path, figures: Iterable[tuple[str, Figure]]) -> None:
     with step("Drawing the figures"), writing(folder):
         write_figures(figures, folder)
-
-
-def _list(readings: Sequence[PaperReading]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("reading", no_wrap=True)
-    table.add_column("what it says", overflow="fold")
-    for reading in readings:
-        table.add_row(Text(reading.name, style="bold"), Text(reading.sentence))
-    show(table)
 
 
 def _folder(text: str) -> Path:
@@ -448,24 +436,16 @@ def _columns(first: str, *numbers: str) -> Table:
     return table
 
 
-def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> dict[str, object]:
-    from importlib.metadata import version
-
+def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> dict[str, Any]:
     study = result.study
-    return {
-        "schema": SCHEMA,
-        "study": {
-            "name": study.name,
-            "identity": study.identity,
-            "runs": study.runs,
-            "seed": study.seed,
-            "level": study.level if study.intervals else None,
-        },
-        "truth": dict(study.experiment.truth),
-        "methods": [_method(method_score) for method_score in method_scores],
-        "trials": str(result.folder / "trials.parquet"),
-        "provenance": {"version": version("eivor")},
-    }
+    about = {name: getattr(study, name) for name in ("name", "identity", "runs", "seed")}
+    return document(
+        SCHEMA,
+        study=about | {"level": study.level if study.intervals else None},
+        truth=dict(study.experiment.truth),
+        methods=[_method(method_score) for method_score in method_scores],
+        trials=str(result.folder / "trials.parquet"),
+    )
 
 
 def _method(method_score: MethodScore) -> dict[str, object]:
@@ -473,20 +453,16 @@ def _method(method_score: MethodScore) -> dict[str, object]:
     for score in method_score.parameters:
         held: dict[str, object] | None = None
         if (share := score.coverage) is not None:
-            held = {"share": number(share.value), "bounds": list(share.interval), "count": share.count}
+            held = {"share": share.value, "bounds": share.interval, "count": share.count}
         parameters[score.name] = {
-            **_spread(score.estimate),
-            "bias": number(score.bias),
-            "rmse": number(score.rmse),
-            "nrmse_percent": _spread(score.nrmse),
+            **asdict(score.estimate),
+            "bias": score.bias,
+            "rmse": score.rmse,
+            "nrmse_percent": score.nrmse,
             "coverage": held,
         }
     return {
         **{key: getattr(method_score, key) for key in ("label", "trials", "failed", "weak")},
         "parameters": parameters,
-        "together": {"nrmse_percent": _spread(method_score.together)},
+        "together": {"nrmse_percent": method_score.together},
     }
-
-
-def _spread(spread: Spread) -> dict[str, object]:
-    return {"mean": number(spread.mean), "std": number(spread.std)}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,7 +43,7 @@ from eivor.report.figure_panels import (
     page,
 )
 from eivor.report.figures import save_figure, signals_figure
-from eivor.report.json_document import Json, number
+from eivor.report.json_document import Json, plain
 from eivor.report.terminal import heading
 from eivor.signals.signals import Signals
 from eivor.tools import Float, printable
@@ -415,26 +414,26 @@ def _plain(*columns: str) -> Table:
 
 
 def paper_document(results: Sequence[PaperResult], *, seconds: float) -> dict[str, Json]:
-    """Document of the study, ready for `json_text`; numbers are finite or null."""
-    return {
+    """Document of the study, ready for `json_text`."""
+    made: dict[str, Json] = {
         "schema": SCHEMA,
         "version": version("eivor"),
         "runs": len(results[0].estimates),
         "seed": SEED,
-        "seconds": number(seconds),
+        "seconds": seconds,
         "verdict": verdict_sentence(results),
         "readings": [_reading(group) for group in by_reading(results).values()],
     }
+    return {name: plain(value) for name, value in made.items()}
 
 
 def _reading(group: Sequence[PaperResult]) -> Json:
-    reading, results = group[0].reading, nearness(group)
-    choices = {name: getattr(reading, name) for name in reading.__dataclass_fields__ if name != "name"}
+    choices, results = asdict(group[0].reading), nearness(group)
     return {
-        "name": reading.name,
-        "choices": {key: v.value if isinstance(v, Enum) else v for key, v in choices.items()},
-        "means_off_by": number(results.means),
-        "sds_off_by": number(results.spreads),
+        "name": choices.pop("name"),
+        "choices": choices,
+        "means_off_by": results.means,
+        "sds_off_by": results.spreads,
         "printed_means_met": results.agreeing,
         "examples": [_example(result) for result in group],
     }
@@ -457,6 +456,5 @@ def _example(result: PaperResult) -> Json:
 
 def _spreads(spreads: Sequence[Spread]) -> Json:
     return {
-        name: {"mean": number(spread.mean), "sd": number(spread.std)}
-        for name, spread in zip(SCORES, spreads, strict=False)
+        name: {"mean": spread.mean, "sd": spread.std} for name, spread in zip(SCORES, spreads, strict=False)
     }
