@@ -17,14 +17,18 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
-from eivor.models.separable import Values
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import (
     DRAG,
     GROUND,
+    QUADRATIC_DRAG,
     SUPPLY,
+    VOLTAGE_TERM,
+    TermColumn,
+    TermIngredients,
     VerticalFlights,
     explained,
+    explained_ingredients,
     height_over_ground,
     voltage,
     voltage_change,
@@ -49,27 +53,13 @@ LEAST_TERM = {SUPPLY: 0.02}
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
-Column = Float[np.ndarray, " n"]
-
-
-@dataclass(frozen=True)
-class _Flight:
-    """What the terms are made of in one flight, as measured, and as far as the references explain it."""
-
-    velocity: Column
-    mapped: Column
-    mean: float
-    height: Column | None
-    voltage: Column | None
-    time: Column
-
-
-#: From a flight to a term's column; None where the log lacks what it needs.
-_TERMS: dict[str, Callable[[_Flight], Column | None]] = {
-    DRAG: lambda of: -of.velocity * np.abs(of.velocity),
-    GROUND: lambda of: None if of.height is None else np.maximum(of.height, LEAST_HEIGHT) ** -2.0,
-    CURVATURE: lambda of: of.mean * (of.mapped / of.mean - 1.0) ** 2 if of.mean else None,
-    SUPPLY: lambda of: of.mapped * (of.time if of.voltage is None else of.voltage),
+#: From the parts of a flight and the mean of its mapped input to a term's column; None where the log lacks
+#: what it needs. Here the mapped input stands for the lift, and heights are in m.
+_TERMS: dict[str, Callable[[TermIngredients, float], TermColumn | None]] = {
+    DRAG: lambda of, _: QUADRATIC_DRAG.column(of),
+    GROUND: lambda of, _: None if of.radii is None else np.maximum(of.radii, LEAST_HEIGHT) ** -2.0,
+    CURVATURE: lambda of, mean: mean * (of.lift / mean - 1.0) ** 2 if mean else None,
+    SUPPLY: lambda of, _: VOLTAGE_TERM.column(of),
 }
 
 
@@ -80,17 +70,25 @@ def omitted_variable_tests(
     columns = problem.columns
     if not all(item.instruments.shape[1] for item in columns):
         return {}
-    nuisances = estimate.nuisances
-    measured = [_measured(problem, item, flight, nuisances) for item, flight in enumerate(flights)]
-    if any(of.voltage is None for of in measured):  # one coefficient has one meaning
-        measured = [replace(of, voltage=None) for of in measured]
-    explained = [_explained(item, of) for item, of in zip(columns, measured, strict=True)]
+    timed = any(voltage(flight) is None for flight in flights)  # one coefficient has one meaning
+    measured, means = [], []
+    for item, cut, flight in zip(columns, problem.flights, flights, strict=True):
+        mapped = item.moving(estimate.nuisances)[:, 0]
+        volts = _share_of_time(flight) if timed else voltage(flight)
+        away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
+        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight), away))
+        means.append(float(mapped[flight.used].mean()))
+    explained = [
+        explained_ingredients(of, item.instruments, item.runs)
+        for of, item in zip(measured, columns, strict=True)
+    ]
     base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
     added = {term.omission_sentence for term in problem.terms}
     differences: dict[str, Difference] = {}
     for name in _TERMS.keys() - added:
-        pairs = [(_TERMS[name](of), _TERMS[name](by)) for of, by in zip(measured, explained, strict=True)]
+        of_term, parts = _TERMS[name], zip(measured, explained, means, strict=True)
+        pairs = [(of_term(of, mean), of_term(by, mean)) for of, by, mean in parts]
         known = [(x, z) for x, z in pairs if x is not None and z is not None]
         if len(known) < len(columns):
             continue
@@ -116,27 +114,11 @@ def omitted_variable_tests(
     return {name: differences[name] for name in _TERMS if name in differences}
 
 
-def _measured(
-    problem: VerticalFlights, position: int, flight: PreparedFlight, nuisance_values: Values
-) -> _Flight:
-    mapped = problem.columns[position].moving(nuisance_values)[:, 0]
-    used = np.flatnonzero(flight.used)
-    time = flight.grid.time_s
-    span = time[used[-1]] - time[used[0]]
-    share = (time - time[used[0]]) / span - 0.5
-    volts = voltage(flight)
-    away = None if volts is None else volts / float(volts[flight.used].mean()) - 1.0
-    mean = float(mapped[flight.used].mean())
-    return _Flight(problem.flights[position].velocity, mapped, mean, height_over_ground(flight), away, share)
-
-
-def _explained(axis_columns: AxisColumns, of: _Flight) -> _Flight:
-    """The same as far as the instruments of a flight explain it; voltage and time as they are."""
-    known = {"velocity": of.velocity, "mapped": of.mapped}
-    if of.height is not None:
-        known["height"] = of.height
-    fitted = explained(axis_columns.instruments, axis_columns.runs, np.column_stack(list(known.values())))
-    return replace(of, **dict(zip(known, fitted.T, strict=True)))
+def _share_of_time(flight: PreparedFlight) -> TermColumn:
+    """Time from half before to half after the middle of what is used."""
+    used, time = np.flatnonzero(flight.used), flight.grid.time_s
+    share: TermColumn = (time - time[used[0]]) / (time[used[-1]] - time[used[0]]) - 0.5
+    return share
 
 
 def _linear(

@@ -182,15 +182,22 @@ def term_instruments(
     runs: Sequence[slice],
 ) -> Float[np.ndarray, "n terms"]:
     """An instrument for each term; performs no checks."""
-    parts = [of.velocity, of.lift, *([] if of.radii is None else [of.radii])]
-    velocity, lift, *radii = explained(references, runs, np.column_stack(parts)).T
-    voltage = None
+    made = explained_ingredients(of, references, runs)
     if of.voltage is not None:
         time = np.linspace(-1.0, 1.0, of.voltage.size)
         trend = np.column_stack([time**power for power in range(1, TREND + 1)])
         voltage = explained(np.column_stack([references, trend]), runs, of.voltage[:, None])[:, 0]
-    made = TermIngredients(velocity, lift, radii[0] if radii else None, voltage)
+        made = replace(made, voltage=voltage)
     return np.column_stack([term.column(made) for term in terms])
+
+
+def explained_ingredients(
+    of: TermIngredients, references: Float[np.ndarray, "n p"], runs: Sequence[slice]
+) -> TermIngredients:
+    """The same as far as references explain them; voltage as it is."""
+    parts = [of.velocity, of.lift, *([] if of.radii is None else [of.radii])]
+    velocity, lift, *radii = explained(references, runs, np.column_stack(parts)).T
+    return replace(of, velocity=velocity, lift=lift, radii=radii[0] if radii else None)
 
 
 def explained(
