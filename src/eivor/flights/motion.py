@@ -57,10 +57,10 @@ Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " star
 class HorizonErrors:
     """What one model leaves of one quantity after each horizon."""
 
-    model: str  # The model's name, and what it is
-    words: str  # The model's name, and what it is
-    quantity: str  # What is predicted, and the unit of what is left
-    unit: str  # What is predicted, and the unit of what is left
+    model: str  # The model's name
+    words: str  # What the model is
+    quantity: str  # What is predicted
+    unit: str  # Of what is left
     #: Size of predicted less measured; NaN where nothing was measured
     left: Float[np.ndarray, "starts horizons"] = field(repr=False)
     #: Measured and predicted after the last horizon, of a quantity that is a single number
