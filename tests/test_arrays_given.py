@@ -120,17 +120,6 @@ def test_names_and_lags_that_cannot_be_told_apart():
     assert ev.Column("a", np.int64(2)).name == "a(k-2)"
 
 
-def test_values_that_nothing_measures_are_missing():
-    """A velocity of 1e300 m/s ended in an overflow, long after it was read."""
-    values = np.full(20, 0.5)
-    values[[3, 4]] = 1e300, -1e101
-    channel = ev.recording_from_columns({"time": np.arange(20.0), "velocity_z": values}).channels[
-        "velocity_z"
-    ]
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(channel.values)), [3, 4])
-    assert channel.quality.missing_values == 2
-
-
 def test_the_nearest_name_is_proposed():
     known = ("velocity_z", "position_z", "input")
     assert did_you_mean("velocty_z", known, "Name one.") == "Did you mean 'velocity_z'?"

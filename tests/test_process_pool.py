@@ -83,7 +83,7 @@ WorkerProcess(begin_another)(sys.argv[1])
 """
 
 
-def is_alive(process: int) -> bool:
+def is_alive(process):
     """Whether a process is there."""
     try:
         os.kill(process, 0)

@@ -13,7 +13,6 @@ import pytest
 from browser.conftest import PATIENCE_MS
 from coarse_search import coarse
 from eivor.flights.options import FlightOptions
-from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
@@ -113,13 +112,13 @@ KINDS = ("fit", "pool", "refused", "hostile")
 
 
 @pytest.fixture(scope="module")
-def fit() -> FlightEstimate:
+def fit():
     with coarse():
         return identify_flight(example_flight(), FlightOptions(window=(10.0, 50.0)))
 
 
 @pytest.fixture(scope="module")
-def pages(fit: FlightEstimate) -> dict[str, str]:
+def pages(fit):
     log = fit.prepared[0].recording
     flights = [replace(log, name=name, sha256=name) for name in ("first", f"second-{60 * 'long'}")]
     with coarse():
@@ -197,7 +196,7 @@ def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     assert locator.text_content() == text_content
 
 
-def seconds(text: str) -> tuple[float, ...]:
+def seconds(text):
     return tuple(float(item.removesuffix(" s")) for item in text.split(" to "))
 
 

@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import threading
-from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -24,18 +23,16 @@ from eivor.cli import tools
 from eivor.cli.tools import PublicLog, fetched, public_logs
 from eivor.errors import InputError
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles, vehicle_template
-from eivor.planning.vehicle import VehicleGuess
 from eivor.report import other_results
 from exports.documents import document, refused, written
 from exports.identified import TRUE, px4_log
 from exports.test_autopilots import qgc
 from planning.conftest import planned as plan_of
 
-Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
-def test_parameters_are_written(eivor: Caller, tmp_path: Path) -> None:
+def test_parameters_are_written(eivor, tmp_path):
     log, fit, file = (tmp_path / name for name in ("flight.ulg", "fit.json", "vehicle.params"))
     log.write_bytes(px4_log())
     fitted = ("--input", "actuator_output", "--input-map", "fit")
@@ -51,7 +48,7 @@ def test_parameters_are_written(eivor: Caller, tmp_path: Path) -> None:
     assert "THR_MDL_FAC is not written" in partly.err
 
 
-def test_what_is_not_identified_leaves_with_code_3(eivor: Caller, tmp_path: Path) -> None:
+def test_what_is_not_identified_leaves_with_code_3(eivor, tmp_path):
     fit, file = written(refused(document(), "viscous_friction"), tmp_path), tmp_path / "model.json"
     run = eivor("export", fit, "--to", "statespace", "-o", file)
     assert run.code == 3
@@ -62,7 +59,7 @@ def test_what_is_not_identified_leaves_with_code_3(eivor: Caller, tmp_path: Path
     assert json.loads(file.read_text())["numbers"]["viscous_friction"]["source"] == "given"
 
 
-def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
+def test_draws_are_a_table(eivor, tmp_path):
     fit, file = written(document(), tmp_path), tmp_path / "draws.parquet"
     assert eivor("export", fit, "--draws", 50, "--mass", "1.53:0.02", "-o", file).code == 0
     table = pl.read_parquet(file)
@@ -90,9 +87,7 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
         (["--to", "px4", "--mass", "-1"], "a mass above zero"),
     ],
 )
-def test_wrong_usage(
-    arguments: list[str], message: str, eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_usage(arguments, message, eivor, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = eivor("export", written(document(), tmp_path), *arguments)
     assert run.code == 2
@@ -100,7 +95,7 @@ def test_wrong_usage(
 
 
 @pytest.mark.thorough
-def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) -> None:
+def test_json_has_the_documented_keys(eivor, log, tmp_path):
     run = eivor("inspect", f"{log}@5:20", "--json", "-")
     document = json.loads(run.out)
     described = (
@@ -114,14 +109,12 @@ def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) 
     assert json.loads((tmp_path / "x.json").read_text())["verdict"]
 
 
-def test_the_example_is_read_with_what_its_file_says(eivor: Caller) -> None:
+def test_the_example_is_read_with_what_its_file_says(eivor):
     document = json.loads(eivor("inspect", "--example", "--json", "-").out)
     assert [finding["name"] for finding in document["findings"]] == []
 
 
-def test_a_log_that_identify_cannot_use_is_inspected(
-    eivor: Caller, flight: polars.DataFrame, tmp_path: Path
-) -> None:
+def test_a_log_that_identify_cannot_use_is_inspected(eivor, flight, tmp_path):
     path = tmp_path / "blind.csv"
     flight.drop("velocity_z").write_csv(path)
     run = eivor("inspect", path)
@@ -133,7 +126,7 @@ def test_a_log_that_identify_cannot_use_is_inspected(
 
 
 @pytest.mark.thorough
-def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+def test_dirt_is_counted(eivor, flight, tmp_path):
     path = tmp_path / "dirty.csv"
     table = polars.concat([flight.head(1000), flight.slice(990, 10), flight.slice(1300, 1700)])
     table.write_csv(path)
@@ -157,7 +150,7 @@ def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path
         ("LOG@0:14", "LOG@14:29", "--max-tilt", "4", "--input-map", "power:2"),
     ],
 )
-def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tuple[str, ...]) -> None:
+def test_it_foretells_what_identify_says(eivor, log, arguments):
     """With the same arguments, for one log and for several."""
     typed = [argument.replace("LOG", str(log)) for argument in arguments]
     foretold = json.loads(eivor("inspect", *typed, "--json", "-").out)
@@ -166,14 +159,12 @@ def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tu
 
 
 @pytest.mark.thorough
-def test_a_log_of_several_windows_is_read_once(
-    eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_log_of_several_windows_is_read_once(eivor, log, monkeypatch):
     """Standard input cannot be read a second time."""
     read: list[Path] = []
     read_log = ev.read_log
 
-    def counted(path: Path, **options: Any) -> ev.Recording:
+    def counted(path, **options):
         read.append(path)
         return read_log(path, **options)
 
@@ -184,9 +175,7 @@ def test_a_log_of_several_windows_is_read_once(
 
 
 @pytest.mark.thorough
-def test_logs_that_cannot_be_pooled_are_inspected(
-    eivor: Caller, log: Path, flight: polars.DataFrame, tmp_path: Path
-) -> None:
+def test_logs_that_cannot_be_pooled_are_inspected(eivor, log, flight, tmp_path):
     blind = tmp_path / "blind.csv"
     flight.drop("velocity_z").write_csv(blind)
     document = json.loads(eivor("inspect", log, blind, "--json", "-").out)
@@ -197,11 +186,11 @@ def test_logs_that_cannot_be_pooled_are_inspected(
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+def asked(monkeypatch):
     """What the command asks for; it gets a plan without simulations."""
     calls: list[dict[str, Any]] = []
 
-    def made(vehicle: VehicleGuess, **options: Any) -> Any:
+    def made(vehicle, **options):
         calls.append({"vehicle": vehicle, **options})
         return plan_of(options["shape"] or "multisine")
 
@@ -209,7 +198,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return calls
 
 
-def test_every_form_is_written(eivor: Caller, asked: list[dict[str, Any]], tmp_path: Path) -> None:
+def test_every_form_is_written(eivor, asked, tmp_path):
     files = {name: tmp_path / f"flight{ending}" for name, ending in (("csv", ".csv"), ("mavsdk", ".py"))}
     files |= {"rotorpy": tmp_path / "trajectory.py", "qgc": tmp_path / "flight.plan"}
     options = [text for name, path in files.items() for text in (f"--{name}", path)]
@@ -222,13 +211,11 @@ def test_every_form_is_written(eivor: Caller, asked: list[dict[str, Any]], tmp_p
     assert asked[0]["shape"] == "steps"  # a mission has levels only
 
 
-def test_rough_numbers_and_limits_reach_the_plan(
-    eivor: Caller, asked: list[dict[str, Any]], tmp_path: Path
-) -> None:
+def test_rough_numbers_and_limits_reach_the_plan(eivor, asked, tmp_path):
     limits = ("--height", "2:4", "--speed", "1", "--time", "90", "--tilt", "15", "--acceleration", "2")
     run = eivor("plan", "--hover", "0.4", "--lag", "80", "--gusts", "0.6", *limits, "--json", "-")
     assert json.loads(run.out)["target"] == "friction"
-    assert asked[0]["vehicle"] == VehicleGuess(hover_input=0.4, lag_s=0.08, gust_rms=0.6)
+    assert asked[0]["vehicle"] == ev.VehicleGuess(hover_input=0.4, lag_s=0.08, gust_rms=0.6)
     result = asked[0]["limits"]
     assert (result.height_m, result.speed, result.duration_s) == ((2.0, 4.0), 1.0, 90.0)
     assert (result.tilt_deg, result.acceleration) == (15.0, 2.0)
@@ -251,9 +238,7 @@ def test_rough_numbers_and_limits_reach_the_plan(
         (("none.json",), "none.json"),
     ],
 )
-def test_wrong_usage_is_told(
-    eivor: Caller, asked: list[dict[str, Any]], options: tuple[str, ...], words: str
-) -> None:
+def test_wrong_usage_is_told(eivor, asked, options, words):
     run = eivor("plan", *options)
     assert run.code == (1 if options == ("none.json",) else 2)
     assert words in run.err
@@ -311,12 +296,12 @@ CONTENT = b"a log"
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, format: str, *args: object) -> None:
+    def log_message(self, format, *args):
         pass
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[str]:
+def server(tmp_path):
     """Address of a server on this machine that has one file."""
     folder = tmp_path / "origin"
     folder.mkdir()
@@ -329,11 +314,11 @@ def server(tmp_path: Path) -> Iterator[str]:
         thread.join()
 
 
-def _log(base: str, content: bytes = CONTENT) -> PublicLog:
+def _log(base, content=CONTENT):
     return PublicLog("x", f"{base}/x.ulg", hashlib.sha256(content).hexdigest(), "A log.", "MIT")
 
 
-def test_a_log_is_fetched_once(server: str, tmp_path: Path) -> None:
+def test_a_log_is_fetched_once(server, tmp_path):
     folder = tmp_path / "cache"
     path = fetched(_log(server), folder=folder)
     assert path == folder / "x.ulg"
@@ -342,7 +327,7 @@ def test_a_log_is_fetched_once(server: str, tmp_path: Path) -> None:
     assert fetched(_log(server), folder=folder) == path
 
 
-def test_what_cannot_be_fetched_is_told(server: str, tmp_path: Path) -> None:
+def test_what_cannot_be_fetched_is_told(server, tmp_path):
     nowhere = "http://127.0.0.1:1"
     (tmp_path / "x.ulg").write_bytes(b"damage")
     (tmp_path / "a file").touch()
@@ -357,7 +342,7 @@ def test_what_cannot_be_fetched_is_told(server: str, tmp_path: Path) -> None:
     assert (tmp_path / "x.ulg").read_bytes() == b"damage"
 
 
-def test_fetch_prints_the_path(eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fetch_prints_the_path(eivor, tmp_path, monkeypatch):
     origin = tmp_path / "origin folder"
     origin.mkdir()
     (origin / "x.ulg").write_bytes(CONTENT)
@@ -373,7 +358,7 @@ def test_fetch_prints_the_path(eivor: Caller, tmp_path: Path, monkeypatch: pytes
     assert run.err.startswith("eivor: Expected")
 
 
-def test_list_path_and_sources(eivor: Caller) -> None:
+def test_list_path_and_sources(eivor):
     run = eivor("example", "fetch", "nothing")
     assert run.code == 2
     assert "ekf_failure" in run.err
@@ -387,7 +372,7 @@ def test_list_path_and_sources(eivor: Caller) -> None:
 
 
 @pytest.mark.recordings
-def test_the_hashes_are_those_of_the_files(recordings: Path) -> None:
+def test_the_hashes_are_those_of_the_files(recordings):
     hashes = {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in recordings.glob("*/*")
@@ -403,22 +388,22 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 CLOSE = {"rel": 1e-2, "abs": 2e-3}
 
 
-def masked(text: str) -> list[str]:
+def masked(text):
     return NUMBER.sub("#", text).split()
 
 
-def numbers(text: str) -> list[float]:
+def numbers(text):
     return [float(number) for number in NUMBER.findall(text)]
 
 
-def same(displayed: str, lines: list[str]) -> bool:
+def same(displayed, lines):
     printed = "\n".join(lines)
     return masked(displayed) == masked(printed) and numbers(displayed) == pytest.approx(
         numbers(printed), **CLOSE
     )
 
 
-def check(displayed: str, printed: str) -> None:
+def check(displayed, printed):
     """Every part of what is shown, between lines of three dots, stands in what is printed, in this order."""
     left = [line for line in printed.splitlines() if line.strip()]
     for part in re.split(r"^\.\.\.\n", displayed, flags=re.MULTILINE):

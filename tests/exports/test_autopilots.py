@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import re
 import shlex
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ HOSTILE = "a\n1\t1\tMPC_THR_HOVER\t0.9\t9\r\u2028b\x1b[2J\udcff.ulg"
 FITTED = {"input": "actuator_output", "input_map": "fit"}
 
 
-def qgc(text: str) -> dict[str, float]:
+def qgc(text):
     """Parameters of a file of QGroundControl, which is refused for anything out of the ordinary."""
     assert text.isascii()
     assert text.endswith("\n")
@@ -50,7 +49,7 @@ def qgc(text: str) -> dict[str, float]:
     return nuisances
 
 
-def ardupilot(text: str) -> dict[str, float]:
+def ardupilot(text):
     """Parameters of a file of ArduPilot."""
     assert text.isascii()
     rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
@@ -58,31 +57,31 @@ def ardupilot(text: str) -> dict[str, float]:
     return {name: float(value) for name, value in rows}
 
 
-def exported(record: Document, folder: Path, to: str = "px4") -> str:
+def exported(record, folder, to="px4"):
     return ev.load_fit(written(record, folder)).export(to)
 
 
-def interval(text: str, name: str) -> tuple[float, float]:
+def interval(text, name):
     (low, high) = re.findall(rf"# {name}: .* interval \[([^,]+), ([^\]]+)\]", text)[0]
     return float(low), float(high)
 
 
 @pytest.fixture(scope="module")
-def setpoint() -> Callable[[], Document]:
+def setpoint():
     """A result of PX4's thrust setpoint, with the map as it is."""
     reported = identified(px4_log(in_force=TRUE))
     return lambda: copy.deepcopy(reported)
 
 
 @pytest.fixture(scope="module")
-def motors() -> Callable[[], Document]:
+def motors():
     """A result of PX4's `actuator_motors` with a curve that was fitted; another one is in force."""
     reported = identified(px4_log(in_force=0.3), **FITTED)
     return lambda: copy.deepcopy(reported)
 
 
 @pytest.fixture(scope="module")
-def outputs() -> Callable[[], Document]:
+def outputs():
     """A result of PX4's `actuator_outputs`, which are behind the curve."""
     reported = identified(px4_log(in_force=0.3, outputs="actuator_outputs"), **FITTED)
     return lambda: copy.deepcopy(reported)
@@ -103,9 +102,7 @@ def outputs() -> Callable[[], Document]:
         ),
     ],
 )
-def test_the_curve_of_the_motors_is_written_on_either_side(
-    log: Callable[[], bytes], choices: Document, side: str, tmp_path: Path
-) -> None:
+def test_the_curve_of_the_motors_is_written_on_either_side(log, choices, side, tmp_path):
     content = log()
     of_px4 = content.startswith(b"ULog")
     curve, hover = ("THR_MDL_FAC", "MPC_THR_HOVER") if of_px4 else ("MOT_THST_EXPO", "MOT_THST_HOVER")
@@ -121,7 +118,7 @@ def test_the_curve_of_the_motors_is_written_on_either_side(
 
 
 @pytest.mark.parametrize("in_force", [1.0, pytest.param(0.65, marks=pytest.mark.thorough)])
-def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_path: Path) -> None:
+def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force, tmp_path):
     """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""
     reported = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
     assert reported["parameters"]["thrust_curve"]["value"] == pytest.approx(1.0, abs=0.02)
@@ -136,7 +133,7 @@ def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_
     assert result.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:
+def test_a_value_in_force_that_is_too_large_is_said(tmp_path):
     reported = identified(px4_log(in_force=0.9), **FITTED)
     assert "THR_MDL_FAC 0.9, which is in force, is too large for this vehicle" in curve_told(reported)
     assert "THR_MDL_FAC" not in qgc(exported(reported, tmp_path))
@@ -152,12 +149,7 @@ def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:
         (None, (0.05, 0.001)),
     ],
 )
-def test_what_px4_does_not_take_is_a_comment(
-    curve: tuple[float, float] | None,
-    hover: tuple[float, float] | None,
-    outputs: Callable[[], Document],
-    tmp_path: Path,
-) -> None:
+def test_what_px4_does_not_take_is_a_comment(curve, hover, outputs, tmp_path):
     """Of signals behind the curve, hover and curve are both left out."""
     reported = outputs()
     for quantity, given in (
@@ -174,9 +166,7 @@ def test_what_px4_does_not_take_is_a_comment(
     assert all(f"{given[0]:g}" not in text for given in (curve, hover) if given)
 
 
-def test_without_the_value_in_force_a_setpoint_tells_no_curve(
-    motors: Callable[[], Document], tmp_path: Path
-) -> None:
+def test_without_the_value_in_force_a_setpoint_tells_no_curve(motors, tmp_path):
     reported = motors()
     reported["model"]["autopilot_curve"]["in_force"] = {}
     text = exported(reported, tmp_path)
@@ -185,9 +175,7 @@ def test_without_the_value_in_force_a_setpoint_tells_no_curve(
 
 
 @pytest.mark.parametrize("missing", ["key", "side"])
-def test_a_result_that_does_not_know_the_side_is_read_and_says_so(
-    missing: str, motors: Callable[[], Document], tmp_path: Path
-) -> None:
+def test_a_result_that_does_not_know_the_side_is_read_and_says_so(missing, motors, tmp_path):
     reported = motors()
     if missing == "key":  # as older versions wrote it
         del reported["model"]["autopilot_curve"]
@@ -202,7 +190,7 @@ def test_a_result_that_does_not_know_the_side_is_read_and_says_so(
     assert "actuator" in exported(reported, tmp_path, "statespace")
 
 
-def test_rotor_speeds_and_other_motions_are_refused(setpoint: Callable[[], Document], tmp_path: Path) -> None:
+def test_rotor_speeds_and_other_motions_are_refused(setpoint, tmp_path):
     speeds = setpoint()
     speeds["derived"]["hover_input"]["value"] = 1788.0
     with pytest.raises(UsageError, match=r"a share of the largest.*--input actuator_output"):
@@ -227,9 +215,7 @@ def test_rotor_speeds_and_other_motions_are_refused(setpoint: Callable[[], Docum
 
 
 @pytest.mark.parametrize(("to", "format_name"), [("px4", "ulog"), ("ardupilot", "dataflash")])
-def test_no_name_of_a_log_becomes_a_parameter(
-    to: str, format_name: str, setpoint: Callable[[], Document], tmp_path: Path
-) -> None:
+def test_no_name_of_a_log_becomes_a_parameter(to, format_name, setpoint, tmp_path):
     reported = refused(setpoint(), "viscous_friction", HOSTILE)
     reported["logs"][0] |= {"name": HOSTILE, "format": format_name}
     reported["provenance"]["logs"][0]["name"] = HOSTILE
@@ -254,14 +240,14 @@ OF_AUTOPILOTS = [
 ]
 
 
-def written_to(command: str) -> Path:
+def written_to(command):
     """The file that a command writes; the last word of each is one."""
     return Path(re.findall(r"(?:-o|--json|--out) (\S+)", command)[0])
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any) -> None:
+def test_commands_run(tmp_path, monkeypatch, command_line):
     monkeypatch.chdir(tmp_path)
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
@@ -277,9 +263,7 @@ def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_l
 @pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])
-def test_real_flights(
-    log: str, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
-) -> None:
+def test_real_flights(log, recordings, tmp_path, monkeypatch, command_line):
     """None of these flights tells its curve: nothing beyond a range is written, and it is said why."""
     monkeypatch.chdir(tmp_path)
     (ulog,) = recordings.rglob(f"{log}.ulg")
@@ -299,7 +283,7 @@ def test_real_flights(
 
 @pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_a_curve_that_is_refused_proposes_nothing(recordings: Path) -> None:
+def test_a_curve_that_is_refused_proposes_nothing(recordings):
     log = (recordings / "px4" / "battery_brownout.ulg").read_bytes()
     reported = identified(log, input="actuator_output", input_map="fit")
     curve = reported["parameters"]["thrust_curve"]

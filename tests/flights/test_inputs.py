@@ -14,7 +14,6 @@ from eivor.flights.grid import Grid, on_grid
 from eivor.flights.prepare import prepare
 from eivor.flights.references import share_left
 from eivor.inference.verdict import Status
-from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, DataSheet
@@ -187,14 +186,3 @@ def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(lo
     assert "input" not in [
         reference.name for reference in prepare_vertical(log_open, ev.FlightOptions()).references
     ]
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-def test_the_reason_is_given(log_open):
-    flown_by_hand = changed(log_open, input_open_loop=channel("landed", [0.0, 19.9], [1.0, 1.0]))
-    result = identify_flight(flown_by_hand)
-    assert result.instruments == "input"
-    (messages,) = [finding.message for finding in result.findings if finding.name == "open_loop_input"]
-    assert messages == "No loop acts on the input in this mode of flight: it is its own instrument."
-    assert np.isfinite(result.quantities["viscous_friction"].value)

@@ -324,31 +324,3 @@ def test_numbers_near_the_largest_give_numbers():
     with np.errstate(all="ignore"):
         between, line = curve_between(STAMPS, values, AT), line_between(STAMPS, values, AT)
     assert np.array_equal(np.isfinite(between), np.isfinite(line))
-
-
-def jumping(log, jump_s):
-    """The log, its clock jumping in the middle."""
-    return replace(
-        log,
-        channels={
-            name: replace(
-                c, time_s=np.where(np.arange(c.time_s.size) < c.time_s.size // 2, 0.0, jump_s) + c.time_s
-            )
-            for name, c in log.channels.items()
-        },
-    )
-
-
-@pytest.mark.thorough
-def test_a_jump_of_the_clock_costs_what_a_pause_costs():
-    log = flown(seconds=12.0)[0]
-    paused, jumped = (identify_flight(jumping(log, jump_s)) for jump_s in (20.0, 1e6))
-    flight = jumped.prepared[0]
-    assert flight.signals.sample_count == paused.prepared[0].signals.sample_count
-    assert len(flight.runs) == 2
-    assert jumped.window_s == pytest.approx((0.0, 1e6 + 12.0 - STEP_S))
-    assert jumped.diagnostics["used_s"] == paused.diagnostics["used_s"]
-    assert jumped.diagnostics["command_rate_hz"] == pytest.approx(1.0 / STEP_S)
-    for name, quantity in paused.quantities.items():
-        # stamps of a million seconds are rounded to a tenth of a nanosecond
-        assert jumped.quantities[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std_error)

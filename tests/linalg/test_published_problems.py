@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +34,6 @@ def test_filip_is_lost_by_the_normal_equations():
     A, b = system.matrix, system.right
     theta = np.linalg.solve(A.T @ A, A.T @ b)
     assert certified_digits(theta, truth.FILIP) < 1.0
-
-
-@pytest.mark.parametrize("solver", [AugmentedLeastSquares(), LeastSquares()])
-def test_norris_to_certified_digits(solver):
-    data = resources.files("scipy.stats.tests.data.nist_linregress").joinpath("Norris.dat").read_text()
-    rows = [line.split() for line in data.splitlines()[60:] if line.strip()]
-    y, x = np.array(rows, dtype=float).T
-    theta = solver.solve(LinearSystem(np.column_stack([np.ones_like(x), x]), y)).theta
-    assert certified_digits(theta, truth.NORRIS) >= 12.0
 
 
 def pearson_system(error_covariance=None):

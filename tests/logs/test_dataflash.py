@@ -208,20 +208,6 @@ def test_rotor_speeds_by_instance(tmp_path, flight):
     assert r.channels["rotor_speed_1"].values[0] == pytest.approx(100.0 * np.pi)
 
 
-@pytest.mark.parametrize(
-    ("text", "vehicle"),
-    [
-        ("ArduPlane V4.5.7 (0358a9c2)", "fixed wing"),
-        ("ArduRover V4.2.3", "rover"),
-        ("APM:Copter V3.4.4", "rotary wing"),
-        ("Rover V4.5.0 (abc)", "rover"),
-        ("Mission: 1 Takeoff", ""),
-    ],
-)
-def test_vehicles(tmp_path, flight, text, vehicle):
-    assert read(tmp_path, flight_log(flight, vehicle=text)).vehicle == vehicle
-
-
 def test_a_log_without_flight_data(tmp_path):
     with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
         read(tmp_path, DataflashWriter().text("ArduCopter V4.6.2").parameters(SYSID=1.0))

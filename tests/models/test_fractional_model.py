@@ -19,13 +19,7 @@ from eivor.errors import (
     ShapeError,
     UsageError,
 )
-from eivor.lab.fractional_model import (
-    FilteredSignals,
-    FractionalDerivative,
-    FractionalDifference,
-    FractionalPart,
-    Side,
-)
+from eivor.lab.fractional_model import FilteredSignals, FractionalPart, Side
 
 ORDER = ev.UnknownOrder("order", 0.2, 1.2)
 LAGGED = ev.FractionalDifferenceModel(
@@ -41,7 +35,7 @@ LAGGED_TRUTH = {
 
 
 def relaxation(operator=None):
-    return ev.FractionalDifferenceModel((0.0, 0.6), (0.0,), operator or FractionalDifference())
+    return ev.FractionalDifferenceModel((0.0, 0.6), (0.0,), operator or ev.FractionalDifference())
 
 
 def mittag_leffler_step(t):
@@ -52,7 +46,7 @@ def mittag_leffler_step(t):
 
 
 @pytest.mark.parametrize(
-    ("operator", "factor"), [(FractionalDifference(), 2.0), (ev.FractionalDerivative(), 4.0)]
+    ("operator", "factor"), [(ev.FractionalDifference(), 2.0), (ev.FractionalDerivative(), 4.0)]
 )
 def test_the_step_response_is_that_of_mittag_leffler_but_for_the_step(operator, factor):
     """Grunwald-Letnikov's error halves with the step; the corrected derivative's falls by four.
@@ -78,7 +72,7 @@ def test_the_step_response_is_that_of_mittag_leffler_but_for_the_step(operator, 
 )
 def test_growing_modes_of_a_relaxation(gain, order, growing):
     """1 + a (1 - z)^order has a root inside where -1/a is (1 - z)^order of some |z| < 1: see its modulus."""
-    assert Side(((1.0, 0.0, 0), (gain, order, 0)), FractionalDifference(), 1.0).growing_modes == growing
+    assert Side(((1.0, 0.0, 0), (gain, order, 0)), ev.FractionalDifference(), 1.0).growing_modes == growing
 
 
 def test_an_unstable_equation_is_not_simulated():
@@ -155,7 +149,7 @@ def test_bad_input_is_told(call, error, text):
 
 def of_noise(noise, count=60, operator=None, **more):
     signals = ev.Signals(2.0, {"x": np.zeros(count), "z": np.zeros(count)}, noise={"x": noise})
-    return FilteredSignals(signals, operator or FractionalDifference(), **more)
+    return FilteredSignals(signals, operator or ev.FractionalDifference(), **more)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +164,7 @@ def test_differences_of_white_noise_share_what_gamma_functions_say(one, other, l
     assert result == pytest.approx(0.25 * closed, rel=2e-3 if min(one, other) < 0.0 else 1e-5)
 
 
-@pytest.mark.parametrize("operator", [FractionalDifference(), FractionalDerivative()])
+@pytest.mark.parametrize("operator", [ev.FractionalDifference(), ev.FractionalDerivative()])
 @pytest.mark.parametrize("noise", [ev.WhiteNoise(0.5), ev.FractionalNoise(0.5, -0.4)])
 def test_shared_noise_is_the_mean_over_the_rows(operator, noise):
     """Row by row, from the definition: the column's filter row times that of the other column."""
@@ -230,7 +224,7 @@ def test_instruments_with_a_gain_of_another_channel_are_refused():
 def test_parts_of_records_are_refused():
     signals = ev.Signals(1.0, {"x": np.zeros(9)}, offset=4)
     with pytest.raises(DataError, match=r"a whole record, .*; received one that begins at sample 4"):
-        FilteredSignals(signals, FractionalDifference())
+        FilteredSignals(signals, ev.FractionalDifference())
     gap = ev.Signals(1.0, {"x": np.zeros(9)}, valid=np.arange(9) != 4)
     with pytest.raises(DataError, match="every sample of which is valid; received samples that are not"):
-        FilteredSignals(gap, FractionalDifference())
+        FilteredSignals(gap, ev.FractionalDifference())

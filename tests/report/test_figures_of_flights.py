@@ -10,31 +10,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+import eivor as ev
 import shape_checks
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.bootstrap import bootstrap
-from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import least_squares
-from eivor.flights.quantity import Trace
-from eivor.flights.result import FlightEstimate
-from eivor.inference.bootstrap import Bootstrap
-from eivor.models.regression import regression
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.regression import VerticalFlights
 from eivor.report.figure_panels import estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, save_figure, signals_figure
 from eivor.report.flight_figures import flight_figure
-from eivor.signals.signals import Signals
 
 
-def _titles(figure: Figure) -> list[str]:
+def _titles(figure):
     return [axes.get_title() for axes in figure.axes]
 
 
-def inside(figure: Figure) -> bool:
+def inside(figure):
     """Whether every text lies on the page."""
     figure.draw_without_rendering()
     width, height = figure.bbox.width, figure.bbox.height
@@ -45,7 +37,7 @@ def inside(figure: Figure) -> bool:
     )
 
 
-def test_a_flight_has_its_panels(fit: FlightEstimate) -> None:
+def test_a_flight_has_its_panels(fit):
     figure = flight_figure(fit)
     titles = _titles(figure)
     assert titles[0].startswith("Measured and predicted, both band-passed 0.0")
@@ -63,13 +55,13 @@ def test_a_flight_has_its_panels(fit: FlightEstimate) -> None:
 class TwoAxes(Vertical):
     """A motion that has two axes to draw."""
 
-    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
+    def traces(self, problem, estimate):
         (up,) = super().traces(problem, estimate)
         return up, replace(up, axis="forward acceleration", measured=-up.measured, band_hz=(0.05, 3.0))
 
 
 @pytest.mark.thorough
-def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
+def test_every_axis_of_a_motion_is_drawn(fit):
     figure = flight_figure(replace(fit, motion=TwoAxes()))
     assert [axes.get_ylabel().split("\n")[0] for axes in figure.axes[:4]] == [
         "vertical acceleration",
@@ -85,7 +77,7 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, ending: str) -> None:
+def test_a_hostile_name_is_drawn_as_it_is(fit, tmp_path, ending):
     flight = fit.prepared[0]
     name = "$\\frac{1}{$ <b>&\x1b[31m\n 飛行 " + "x" * 200
     hostile = replace(fit, prepared=(replace(flight, recording=replace(flight.recording, name=name)),))
@@ -101,40 +93,40 @@ FLIGHT = ("fit", "residual", "autocorrelation", "profile of actuator_lag", "prof
 NOISE = np.random.default_rng(0).normal(size=400)
 
 
-def page(rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def page(rows, columns=1):
     """A figure of the caller's, as ``plt.subplots`` makes it."""
     figure = Figure(figsize=(5.5 * columns, 3.6 * rows), layout="constrained")
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def drawn(axes: Axes) -> bool:
+def drawn(axes):
     return bool(axes.lines or axes.patches or axes.collections or axes.texts)
 
 
 @cache
-def replicates() -> Bootstrap:
+def replicates():
     """A bootstrap of two parameters."""
-    rows = regression(
+    rows = ev.regression(
         response=NOISE, regressors=np.column_stack([np.roll(NOISE, 1), np.roll(NOISE, 2)]), names=("a", "b")
     )
-    return bootstrap(rows, least_squares(), runs=40)
+    return ev.bootstrap(rows, least_squares(), runs=40)
 
 
-ONE_PANEL: dict[str, Callable[[Any, FlightEstimate, Path], Figure]] = {
+ONE_PANEL: dict[str, Callable[[Any, ev.FlightEstimate, Path], Figure]] = {
     "pair": lambda ax, fit, _folder: pair_figure(
         estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
     )
 }
 
 
-def estimated(fit: FlightEstimate) -> Any:
+def estimated(fit):
     assert fit.estimate is not None
     return fit.estimate
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ONE_PANEL)
-def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+def test_a_single_panel_is_drawn_where_it_is_told(name, fit, tmp_path):
     figure, (left, right) = page(1, 2)
     assert ONE_PANEL[name](right, fit, tmp_path) is figure
     assert drawn(right)
@@ -146,17 +138,17 @@ def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate
     assert inside(figure)
 
 
-def test_a_panel_of_a_subfigure_is_drawn_too() -> None:
+def test_a_panel_of_a_subfigure_is_drawn_too():
     figure = Figure(layout="constrained")
     ax = figure.subfigures(1, 2)[1].add_subplot()
     assert residual_figure(NOISE, rate_hz=5.0, axes={"spectrum": ax}) is figure
 
 
-def signals() -> Signals:
-    return Signals(5.0, {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z")})
+def signals():
+    return ev.Signals(5.0, {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z")})
 
 
-SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], Figure]]] = {
+SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, ev.FlightEstimate, Path], Figure]]] = {
     "flight": (FLIGHT, lambda axes, fit, _folder: flight_figure(fit, axes)),
     "plot": (FLIGHT, lambda axes, fit, _folder: fit.plot(axes=axes)),
     "residual": (
@@ -173,7 +165,7 @@ SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SEVERAL)
-def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+def test_panels_are_drawn_in_order_or_by_name(name, fit, tmp_path):
     names, draw = SEVERAL[name]
     figure, axes = page(len(names))
     assert draw(np.array(axes), fit, tmp_path) is figure
@@ -192,7 +184,7 @@ def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tm
     assert inside(neighbours)
 
 
-def test_axes_that_do_not_fit_are_refused() -> None:
+def test_axes_that_do_not_fit_are_refused():
     """Every figure of several panels takes its Axes through the same door."""
     figure, (item,) = page(1)
     _, (other,) = page(1)
@@ -215,13 +207,13 @@ def test_axes_that_do_not_fit_are_refused() -> None:
     assert not drawn(item)
 
 
-def test_the_title_stands_above_the_first_panel_that_is_given() -> None:
+def test_the_title_stands_above_the_first_panel_that_is_given():
     _, axes = page(3)
     residual_figure(NOISE, rate_hz=5.0, title="$a_b", axes=axes)
     assert [axis.get_title() for axis in axes] == ["$a_b", "", ""]
 
 
-def test_without_an_estimate_the_flight_is_drawn_by_its_names(still: FlightEstimate) -> None:
+def test_without_an_estimate_the_flight_is_drawn_by_its_names(still):
     figure, axes = page(2)
     flight_figure(still, {"climb rate": axes[0], "reasons": axes[1]})
     assert axes[0].get_ylabel() == "climb rate\n[m/s]"

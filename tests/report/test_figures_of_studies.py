@@ -13,19 +13,16 @@ from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
-from eivor.estimation.estimate import Estimate
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
-from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, signals_figure
-from eivor.signals.signals import Signals
 
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
 
 
-def inside(figure: Figure) -> bool:
+def inside(figure):
     """Whether every text and mark lies on the page."""
     figure.draw_without_rendering()
     boxes = [axes.get_tightbbox() for axes in figure.axes]
@@ -34,12 +31,12 @@ def inside(figure: Figure) -> bool:
     return all(b.x0 > -1 and b.y0 > -1 and b.x1 < width + 1 and b.y1 < height + 1 for b in boxes if b)
 
 
-def words(figure: Figure) -> list[str]:
+def words(figure):
     return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
 
 
 @pytest.fixture(scope="module")
-def estimate() -> Estimate:
+def estimate():
     random, count = np.random.default_rng(1), 600
     u = lfilter([0.3], [1.0, -0.9], random.normal(size=count))
     v = lfilter([0.2], [1.0, -0.95], u)
@@ -49,7 +46,7 @@ def estimate() -> Estimate:
     return ev.identify(problem, ev.methods.least_squares())
 
 
-def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estimate) -> None:
+def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate):
     rows = estimate.rows
     replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=40)
     figure = estimates_figure({"least squares": estimate, "its bootstrap": replicates}, truth=TRUTH)
@@ -68,7 +65,7 @@ def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estima
     assert inside(figure)
 
 
-def test_ends_without_bound_are_arrows() -> None:
+def test_ends_without_bound_are_arrows():
     rows = [
         PlottedInterval("$both_", 0.3, ((-math.inf, math.inf),)),
         PlottedInterval("bounded", 0.3, ((0.2, 0.4),)),
@@ -82,7 +79,7 @@ def test_ends_without_bound_are_arrows() -> None:
     assert axes.get_xlabel() == "a_b [m]"
 
 
-def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
+def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate):
     replicates = ev.bootstrap(estimate.rows, ev.methods.least_squares(), runs=40)
     figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
     axes = figure.axes[0]
@@ -94,7 +91,7 @@ def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Es
     assert inside(figure)
 
 
-def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
+def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label():
     rows = [
         CoverageRow(label, group, hits, 1000)
         for group in ("a: K", "b: K")
@@ -119,8 +116,8 @@ def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> Non
     assert inside(figure)
 
 
-def finished(folder: Path, name: str, *, intervals: bool = True, level: float = 0.95) -> StudyResult:
-    experiment = VerticalExperiment(Scenario(0.3, 0.8))
+def finished(folder, name, *, intervals=True, level=0.95):
+    experiment = VerticalExperiment(ev.Scenario(0.3, 0.8))
     choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
     study = Study(name, experiment, choices, runs=3, intervals=intervals, level=level)
     columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
@@ -133,7 +130,7 @@ def finished(folder: Path, name: str, *, intervals: bool = True, level: float = 
     return StudyResult(study, folder, pl.DataFrame(columns))
 
 
-def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path: Path) -> None:
+def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path):
     alone = study_coverage_figure(finished(tmp_path, "one", level=0.9))
     assert [text.get_text() for text in alone.axes[0].get_yticklabels()] == ["K", "K_u"]
     assert next(text.get_text() for text in alone.legends[0].texts) == "nominal, 90 %"
@@ -141,13 +138,13 @@ def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path: Pat
     assert inside(alone)
 
 
-def labels(figure: Figure) -> list[str]:
+def labels(figure):
     return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
 
 
 def test_each_channel_has_a_panel_with_its_unit():
     channels = {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z", "specific_force_z")}
-    figure = signals_figure(Signals(5.0, channels, start_s=3.0), title="$a_b")
+    figure = signals_figure(ev.Signals(5.0, channels, start_s=3.0), title="$a_b")
     assert [axes.get_ylabel() for axes in figure.axes] == [
         "input u [-]",
         "velocity z' [m/s]",
@@ -160,7 +157,7 @@ def test_each_channel_has_a_panel_with_its_unit():
 
 def test_what_is_not_valid_is_a_gap():
     valid = np.arange(10) != 4
-    figure = signals_figure(Signals(5.0, {"velocity_z": np.arange(10.0)}, valid=valid))
+    figure = signals_figure(ev.Signals(5.0, {"velocity_z": np.arange(10.0)}, valid=valid))
     drawn = figure.axes[0].lines[0].get_ydata()
     assert np.isnan(drawn[4])
     assert not np.isnan(np.delete(drawn, 4)).any()
@@ -193,12 +190,12 @@ def test_no_estimate_is_said():
         (lambda: study_coverage_figure(finished(Path(), "one", intervals=False)), UsageError, "one without"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(draw, error, message) -> None:
+def test_what_cannot_be_drawn_is_refused(draw, error, message):
     with pytest.raises(error, match=message):
         draw()
 
 
-def test_long_residuals_are_drawn_by_their_range() -> None:
+def test_long_residuals_are_drawn_by_their_range():
     figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
     assert len(figure.axes[0].lines) == 1  # zero; the range is an area
     assert figure.axes[0].collections

@@ -187,21 +187,6 @@ def erring(step_s, error_s, seconds=40.0):
     return even, even + error_s * np.random.default_rng(5).standard_normal(even.size)
 
 
-@pytest.mark.parametrize(("step_s", "error_s"), [(0.004, 0.004), (0.004, 0.002), (0.010, 0.004)])
-def test_stamps_that_err_are_evened_and_none_is_lost(step_s, error_s):
-    even, stamps = erring(step_s, error_s)
-    channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")
-    assert channel.values.size == even.size
-    assert channel.quality.evened_stamps == even.size
-    assert channel.quality.backward_stamps == 0
-    away = channel.time_s - even
-    assert away.mean() == pytest.approx((stamps - even).mean(), abs=0.02 * error_s)
-    assert away.std() < 0.2 * error_s
-    # those that do not go back are late
-    kept = stamps == np.maximum.accumulate(stamps)
-    assert (stamps - even)[kept].mean() > (stamps - even).mean() + 0.05 * error_s
-
-
 def test_it_is_said():
     even, stamps = erring(0.004, 0.004)
     channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")

@@ -77,18 +77,6 @@ def test_binary_sequence_is_maximal(register):
     np.testing.assert_allclose(correlation[1:], -1.0, atol=1e-6)
 
 
-def test_random_steps_have_their_levels_and_times():
-    series = RandomSteps(0.2, 0.5, 1.5).sample(200_000, 0.01, np.random.default_rng(0))
-    assert series[0] == 0.0
-    changes = np.flatnonzero(np.diff(series))
-    assert np.diff(changes).min() >= 50  # a level may follow itself, so none is shorter and some are longer
-    shares = [np.mean(np.isclose(series, level)) for level in (-0.2, 0.0, 0.2)]
-    assert shares == pytest.approx([1 / 3] * 3, abs=0.05)
-    assert sum(shares) == pytest.approx(1.0)
-    # two changes of level in three, once a second
-    assert changes.size / 2000.0 == pytest.approx(2 / 3, rel=0.1)
-
-
 def test_given_series_is_the_users():
     np.testing.assert_array_equal(sampled(GivenSeries((1.0, 2.0, 3.0)), 2), [1.0, 2.0])
     with pytest.raises(ParameterError, match=r"a series of 4 values or more.*received 3"):

@@ -33,14 +33,14 @@ FRICTION = "flights/example/document/parameters/friction"
 LEAST_SQUARES = "problems/line/shared/least_squares"
 
 
-def record(content: dict) -> dict:
+def record(content):
     return {name: entry(value) for name, value in content.items()}
 
 
 RECORD = record(CONTENT)
 
 
-def changed(path: str, value: object) -> dict:
+def changed(path, value):
     """The record with one value replaced."""
     content = copy.deepcopy(CONTENT)
     part, name, *keys, last = path.split("/")

@@ -17,35 +17,35 @@ from validation.flight_recipe.trials import published_grid, read_trial_table
 from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
 from validation.paper.claims import claims_suite, claims_tables
 from validation.studies import read_as, read_rows
-from validation.suite_files import Suite, coverage_suite
+from validation.suite_files import coverage_suite
 from validation.unknown_noise import study as unknown_noise
 
 DOCS = Path(__file__).parents[2] / "docs"
 STUDIES = DOCS / "studies"
 
 
-def part_of(page: str, part: str) -> str:
+def part_of(page, part):
     """Generated part of a page of the documentation."""
     text = (DOCS / page).read_text(encoding="utf-8")
     return text.partition(f"<!-- generated: {part} -->")[2].partition(f"<!-- end: {part} -->")[0]
 
 
 @pytest.fixture(scope="module")
-def coverage() -> pl.DataFrame:
+def coverage():
     return read_coverage(STUDIES / "coverage.parquet")
 
 
 @pytest.fixture(scope="module")
-def efficiencies() -> pl.DataFrame:
+def efficiencies():
     return read_rows(STUDIES / "efficiency.parquet", efficiency.COLUMNS, "efficiency")
 
 
 @pytest.fixture(scope="module")
-def claims() -> pl.DataFrame:
+def claims():
     return read_rows(STUDIES / "claims.parquet", CLAIMS_COLUMNS, "claims")
 
 
-def is_of(rows: pl.DataFrame, suite: Suite, *more: str) -> bool:
+def is_of(rows, suite, *more):
     """Whether the rows have the scenarios and methods of a suite, and more methods."""
     labels = {choice.label for choice in suite.studies[0].study.methods}
     scenarios = {study.scenario for study in suite.studies}

@@ -34,7 +34,7 @@ class Run:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory):
     """The command, in a process of its own: checks of every shape would make it many times as long."""
     folder = tmp_path_factory.mktemp("coverage")
     out, page = folder / "coverage.parquet", folder / "page.md"
@@ -90,7 +90,7 @@ def test_rivals_fall_short(run):
 HELD = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"
 
 
-def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Path) -> None:
+def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path):
     item = next(
         study for study in read_suite(HELD).studies if (study.scenario, study.samples) == ("rich-high", 500)
     )

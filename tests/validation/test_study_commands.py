@@ -70,12 +70,12 @@ methods = ["generalized_iv_unknown_noise", "frisch_scheme"]
 """
 
 
-def command(module: str) -> Callable[[list[str]], int]:
+def command(module):
     result: Callable[[list[str]], int] = importlib.import_module(f"validation.{module}").main
     return result
 
 
-def page_of(folder: Path, part: str) -> Path:
+def page_of(folder, part):
     page = folder / "page.md"
     page.write_text(f"Before.\n<!-- generated: {part} -->\n<!-- end: {part} -->\nAfter.\n", encoding="utf-8")
     return page
