@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -215,7 +216,7 @@ def pooled_result(
     if isinstance(chosen.rule, NoInstruments):
         return None
     try:
-        result = _Pool(motion, members, options, chosen).result()
+        result = _result(motion, members, options, chosen)
     except (EstimationError, np.linalg.LinAlgError):
         return None
     serving = {id(member.logged): member.flight for member in members}
@@ -242,115 +243,112 @@ def _members(
     return tuple(result for result in results if result.exogenous) or tuple(results)
 
 
-@dataclass(frozen=True)
-class _Pool:
-    """How flights become the result of their pool."""
-
-    motion: Motion[Any]
-    members: tuple[Member, ...]
-    options: FlightOptions
-    chosen: Instruments
-
-    def result(self) -> FlightEstimate:
-        """Quantities of the pool and of each flight, with their verdicts."""
-        motion, flights = self.motion, tuple(member.flight for member in self.members)
-        shortened = tuple(flight.shortened for flight in flights)
-        logged = tuple(member.logged.shortened for member in self.members)
-        problem = motion.problem(logged, self.chosen.rule)
-        comparison = motion.abilities.sensors
-        sensors = None if comparison is None else comparison.agreement(problem, logged)
-        if any(flight.corrected for flight in flights):
-            problem = motion.problem(shortened, self.chosen.rule)
-        pool, without_prior = self._pooled(problem), None
+def _result(
+    motion: Motion[Any], members: tuple[Member, ...], options: FlightOptions, chosen: Instruments
+) -> FlightEstimate:
+    """Quantities of the pool and of each flight, with their verdicts."""
+    flights = tuple(member.flight for member in members)
+    shortened = tuple(flight.shortened for flight in flights)
+    logged = tuple(member.logged.shortened for member in members)
+    problem = motion.problem(logged, chosen.rule)
+    comparison = motion.abilities.sensors
+    sensors = None if comparison is None else comparison.agreement(problem, logged)
+    if any(flight.corrected for flight in flights):
+        problem = motion.problem(shortened, chosen.rule)
+    fits = [member.fit for member in members]
+    problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
+    make = partial(
+        pooled,
+        problems,
+        estimates,
+        motion.quantities.of_flight,
+        separate=options.pool_friction == "separate",
+    )
+    pool, without_prior = make(nuisances=problem.nuisances), None
+    estimate = pool.whole()
+    given, noticed = known_lag(motion, flights, options, problem, estimate)
+    if given is not None:
+        without_prior = problem, estimate
+        problem = with_lag_prior(problem, given.for_the_log)
+        pool = make(nuisances=problem.nuisances)
         estimate = pool.whole()
-        given, noticed = known_lag(motion, flights, self.options, problem, estimate)
-        if given is not None:
-            without_prior = problem, estimate
-            problem = with_lag_prior(problem, given.for_the_log)
-            pool = self._pooled(problem)
-            estimate = pool.whole()
-        sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
-        sums = LAG_SUMS if pool.nuisance_names[:1] == (ACTUATOR_LAG.name,) else {}
-        of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}
-        fit = Fit(
+    sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
+    sums = LAG_SUMS if pool.nuisance_names[:1] == (ACTUATOR_LAG.name,) else {}
+    of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}
+    # strength and agreement of the instruments as the flights have them
+    stages = [_first_stage(pool, number) for number in range(len(members))]
+    checks = replace(
+        fit_diagnostics(pooled_traces(motion, pool), estimate),
+        first_stage={name: float(np.median([item[name] for item in stages])) for name in stages[0]},
+        rank=pool.criterion.instruments,
+        agreement=agreement([item.checks for item in fits]),
+    )
+    fit = Fit(
+        problem,
+        estimate,
+        chosen.rule.label,
+        checks,
+        given,
+        sets,
+        sensors,
+        without_prior,
+        pool,
+        {**{name: item.profile for name, item in sets.items()}, **_known(of_lags)},
+        motion.checks(problem, estimate, shortened),
+    )
+    inputs = verdict_inputs(motion, flights, chosen, fit)
+    whole = with_fit(motion, flights, options, fit, inputs)
+    tests = {
+        "pool_own_p_value": pool.agreement_p_value,
+        "pool_shared_p_value": pool.shared_p_value,
+        "pool_inflation": pool.inflation,
+    }
+    of_motion = own_findings(motion, flights, whole.quantities)
+    return replace(
+        whole,
+        by_flight=tuple(_by_flight(motion, members, options, fit, pool, inputs)),
+        diagnostics={**whole.diagnostics, **tests},
+        findings=(*of_motion, *pool_findings(motion, pool, inputs), *noticed),
+    )
+
+
+def _by_flight(
+    motion: Motion[Any],
+    members: tuple[Member, ...],
+    options: FlightOptions,
+    fit: Fit,
+    pool: Pooled,
+    inputs: VerdictInputs,
+) -> Iterator[FlightRow]:
+    excitation = motion.abilities.excitation
+    of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
+    shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
+    for number, member in enumerate(members):
+        flight = (member.flight,)
+        problem = pool.problems[number].with_nuisances(pool.nuisances)
+        estimate = pool.member(number)
+        checks = motion.checks(problem, estimate, (member.flight.shortened,))
+        here = replace(
+            inputs,
+            flights=flight,
+            command_rate_hz=member.flight.rates_hz["command"],
+            excitation="" if excitation is None else excitation(flight),
+            checks=checks,
+        )
+        of_flight = _known({name: each[number] for name, each in of_own.items()})
+        sets = {**fit.sets, **of_flight}
+        flight_fit = Fit(
             problem,
             estimate,
-            self.chosen.rule.label,
-            self._checks(pool),
-            given,
+            member.fit.instruments,
+            replace(member.fit.checks, first_stage=_first_stage(pool, number)),
+            fit.lag_prior,
             sets,
-            sensors,
-            without_prior,
-            pool,
-            {**{name: item.profile for name, item in sets.items()}, **_known(of_lags)},
-            motion.checks(problem, estimate, shortened),
+            profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
+            motion_checks=checks,
         )
-        inputs = verdict_inputs(motion, flights, self.chosen, fit)
-        whole = with_fit(motion, flights, self.options, fit, inputs)
-        tests = {
-            "pool_own_p_value": pool.agreement_p_value,
-            "pool_shared_p_value": pool.shared_p_value,
-            "pool_inflation": pool.inflation,
-        }
-        of_motion = own_findings(motion, flights, whole.quantities)
-        return replace(
-            whole,
-            by_flight=tuple(self._by_flight(pool, fit, inputs)),
-            diagnostics={**whole.diagnostics, **tests},
-            findings=(*of_motion, *pool_findings(motion, pool, inputs), *noticed),
-        )
-
-    def _pooled(self, whole: SeparableProblem) -> Pooled:
-        fits = [member.fit for member in self.members]
-        problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
-        return pooled(
-            problems,
-            estimates,
-            self.motion.quantities.of_flight,
-            nuisances=whole.nuisances,
-            separate=self.options.pool_friction == "separate",
-        )
-
-    def _checks(self, pool: Pooled) -> FitDiagnostics:
-        """Diagnostics of the pool; strength and agreement of the instruments as its flights have them."""
-        by_flight = [_first_stage(pool, number) for number in range(len(self.members))]
-        return replace(
-            fit_diagnostics(pooled_traces(self.motion, pool), pool.whole()),
-            first_stage={name: float(np.median([item[name] for item in by_flight])) for name in by_flight[0]},
-            rank=pool.criterion.instruments,
-            agreement=agreement([member.fit.checks for member in self.members]),
-        )
-
-    def _by_flight(self, pool: Pooled, fit: Fit, inputs: VerdictInputs) -> Iterator[FlightRow]:
-        motion, excitation = self.motion, self.motion.abilities.excitation
-        of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
-        shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
-        for number, member in enumerate(self.members):
-            flight = (member.flight,)
-            problem = pool.problems[number].with_nuisances(pool.nuisances)
-            estimate = pool.member(number)
-            checks = motion.checks(problem, estimate, (member.flight.shortened,))
-            here = replace(
-                inputs,
-                flights=flight,
-                command_rate_hz=member.flight.rates_hz["command"],
-                excitation="" if excitation is None else excitation(flight),
-                checks=checks,
-            )
-            of_flight = _known({name: each[number] for name, each in of_own.items()})
-            sets = {**fit.sets, **of_flight}
-            flight_fit = Fit(
-                problem,
-                estimate,
-                member.fit.instruments,
-                replace(member.fit.checks, first_stage=_first_stage(pool, number)),
-                fit.lag_prior,
-                sets,
-                profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
-                motion_checks=checks,
-            )
-            result, name = with_fit(motion, flight, self.options, flight_fit, here), flight[0].recording.name
-            yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
+        result, name = with_fit(motion, flight, options, flight_fit, here), flight[0].recording.name
+        yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:

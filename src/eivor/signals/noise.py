@@ -114,7 +114,13 @@ LARGEST_STD = 1e150
 
 
 class MeasurementNoise(ABC):
-    """Error that a sensor adds to a channel, independent of every signal."""
+    """Error that a sensor adds to a channel, independent of every signal.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    """
 
     std: float
     """Its size, in the channel's unit: the standard deviation of the white noise that it is made of."""
@@ -157,13 +163,7 @@ class UncorrelatedNoise(MeasurementNoise):
 
 @dataclass(frozen=True, slots=True)
 class WhiteNoise(UncorrelatedNoise):
-    """Uncorrelated noise of constant variance.
-
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square.
-    """
+    """Uncorrelated noise of constant variance."""
 
     std: float  # Standard deviation, in the channel's unit
 
@@ -306,11 +306,6 @@ class RoundingNoise(UncorrelatedNoise):
 
     The usual model of a converter's quantisation: it holds where the channel moves by more than a step from
     one sample to the next.
-
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square.
     """
 
     std: float  # Step over the root of twelve, in the channel's unit
