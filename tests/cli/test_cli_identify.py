@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import re
 import shutil
@@ -11,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import polars
 import pytest
-
-from eivor.cli.identify import identify, report
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
@@ -298,8 +295,3 @@ def test_a_report_on_standard_output_is_nothing_else(eivor, log):
     assert reported.code == 3
     assert reported.out.startswith("<!DOCTYPE html>")
     assert reported.out.endswith("</html>\n")
-
-
-def test_a_report_takes_what_identify_takes():
-    current, known = (inspect.signature(item).parameters for item in (report, identify))
-    assert set(current) - {"out"} == set(known) - {"json", "figure", "html", "card"}

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from coarse_search import coarse
-from eivor.tools import plain_text
 
 CLEAN = (
     "B2_circle_fast_rep1",
@@ -181,23 +180,6 @@ def test_help_and_errors_are_spelt_too(shell):
     assert "+- Options ---" in help_text.out
     error = shell("identify", "fläche τ.csv", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert "'flache tau.csv', which does not exist" in error.err
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("text", "encoding", "plain"),
-    [
-        ("K z' ± 1 − 2", "ascii", "K z' +- 1 - 2"),
-        ("τ Δ χ² µ 8.5°", "ascii", "tau Delta chi^2 u 8.5deg"),
-        ("τ      | x", "ascii", "tau    | x"),
-        ("m/s²  yes", "ascii", "m/s^2 yes"),
-        ("é漢", "ascii", "e?"),
-        ("√2 ± 1", "latin-1", "sqrt2 ± 1"),
-        ("τ ± 1\n  2", "utf-8", "τ ± 1\n  2"),
-    ],
-)
-def test_plain_text(text, encoding, plain):
-    assert plain_text(text, encoding) == plain
 
 
 @pytest.mark.thorough
