@@ -23,7 +23,6 @@ from eivor.report.document import (
     Bullets,
     Cell,
     Facts,
-    Part,
     Section,
     TableColumn,
     capitalised,
@@ -166,22 +165,12 @@ def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
     for axis in (axes.xaxis, axes.yaxis):
         axis.label.set_fontsize(8.5)
         if axis.get_scale() != "linear":
-            axis.set_major_formatter(partial(_tick, getattr(axis.get_transform(), "linthresh", 0.0)))
+            bend = getattr(axis.get_transform(), "linthresh", 0.0)  # below it numbers would touch
+            axis.set_major_formatter(partial(lambda bend, x, _: "" if 0.0 < x < bend else f"{x:g}", bend))
     stream = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "savefig.transparent": True}):
         write_figure(figure, stream, "svg")
     return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
-
-
-def _tick(bend: float, value: float, _position: int) -> str:
-    """Number at a tick; none between zero and the bend of an axis, where they would touch."""
-    return "" if 0.0 < value < bend else f"{value:g}"
-
-
-def lines_of(groups: Iterable[Pictures]) -> int:
-    """Number of lines over time."""
-    drawn = (picture.drawn for group in groups for picture in group.pictures)
-    return sum(len(item.lines) for item in drawn if isinstance(item, Chart))
 
 
 # -- Pictures of rows --
@@ -205,14 +194,13 @@ def forests(
     return [Pictures("", tuple(pictures))]
 
 
-def prediction_pictures(prediction: MultiStepPrediction | None) -> list[Pictures]:
+def prediction_pictures(prediction: MultiStepPrediction) -> list[Pictures]:
     """Errors by horizon, of every quantity."""
-    if prediction is None:
-        return []
-    pictures = []
-    for models in prediction.by_quantity:
-        draw = partial(draw_by_horizon, prediction=prediction, models=models, key=True)
-        pictures.append(Picture(f"Error of {models[0].quantity} by horizon", "", draw))
+    draw = partial(draw_by_horizon, prediction=prediction, key=True)
+    pictures = (
+        Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
+        for models in prediction.by_quantity
+    )
     return [Pictures("", tuple(pictures))]
 
 
@@ -327,13 +315,14 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 def flight_page(result: FlightEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
     document, tree = flight_document(result, card=True), fit_document(result)
-    readings = brief_rows(result)
+    readings, prediction = brief_rows(result), result.multi_step_prediction
     over_time = list(flights_over_time(result))
-    figures = Figures(lines_of(over_time))
+    charts = [item.drawn for group in over_time for item in group.pictures if isinstance(item.drawn, Chart)]
+    figures = Figures(sum(len(chart.lines) for chart in charts))
     whole = {row.name: row for row in reported_rows(result)}
     of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
     groups = {
-        "ahead": prediction_pictures(result.multi_step_prediction),
+        "ahead": [] if prediction is None else prediction_pictures(prediction),
         "flights": forests(result, result.flights, whole),
         "methods": forests(result, result.comparisons, {}),
         "flight": [*over_time, *([Pictures("", of_fit)] if of_fit else [])],
@@ -392,18 +381,14 @@ def _reading(row: QuantityRow) -> dict[str, object]:
 def _displayed(section: Section, result: FlightEstimate) -> Section:
     """Section as a page has it: without what the verdict above has said, and what is not drawn."""
     if not section.heading:
-        return replace(section, parts=tuple(map(_without_summary, section.parts)))
+        kept = (fact for part in section.parts if isinstance(part, Facts) for fact in part.facts)
+        others = (part for part in section.parts if not isinstance(part, Facts))
+        return replace(section, parts=(Facts(tuple(fact for fact in kept if fact[0] != "summary")), *others))
     if section.heading != "Figure":
         return section
     omitted = len(result.prepared) - MOST_FLIGHTS
     more = f"The first {MOST_FLIGHTS} flights are drawn over time; {omitted} more are in the tables."
     return Section("Pictures", (*((Bullets((more,)),) if omitted > 0 else ()), *section.parts))
-
-
-def _without_summary(part: Part) -> Part:
-    if not isinstance(part, Facts):
-        return part
-    return Facts(tuple(fact for fact in part.facts if fact[0] != "summary"))
 
 
 def _provenance(tree: FitDocument) -> tuple[Section, Facts]:

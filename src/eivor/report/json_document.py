@@ -36,11 +36,7 @@ Pair: TypeAlias = tuple[Number, Number]
 
 def plain(value: object) -> Any:
     """A value as JSON has it: records are objects, arrays are lists, numbers are finite or null."""
-    return _finite(msgspec.to_builtins(value, str_keys=True, enc_hook=_of_numpy))
-
-
-def _of_numpy(value: Any) -> object:
-    return value.tolist()
+    return _finite(msgspec.to_builtins(value, str_keys=True, enc_hook=lambda item: item.tolist()))
 
 
 def _finite(value: Any) -> Any:

@@ -324,7 +324,13 @@ def validate(
     if motion.abilities.vehicle is not None:
         motion = motion.abilities.vehicle.restore(prediction.vehicle)
     motion, flight, options = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
-    _check_scale(prediction, flight)
+    level, input_level = prediction.input_level, flight.input_level
+    if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
+        raise InputError(
+            f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
+            f"{input_level:.4g} in {flight.recording.name}",
+            "Give a flight of the same vehicle, with its commands in the same unit.",
+        )
     alone = identified([recording], motion, options, [None])
     comparisons = quantity_comparisons(motion.quantities, result.quantities, alone.quantities)
     models = _simpler_models(result, prediction)
@@ -376,17 +382,6 @@ def _prepared(
             motion.words.loosen,
         )
     return for_flights(motion, (flight,), options), flight, options
-
-
-def _check_scale(prediction: JsonPrediction, flight: PreparedFlight) -> None:
-    """Refuse a flight whose input is of another size than those of the fit, as far as the fit holds it."""
-    level, input_level = prediction.input_level, flight.input_level
-    if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
-        raise InputError(
-            f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
-            f"{input_level:.4g} in {flight.recording.name}",
-            "Give a flight of the same vehicle, with its commands in the same unit.",
-        )
 
 
 def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, SimpleModel]:
@@ -609,7 +604,9 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
     ax.plot(time, models[0].measured[series], color=DARK, lw=1.2, label="measured")
     limits = _measured_limits(models[0].measured[series])
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
-        ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=_label(model))
+        rms, explained = model.error.rms, model.error.explained
+        label = f"{model.words}: RMS error {rms:.2g} {model.unit}, explains {explained:.0%}"
+        ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=label)
     first = models[0]
     ax.set_ylim(*limits)
     labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
@@ -632,11 +629,6 @@ def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, 
     half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
     ax.set_ylim(-half, half)
     labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
-
-
-def _label(model: ModelPrediction) -> str:
-    rms, explained = model.error.rms, model.error.explained
-    return f"{model.words}: RMS error {rms:.2g} {model.unit}, explains {explained:.0%}"
 
 
 def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:

@@ -53,9 +53,13 @@ from eivor.signals.recording import Finding, Recording
 
 def choices() -> dict[str, object]:
     """Models, methods, maps, vehicles, targets of exports, kinds of plans, and what logs are in folders."""
+    endings = {end for readable_format in readable_formats() for end in readable_format.endings}
     return {
         "models": [_named(name, motion_by_name(name).words.title) for name in motion_names()],
-        "methods": [_named(name, _first_line(made)) for name, made in TABLE.items()],
+        "methods": [
+            _named(name, (inspect.getdoc(made) or "").partition("\n")[0].rstrip("."))
+            for name, made in TABLE.items()
+        ],
         "maps": [_named(name, name) for name in shipped_maps()],
         "vehicles": [_named(name, load_vehicle(name).name) for name in shipped_vehicles()],
         "targets": [
@@ -69,28 +73,19 @@ def choices() -> dict[str, object]:
             }
             for name, item in WRITTEN.items()
         ],
-        "folders": _folders(),
-    }
-
-
-def _folders() -> dict[str, object]:
-    endings = {end for readable_format in readable_formats() for end in readable_format.endings}
-    return {
-        "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
-        "bags": BAG_ENDINGS,
-        "metadata": METADATA,
-        "tables": TOPIC_TABLE,
-        "beside": ULOG_ENDINGS,
-        "most": MOST_FILES,
+        "folders": {
+            "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
+            "bags": BAG_ENDINGS,
+            "metadata": METADATA,
+            "tables": TOPIC_TABLE,
+            "beside": ULOG_ENDINGS,
+            "most": MOST_FILES,
+        },
     }
 
 
 def _named(name: str, words: str) -> dict[str, object]:
     return {"name": name, "words": words}
-
-
-def _first_line(made: object) -> str:
-    return (inspect.getdoc(made) or "").partition("\n")[0].rstrip(".")
 
 
 # -- Outcomes of tasks --
