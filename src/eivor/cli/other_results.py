@@ -109,10 +109,11 @@ def track(
 # -- Validate --
 
 VALIDATE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, in open loop "
-    "or, of turning and of the rigid body, half a second ahead, and the flight by itself contradicts no "
-    "quantity. 3 otherwise (the numbers are printed all the same). 2 wrong usage, such as a result without "
-    "an estimate. 1 a file that cannot be read or written (the numbers are printed all the same).\n\n"
+    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, and the "
+    "flight by itself contradicts no quantity. 3 otherwise (the numbers are printed all the same). 2 wrong "
+    "usage, such as a result without an estimate. 1 a file that cannot be read or written (the numbers are "
+    "printed all the same). Predictions are in open loop; of turning and of the rigid body they are half a "
+    "second ahead.\n\n"
     "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
     "explained, over all runs and in each; quantities of fit and flight with p-values. Of turning and of "
     "the rigid body the RMS error after .1 to .5 s."
