@@ -27,6 +27,7 @@ from eivor.motions.vertical.regression import (
     TermColumn,
     TermIngredients,
     VerticalFlights,
+    channel_on_grid,
     explained,
     explained_ingredients,
     height_over_ground,
@@ -499,16 +500,18 @@ def corrected(
 def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> PreparedFlight:
     """A flight with the attitude of its accelerometer, unless the mean thrust says that the latter leans."""
     channels, known = dict(flight.signals.channels), flight.recording.channels
-    body = [known.get(f"specific_force_body_{axis}") for axis in "xyz"]
-    felt = [on_grid(channel, flight.grid)[0][flight.used].mean() for channel in body if channel is not None]
-    if not (flight.runs and tilts and tilts.keys() <= set(BODY_AXES) and len(felt) == 3):
+    names = [f"specific_force_body_{axis}" for axis in "xyz"] if flight.runs else []
+    forces = [force for name in names if (force := channel_on_grid(flight, name)) is not None]
+    if not (tilts and tilts.keys() <= set(BODY_AXES) and len(forces) == 3):
         return flight
+    felt = [float(force[flight.used].mean()) for force in forces]
     forward, left = (tilts[name].value if name in tilts else 0.0 for name in BODY_AXES)
     leaning = -(felt[0] * forward + felt[1] * left) / felt[2] / (forward**2 + left**2)
     if math.hypot(forward, left) > np.deg2rad(LARGEST_TILT_DEG) or not leaning < LEANING_SHARE:
         return flight
     time_s, row = vertical_row([known[f"attitude_{axis}"] for axis in "wxyz"])
     turned = np.cross([left, -forward, 0.0], row)
+    body = [known[name] for name in names]
     changes = rotated(body, (time_s, turned)), Channel("cos_tilt", time_s, turned[:, 2], "")
     for change in changes:
         if change is not None:

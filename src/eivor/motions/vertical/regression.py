@@ -636,7 +636,7 @@ VOLTAGE = "battery_voltage"
 ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
 
 
-def _logged(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"] | None:
+def channel_on_grid(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"] | None:
     """A channel on the grid; None where it has not two numbers."""
     channel = flight.recording.channels.get(name)
     known = channel is not None and np.isfinite(channel.values).sum() >= 2
@@ -645,7 +645,7 @@ def _logged(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"] | None
 
 def ground_height(flight: PreparedFlight) -> float | None:
     """Height of the ground, of a flight that has runs; None where the log does not show it [m]."""
-    height = _logged(flight, "position_z")
+    height = channel_on_grid(flight, "position_z")
     if height is None:
         return None
     lowest = float(np.nanquantile(flight.recording.channels["position_z"].values, 0.005))
@@ -654,7 +654,7 @@ def ground_height(flight: PreparedFlight) -> float | None:
 
 def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     """Height over the ground; over a place below all of the flight where the log does not show it [m]."""
-    height = _logged(flight, "position_z")
+    height = channel_on_grid(flight, "position_z")
     if height is None:
         return None
     known = ground_height(flight)
@@ -663,7 +663,7 @@ def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None
 
 def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     """Voltage of the supply; None where it is not logged, or not above zero in the mean [V]."""
-    volts = _logged(flight, VOLTAGE)
+    volts = channel_on_grid(flight, VOLTAGE)
     return volts if volts is not None and float(volts[flight.used].mean()) > 0.0 else None
 
 
@@ -694,7 +694,7 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
     for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
         if GROUND_EFFECT.word in options.terms:
-            if _logged(flight, "position_z") is None:
+            if channel_on_grid(flight, "position_z") is None:
                 raise _missing("position_z", GROUND_EFFECT, name, "height")
             if ground_height(flight) is None:
                 raise InputError(

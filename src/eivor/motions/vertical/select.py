@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -288,7 +289,7 @@ def _usable_channel(log: Recording, name: str, findings: list[Finding]) -> Chann
 
 
 def rotated(
-    body: list[Channel | None], row: tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]] | None
+    body: Sequence[Channel | None], row: tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]] | None
 ) -> Channel | None:
     """World-up specific force from the body's and the attitude, on the accelerometer's clock."""
     axes = [channel for channel in body if channel is not None]
