@@ -576,22 +576,19 @@ RULES = (
     longest_lag_rule(_EVERYTHING, CHECK_STAMPS),
     Rule(
         _EVERYTHING,
-        lambda inputs: _at_end_of_delays(inputs) and ACTUATOR_LAG.name not in inputs.strength.searched,
-        Status.WEAK,
-        lambda inputs: (
-            "The delay of the measured rotors ran into the end of its grid "
-            f"({inputs.strength.searched[DELAY.name].highest * 1e3:.0f} ms)."
-        ),
-        "Check the clock of the rotors' telemetry, or use the commands with --input.",
-    ),
-    Rule(
-        _EVERYTHING,
-        lambda inputs: _at_end_of_delays(inputs) and ACTUATOR_LAG.name in inputs.strength.searched,
+        _at_end_of_delays,
         Status.WEAK,
         lambda inputs: (
             f"The delay ran into the top of its grid ({inputs.strength.searched[DELAY.name].highest:.1f} s)."
+            if ACTUATOR_LAG.name in inputs.strength.searched
+            else "The delay of the measured rotors ran into the end of its grid "
+            f"({inputs.strength.searched[DELAY.name].highest * 1e3:.0f} ms)."
         ),
-        CHECK_STAMPS,
+        lambda inputs: (
+            CHECK_STAMPS
+            if ACTUATOR_LAG.name in inputs.strength.searched
+            else "Check the clock of the rotors' telemetry, or use the commands with --input."
+        ),
     ),
     Rule(
         (DELAY.name,),
