@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -330,6 +330,10 @@ FAR = 0.5
 class LagConsistencyTest:
     """Axes that do not agree about the lag."""
 
+    remedy: ClassVar[str] = (
+        "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
+        "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike."
+    )
     lag_s: float
     changes_s: Mapping[str, float]
     p_value: float
@@ -347,14 +351,6 @@ class LagConsistencyTest:
         return (
             f"The axes disagree about the lag (p-value {self.p_value:.1g}). For all of them it is "
             f"{1e3 * self.lag_s:.0f} ms; by itself {each}."
-        )
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return (
-            "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
-            "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike."
         )
 
     def _change_words(self, change: float) -> str:
@@ -420,10 +416,15 @@ EXPLAINED = 0.25
 ALIKE = 0.05
 
 
+#: What to do about another order.
+CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
+
+
 @dataclass(frozen=True, slots=True)
 class Order:
     """As which rotors of the vehicle file the commands act."""
 
+    remedy: ClassVar[str] = CORRECT_ROTORS
     acts_as: tuple[int, ...]
     axis: int  # Number of the axis that this explains so much better
     explained: float
@@ -447,11 +448,6 @@ class Order:
             f"{self._which}: so the rotors explain {self.explained:.0%} of {AXES[self.axis].name}, and "
             f"{self.before:.0%} by the vehicle file."
         )
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return CORRECT_ROTORS
 
     @property
     def _which(self) -> str:
@@ -564,6 +560,7 @@ _WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
 class SteadyWind:
     """A wind that blew in a flight, over its mean and along the axes of the logged velocity."""
 
+    remedy: ClassVar[str] = "Fly in calm air for these drags, or log the velocity through the air."
     x: float  # [m/s]
     y: float  # [m/s]
 
@@ -584,11 +581,6 @@ class SteadyWind:
             f"A steady wind of about {self.speed:.2g} m/s seems to have blown, which the drags along x and y "
             "suffer from: velocities count over the ground. Gains, couplings and the lag do not."
         )
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return "Fly in calm air for these drags, or log the velocity through the air."
 
 
 def steady_wind(
@@ -660,7 +652,6 @@ FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
-CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 FLIGHT_WORDS = FlightWords(
     fly=FLY,
     log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
