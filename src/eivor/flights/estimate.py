@@ -358,15 +358,13 @@ def known_lag(
 
 
 def verdict_inputs(
-    motion: Motion[Any],
-    flying: tuple[PreparedFlight, ...],
-    chosen: Instruments,
-    fit: Fit,
+    motion: Motion[Any], flying: tuple[PreparedFlight, ...], chosen: Instruments, fit: Fit
 ) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
+    excitation, covariance = motion.abilities.excitation, fit.estimate.covariance
     # share of the variance of each joint parameter that what is known beforehand makes
-    known, covariance = fit.estimate.prior_rows() @ fit.estimate.covariance, fit.estimate.covariance
+    known = fit.estimate.prior_rows() @ covariance
     shares = np.clip((known**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if known.size else ()
     return VerdictInputs(
         flights=flying,
@@ -376,7 +374,7 @@ def verdict_inputs(
         direct=isinstance(chosen.rule, NoInstruments),
         missing_reference=chosen.missing,
         constant_reference=chosen.constant,
-        excitation="" if motion.abilities.excitation is None else motion.abilities.excitation(flying),
+        excitation="" if excitation is None else excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         checks=fit.motion_checks,
         periodicity=fit.checks.periodicity,

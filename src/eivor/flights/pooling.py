@@ -257,13 +257,8 @@ def _result(
         problem = motion.problem(shortened, chosen.rule)
     fits = [member.fit for member in members]
     problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
-    make = partial(
-        pooled,
-        problems,
-        estimates,
-        motion.quantities.of_flight,
-        separate=options.pool_friction == "separate",
-    )
+    separate = options.pool_friction == "separate"
+    make = partial(pooled, problems, estimates, motion.quantities.of_flight, separate=separate)
     pool, without_prior = make(nuisances=problem.nuisances), None
     estimate = pool.whole()
     given, noticed = known_lag(motion, flights, options, problem, estimate)
@@ -336,14 +331,13 @@ def _by_flight(
             checks=checks,
         )
         of_flight = _known({name: each[number] for name, each in of_own.items()})
-        sets = {**fit.sets, **of_flight}
         flight_fit = Fit(
             problem,
             estimate,
             member.fit.instruments,
             replace(member.fit.checks, first_stage=_first_stage(pool, number)),
             fit.lag_prior,
-            sets,
+            {**fit.sets, **of_flight},
             profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
             motion_checks=checks,
         )
