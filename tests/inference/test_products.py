@@ -59,7 +59,6 @@ def test_totals_and_sums():
     assert result.total.count == result.count == ROWS
     np.testing.assert_allclose((result.total + result).total.sums, 2.0 * result.total.sums, atol=1e-12)
     np.testing.assert_allclose(result.equations_only.sums, table(6, whole=False).sums, atol=1e-12)
-    np.testing.assert_allclose(result.means, result.total.sums[0] / ROWS)
 
 
 def test_what_is_not_in_the_table_is_not_made_up():

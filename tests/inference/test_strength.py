@@ -338,3 +338,9 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
         shared=shared,
         constant=shared[:, 0] * theta,
     )
+
+
+def test_critical_values_of_products_beyond_all_numbers_are_unknown():
+    """Noises that are estimated have columns of zeros, whose errors have no size: it overflowed."""
+    assert np.isnan(critical_value(np.full((2, 2), np.inf)))
+    assert critical_value(1e200 * np.eye(2)) == pytest.approx(critical_value(np.eye(2)))

@@ -51,10 +51,9 @@ def pool_member(
 ) -> PoolMember:
     """Products of a flight, whitened by its residual at some values."""
     weights = whitened_by_residuals(problem, theta, nuisance_values)
-    made = [weights.rows(point) for point in nodes.points]
-    products = (products_at(rows, centre) for rows in made)
-    equations, power = (np.stack(parts) for parts in zip(*products, strict=True))
-    return PoolMember(problem, weights, centre, equations, power, made[0].response.size)
+    made = (products_at(weights.rows(point), centre) for point in nodes.points)
+    equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
+    return PoolMember(problem, weights, centre, equations, power, weights.basis.shape[0])
 
 
 # -- Joint --
@@ -175,10 +174,6 @@ class PoolJoint:
         white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
         return np.maximum(np.diag(white), np.diag(robust))[positions]
 
-    def of_member(self, number: int) -> JointCovariance:
-        """Covariance of one flight's vector: its linear parameters and the continuous nuisances."""
-        return self.of(np.eye(self.criterion.unknowns)[self.indices[number]])
-
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " m"]:
         """Conditional first-stage F of each parameter of the pool."""
@@ -193,9 +188,6 @@ class PoolJoint:
         spare = max(self.criterion.instruments / len(self.slopes) - vector + 1.0, 1.0)
         rest = max(self.criterion.rows - self.criterion.instruments, 1)
         return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
-
-
-# -- Estimate --
 
 
 # -- Pooled --
@@ -291,7 +283,7 @@ class Pooled:
             self.criterion.members[number].weights.rows(self.values),
             self.theta[number],
             self.joint.slopes[number].nuisance_columns,
-            self.joint.of_member(number),
+            self.joint.of(np.eye(self.criterion.unknowns)[self.joint.indices[number]]),
         )
 
     @property

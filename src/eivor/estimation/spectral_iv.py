@@ -344,17 +344,12 @@ class SpectralGeneralizedIV(Method):
         answer = with_reasons(self.name, candidate, _noises(solution), converged=solution.converged)
         if count >= self.alone_from or always_combined:
             return answer
-        return replace(answer, reasons=(*answer.reasons, _shortness(count)))
-
-
-def _shortness(count: int) -> Reason:
-    """What is given of a short record; it is no reason against it."""
-    return Reason(
-        Status.IDENTIFIED,
-        f"{count} samples are fewer than {SHORT_RECORD}: this is the combination of the spectral estimate "
-        "with generalized IV's that has the least variance, and slow drifts are not taken off.",
-        "Record longer for the spectral estimate alone.",
-    )
+        sentence = (  # of a short record, and no reason against it
+            f"{count} samples are fewer than {SHORT_RECORD}: this is the combination of the spectral "
+            "estimate with generalized IV's that has the least variance, and slow drifts are not taken off."
+        )
+        short = Reason(Status.IDENTIFIED, sentence, "Record longer for the spectral estimate alone.")
+        return replace(answer, reasons=(*answer.reasons, short))
 
 
 def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:

@@ -74,11 +74,6 @@ class EstimatingEquation:
         """The method's own scores of all samples, in time order."""
         return np.asarray(self.rows.scores @ self.root)
 
-    @property
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Flight of each row."""
-        return self.rows.flight_of_row
-
     @cached_property
     def variance(self) -> float:
         """Residual variance s^2 on rows - n degrees of freedom."""

@@ -87,11 +87,6 @@ class Products:
         return float(self.counts.sum())
 
     @property
-    def means(self) -> Float[np.ndarray, "left right"]:
-        """Means over all rows."""
-        return np.asarray(self.sums.sum(axis=0)) / self.count
-
-    @property
     def total(self) -> Products:
         """One block with all rows."""
         return replace(self, counts=self.counts.sum(keepdims=True), sums=self.sums.sum(axis=0, keepdims=True))

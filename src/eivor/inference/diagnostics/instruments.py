@@ -378,10 +378,9 @@ def _least_eigenvalue(
 
 def critical_value(W: Float[np.ndarray, "q q"], bias: float = TOLERATED_BIAS, size: float = SIZE) -> float:
     """Critical value of the effective F, simplified procedure of Montiel Olea and Pflueger (2013)."""
-    x = 1.0 / bias
-    eigenvalues = np.linalg.eigvalsh(W)
-    trace = float(eigenvalues.sum())
-    if not trace > 0.0:
+    x, trace = 1.0 / bias, float(np.trace(W))
+    if not 0.0 < trace < np.inf:
         return float("nan")
-    K = trace**2 * (1.0 + 2.0 * x) / (float(eigenvalues @ eigenvalues) + 2.0 * x * trace * eigenvalues[-1])
+    shares = np.linalg.eigvalsh(W / trace)
+    K = (1.0 + 2.0 * x) / (float(shares @ shares) + 2.0 * x * shares[-1])
     return float(scipy.special.chndtrix(1.0 - size, K, x * K)) / K
