@@ -71,7 +71,9 @@ class Expression:
         """Return the expression that is a column as it stands."""
         return cls(name, (name,), (name,))
 
-    def evaluate(self, columns: Mapping[str, Float[np.ndarray, "*shape"]]) -> Float[np.ndarray, "*shape"]:
+    def evaluate(
+        self, columns: Mapping[str, Float[np.ndarray, "*shape"] | float]
+    ) -> Float[np.ndarray, "*shape"]:
         """Return the value for each row [the unit of the expression]; not finite where it is not defined."""
         stack: list[np.ndarray | np.float64] = []
         with np.errstate(all="ignore"):

@@ -94,6 +94,7 @@ def test_what_is_more_than_a_delay_is_left():
     assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / ONBOARD_CUTOFF_HZ) ** 4), rel=0.01)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     sensor = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
