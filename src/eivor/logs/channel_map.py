@@ -75,7 +75,7 @@ class Expression:
         self, columns: Mapping[str, Float[np.ndarray, "*shape"] | float]
     ) -> Float[np.ndarray, "*shape"]:
         """Return the value for each row [the unit of the expression]; not finite where it is not defined."""
-        stack: list[np.ndarray | np.float64] = []
+        stack: list[np.ndarray | float] = []
         with np.errstate(all="ignore"):
             for step in self.steps:
                 if isinstance(step, np.ufunc):
