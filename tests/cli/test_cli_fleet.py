@@ -141,8 +141,9 @@ def test_report_prints_and_writes(eivor, tmp_path):
         "steps"
     ) == 1
     page = parsed(files[1].read_text())
-    assert not page.all("img")
-    assert len(page.all("svg", class_="drawn")) == 16  # forests, and a line for each vehicle
+    drawn = page.all("img")
+    assert all(item.attributes["src"].startswith("data:image/svg+xml;base64,") for item in drawn)
+    assert len(drawn) == len(page.all("img", class_="drawn")) == 16  # forests, and a line for each vehicle
     assert HOSTILE.split("\x1b", maxsplit=1)[0] in page.all("main")[0].text
     assert json.loads(page.all("script", id="result")[0].text) == reported
     links = [link.attributes["href"] for link in page.all("a") if "fleet/" in link.attributes["href"]]

@@ -184,7 +184,7 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
     assert companions.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]
     assert (requested["options"].input, requested["options"].input_map) == ("input", "linear")
     (reported,) = requested["lag_measurements"]
-    assert reported.prior.mean == turning.quantities["effective_lag"].value
+    assert reported.known.mean == turning.quantities["effective_lag"].value
 
 
 ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
