@@ -23,7 +23,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import IntervalKind
 from eivor.models.regression import Regression
 from eivor.motions.vertical.motion import vertical_flight
-from eivor.motions.vertical.regression import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
@@ -61,11 +61,13 @@ def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     prepared = tuple(prepare(log, fit.motion, fit.options) for log in recordings)
     assert fit.fit is not None
     assert isinstance(fit.fit.problem, VerticalFlights)
-    problem = replace(fit.fit.problem, flights=tuple(vertical_flight(flight) for flight in prepared))
+    whole = fit.fit.problem
+    flights = tuple(vertical_flight(flight) for flight in prepared)
+    problem = vertical_problem(flights, whole.motion, whole.rule)
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: quantity_estimate.judged(fit.verdict, fit.motion.wording[name])
-        for name, quantity_estimate in fit.motion.quantities(problem, estimate).items()
+        name: quantity_estimate.judged(fit.verdict, fit.motion.quantities[name])
+        for name, quantity_estimate in fit.motion.derive(problem, estimate).items()
     }
     return replace(fit, fit=replace(fit.fit, problem=problem, estimate=estimate), quantities=quantities)
 
