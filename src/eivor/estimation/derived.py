@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         checks.number("what the function gives", result)
         return float(result)
 
-    results = derived_from(of_vector, (JointEstimate(estimate.values, estimate.joint_covariance),), level)
+    results = derived_from(of_vector, JointEstimate(estimate.values, estimate.joint_covariance), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
         expected = "a function that is finite within the interval"
@@ -77,16 +77,15 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
 
 
 def derived_from(
-    function: OfVector, candidates: Sequence[JointEstimate], level: float, largest_bend: float = LARGEST_BEND
+    function: OfVector, joint: JointEstimate, level: float, largest_bend: float = LARGEST_BEND
 ) -> DerivedQuantity:
-    """A smooth function of a vector of estimates, with an interval that is a union over candidates."""
-    parts = [(candidate, part) for candidate in candidates for part in candidate.covariance.parts]
-    pieces = [_of_part(function, candidate, part, level, largest_bend) for candidate, part in parts]
-    best = candidates[0]
-    scale = np.sqrt(np.diag(best.covariance.matrix))
+    """A smooth function of a vector of estimates; its interval is a union over parts of the covariance."""
+    values, covariance = joint.values, joint.covariance
+    pieces = [_of_part(function, values, part, level, largest_bend) for part in covariance.parts]
+    scale = np.sqrt(np.diag(covariance.matrix))
     return DerivedQuantity(
-        value=function(best.values),
-        std_error=best.covariance.std_error(gradient_of(function, best.values, scale)),
+        value=function(values),
+        std_error=covariance.std_error(gradient_of(function, values, scale)),
         interval=(min(piece.interval[0] for piece in pieces), max(piece.interval[1] for piece in pieces)),
         bend=max(piece.bend for piece in pieces),
         profiled=any(piece.profiled for piece in pieces),
@@ -139,9 +138,13 @@ def _half_widths(part: CovariancePart, level: float) -> float:
 
 
 def _of_part(
-    function: OfVector, candidate: JointEstimate, part: CovariancePart, level: float, largest_bend: float
+    function: OfVector,
+    values: Float[np.ndarray, " n"],
+    part: CovariancePart,
+    level: float,
+    largest_bend: float,
 ) -> DerivedQuantity:
-    values, t = candidate.values, _half_widths(part, level)
+    t = _half_widths(part, level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
     error = math.sqrt(part.variance(gradient))
     centre, half = function(values), t * error

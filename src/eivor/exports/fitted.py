@@ -114,7 +114,7 @@ class Fitted:
     version: str
     vehicle: KnownVehicle | None = None
     names: tuple[str, ...] = ()
-    candidates: tuple[JointEstimate, ...] = ()
+    joint: JointEstimate | None = None
 
     @property
     def input_map(self) -> InputMap:

@@ -11,6 +11,7 @@ import numpy as np
 
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
+from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
@@ -293,10 +294,11 @@ def _parts(
 
 
 def _identified(fitted: Fitted) -> Combinations:
-    if not fitted.candidates:
-        return Combinations((), ())
+    if fitted.joint is None:
+        nothing = JointCovariance((CovariancePart("nothing", np.empty((0, 0))),))
+        return Combinations((), JointEstimate(np.empty(0), nothing))
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))
-    return Combinations(fitted.names, fitted.candidates).only(names)
+    return Combinations(fitted.names, fitted.joint).only(names)
 
 
 # -- Quad x --

@@ -261,7 +261,7 @@ class SavedFit:
             version=document.provenance.version,
             vehicle=None if vehicle is None else vehicle_from_record(vehicle),
             names=self.names,
-            candidates=() if self.estimated is None else (self.estimated,),
+            joint=self.estimated,
         )
 
     def _lowest(self, name: str) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import ShapeError, UsageError
+from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.dynamics import (
     body_derivative,
@@ -48,13 +49,18 @@ def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
     }
 
 
+def of_values(values, covariance):
+    joint = JointCovariance((CovariancePart("given", covariance),))
+    return Combinations(tuple(values), JointEstimate(np.array(list(values.values()), dtype=float), joint))
+
+
 def exact(values):
-    return Combinations.of_values(values, np.zeros((len(values), len(values))))
+    return of_values(values, np.zeros((len(values), len(values))))
 
 
 def with_errors(values, relative=0.01, **specific):
     errors = np.array([specific.get(name, relative * abs(value)) for name, value in values.items()])
-    return Combinations.of_values(values, np.diag(errors**2))
+    return of_values(values, np.diag(errors**2))
 
 
 def known_of(vehicle, **given):
@@ -294,7 +300,7 @@ def test_thrust_maps_have_constants_of_their_own():
 
 def test_wrong_calls_are_told():
     with pytest.raises(ShapeError, match="of 2 combinations"):
-        Combinations.of_values({"a": 1.0, "b": 2.0}, np.eye(3))
+        of_values({"a": 1.0, "b": 2.0}, np.eye(3))
     with pytest.raises(UsageError, match="level"):
         physical_parameters(exact(combinations_of(QUADROTOR)), known_of(QUADROTOR), level=2.0)
 
@@ -316,9 +322,7 @@ def _coverage(seeds, relative):
             name: KnownNumber(value * (1.0 + share * rng.standard_normal()), value * share)
             for name, (value, share) in supplied.items()
         }
-        parameters = physical_parameters(
-            Combinations.of_values(drawn, covariance), known_of(QUADROTOR, **given)
-        )
+        parameters = physical_parameters(of_values(drawn, covariance), known_of(QUADROTOR, **given))
         for row in parameters.rows:
             low, high = row.estimate.interval
             held[row.name] += low <= truth[row.name].estimate.value <= high

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -69,37 +69,28 @@ class Combinations:
     """What a flight identifies of a vehicle, in the order of its names."""
 
     names: tuple[str, ...]  # Such as ``roll_gain``
-    candidates: tuple[JointEstimate, ...]  # Vectors that fit, with their covariances
+    joint: JointEstimate
 
     def __post_init__(self) -> None:
-        size = len(self.names)
-        for candidate in self.candidates:
-            shapes = {part.matrix.shape for part in candidate.covariance.parts}
-            if candidate.values.shape != (size,) or shapes != {(size, size)}:
-                raise ShapeError(
-                    f"vectors and covariances of {size} combinations",
-                    f"a vector of {candidate.values.shape} and covariances of {sorted(shapes)}",
-                    "Give all in the order of the names.",
-                )
+        size, shape = len(self.names), self.joint.values.shape
+        shapes = {part.matrix.shape for part in self.joint.covariance.parts}
+        if shape != (size,) or shapes != {(size, size)}:
+            raise ShapeError(
+                f"a vector and covariances of {size} combinations",
+                f"a vector of {shape} and covariances of {sorted(shapes)}",
+                "Give all in the order of the names.",
+            )
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> Combinations:
         """Those of an estimate, under their names in it."""
-        return cls(estimate.names, (JointEstimate(estimate.values, estimate.joint_covariance),))
-
-    @classmethod
-    def of_values(cls, values: Mapping[str, float], covariance: Float[np.ndarray, "n n"]) -> Combinations:
-        """Those of plain numbers."""
-        vector = np.array(list(values.values()), dtype=np.float64)
-        joint = JointCovariance((CovariancePart("given", covariance),))
-        return cls(tuple(values), (JointEstimate(vector, joint),))
+        return cls(estimate.names, JointEstimate(estimate.values, estimate.joint_covariance))
 
     def finite(self) -> Combinations:
         """Those that have a finite value with a finite variance, whatever is assumed."""
-        good = np.ones(len(self.names), dtype=bool)
-        for candidate in self.candidates:
-            for part in candidate.covariance.parts:
-                good &= np.isfinite(candidate.values) & np.isfinite(np.diag(part.matrix))
+        good = np.isfinite(self.joint.values)
+        for part in self.joint.covariance.parts:
+            good &= np.isfinite(np.diag(part.matrix))
         return self._at(np.flatnonzero(good))
 
     def only(self, names: Collection[str]) -> Combinations:
@@ -107,14 +98,10 @@ class Combinations:
         return self._at(np.flatnonzero([name in names for name in self.names]))
 
     def _at(self, positions: Int[np.ndarray, " k"]) -> Combinations:
-        def some(candidate: JointEstimate) -> JointEstimate:
-            parts = candidate.covariance.parts
-            kept = (replace(part, matrix=part.matrix[np.ix_(positions, positions)]) for part in parts)
-            return JointEstimate(candidate.values[positions], JointCovariance(tuple(kept)))
-
-        return Combinations(
-            tuple(self.names[position] for position in positions), tuple(map(some, self.candidates))
-        )
+        parts = self.joint.covariance.parts
+        kept = (replace(part, matrix=part.matrix[np.ix_(positions, positions)]) for part in parts)
+        joint = JointEstimate(self.joint.values[positions], JointCovariance(tuple(kept)))
+        return Combinations(tuple(self.names[position] for position in positions), joint)
 
     def has(self, *names: str) -> bool:
         """Whether all of these were identified."""
@@ -141,11 +128,11 @@ class Combinations:
         exact = {name: number.value for name, number in numbers.items() if number.std == 0.0}
         uncertain = {name: number for name, number in numbers.items() if number.std > 0.0}
         index = [self.names.index(name) for name in formula.needed]
-        best = self.candidates[0]
-        errors = np.sqrt(np.maximum(np.diag(best.covariance.matrix), 0.0))
+        values = self.joint.values
+        errors = np.sqrt(np.maximum(np.diag(self.joint.covariance.matrix), 0.0))
         sizes = np.array(
             [
-                *(float(np.hypot(best.values[item], errors[item])) or 1.0 for item in index),
+                *(float(np.hypot(values[item], errors[item])) or 1.0 for item in index),
                 *(number.value for number in uncertain.values()),
             ]
         )
@@ -155,20 +142,16 @@ class Combinations:
             """In units of the sizes: those of combinations are many powers of ten apart."""
             return float(evaluate(exact | dict(zip(order, values * sizes, strict=True))))
 
-        joint = tuple(
-            _part_of(candidate, index, tuple(uncertain.values()), sizes) for candidate in self.candidates
-        )
+        joint = _part_of(self.joint, index, tuple(uncertain.values()), sizes)
         straight = derived_from(of_vector, joint, level, math.inf)
         if straight.bend <= largest_bend:
             return straight
         return _by_logarithm(of_vector, joint, level) or derived_from(of_vector, joint, level, largest_bend)
 
 
-def _by_logarithm(
-    function: OfVector, joint: tuple[JointEstimate, ...], level: float
-) -> DerivedQuantity | None:
+def _by_logarithm(function: OfVector, joint: JointEstimate, level: float) -> DerivedQuantity | None:
     """By the delta method for the logarithm, which products and ratios bend less; None where it bends too."""
-    sign = math.copysign(1.0, function(joint[0].values))
+    sign = math.copysign(1.0, function(joint.values))
     try:
         result = derived_from(lambda values: math.log(sign * function(values)), joint, level, math.inf)
     except ValueError:  # another sign somewhere
@@ -181,15 +164,15 @@ def _by_logarithm(
 
 
 def _part_of(
-    candidate: JointEstimate,
+    joint: JointEstimate,
     indices: list[int],
     known: tuple[KnownNumber, ...],
     sizes: Float[np.ndarray, " n"],
 ) -> JointEstimate:
-    """Some combinations of a candidate and what is supplied, in units of their sizes."""
-    values = np.append(candidate.values[indices], [number.value for number in known])
+    """Some combinations and what is supplied, in units of their sizes."""
+    values = np.append(joint.values[indices], [number.value for number in known])
     size, parts = len(indices), []
-    for part in candidate.covariance.parts:
+    for part in joint.covariance.parts:
         matrix = np.zeros((sizes.size, sizes.size))
         matrix[:size, :size] = part.matrix[np.ix_(indices, indices)]
         for index, number in enumerate(known, start=size):

@@ -159,7 +159,7 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     finite = Combinations.of_estimate(estimate).finite()
     if not finite.has(*TELLING, *_SPINS):
         return None
-    values = dict(zip(finite.names, finite.candidates[0].values.tolist(), strict=True))
+    values = dict(zip(finite.names, finite.joint.values.tolist(), strict=True))
     if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
         return None
     for ratio in YAW_OVER_ROLL:
