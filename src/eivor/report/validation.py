@@ -14,7 +14,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.flights.identify import identified
+from eivor.flights.estimate import FlightState, estimated
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
@@ -80,7 +80,6 @@ if TYPE_CHECKING:
 
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +111,11 @@ def quantity_comparisons(
             continue
         first, second = _summed(fit, name), flight[name]
         halves = [0.5 * (each.interval[1] - each.interval[0]) for each in (first, second)]
-        distance = normal_quantile(0.95) * (second.value - first.value) / max(math.hypot(*halves), TINY)
+        distance = (
+            normal_quantile(0.95)
+            * (second.value - first.value)
+            / max(math.hypot(*halves), np.finfo(np.float64).tiny)
+        )
         if math.isfinite(distance):
             pair = QuantityRow(name, spec, first), QuantityRow(name, spec, second)
             rows.append((*pair, chi_square_tail(distance**2, 1)))
@@ -323,7 +326,8 @@ def validate(
     motion = motion_of_model(result.document.model.name)
     if motion.abilities.vehicle is not None:
         motion = motion.abilities.vehicle.restore(prediction.vehicle)
-    motion, flight, options = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
+    state = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
+    motion, (flight,) = state.motion, state.prepared
     level, input_level = prediction.input_level, flight.input_level
     if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
         raise InputError(
@@ -331,10 +335,8 @@ def validate(
             f"{input_level:.4g} in {flight.recording.name}",
             "Give a flight of the same vehicle, with its commands in the same unit.",
         )
-    alone = identified([recording], motion, options, [None])
-    comparisons = quantity_comparisons(motion.quantities, result.quantities, alone.quantities)
-    models = _simpler_models(result, prediction)
-    predicts = motion.abilities.prediction
+    models, predicts, ahead = _simpler_models(result, prediction), motion.abilities.prediction, None
+    results: tuple[ModelPrediction, ...] = ()
     if predicts is not None and predicts.multi_step is not None:
         ahead = predicts.multi_step((flight.shortened,), models, result.refused)
         if not ahead.errors:
@@ -343,18 +345,19 @@ def validate(
                 " ".join(ahead.omitted) or "no half second without a gap",
                 "Validate a flight that carries more information, on a log of the same vehicle.",
             )
-        return Validation(result, motion, flight, (), ahead, comparisons)
-    if predicts is None or predicts.another_flight is None:
+    elif predicts is None or predicts.another_flight is None:
         received = f"'{motion.name}', which does not"
         raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
-    problem = motion.problem((flight.shortened,), NoInstruments())
-    results = tuple(
-        _of_model(name, model.words, predicted, flight)
-        for name, model in models.items()
-        for predicted in predicts.another_flight(problem, model.values)
-    )
+    else:
+        problem = motion.problem((flight.shortened,), NoInstruments())
+        results = tuple(
+            _of_model(name, model.words, predicted, flight)
+            for name, model in models.items()
+            for predicted in predicts.another_flight(problem, model.values)
+        )
     in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
-    return Validation(result, motion, flight, tuple(in_order), comparisons=comparisons)
+    comparisons = quantity_comparisons(motion.quantities, result.quantities, estimated(state).quantities)
+    return Validation(result, motion, flight, tuple(in_order), ahead, comparisons)
 
 
 def _prepared(
@@ -364,7 +367,7 @@ def _prepared(
     recording: Recording,
     window: tuple[float, float] | None,
     max_tilt_deg: float | None,
-) -> tuple[Motion[Any], PreparedFlight, FlightOptions]:
+) -> FlightState:
     terms = fit.document.provenance.options.get("terms")
     options = FlightOptions(
         window=window,
@@ -381,7 +384,7 @@ def _prepared(
             f"none in {recording.name}",
             motion.words.loosen,
         )
-    return for_flights(motion, (flight,), options), flight, options
+    return FlightState(for_flights(motion, (flight,), options), (flight,), options)
 
 
 def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, SimpleModel]:
