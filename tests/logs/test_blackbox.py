@@ -122,16 +122,30 @@ ONE_BYTE = tuple((name, signed, intra, inter, first, 9) for name, signed, intra,
             CorruptLogError,
             "not known",
         ),
+        (
+            blackbox_log(walks(3)).replace(b",motor[0],", b",motor[7],"),
+            CorruptLogError,
+            "not known",
+        ),
         (blackbox_log({**walks(40)}).partition(b"I\x00")[0], EmptyLogError, "without a whole frame"),
         (blackbox_log(walks(3), fields=ONE_BYTE) + b"P" * 400_000, CorruptLogError, "numbers a byte"),
     ],
-    ids=["no fields", "counts", "encoding", "predictor", "no frame", "bomb"],
+    ids=["no fields", "counts", "encoding", "predictor", "no first motor", "no frame", "bomb"],
 )
 def test_refusals(tmp_path, content, error, words):
     if words == "numbers a byte":
         content = content.replace(b"E\xffEnd of log\0", b"")
     with pytest.raises(error, match=words):
         read(tmp_path, content)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300", "-", "1," * 50])
+def test_numbers_of_a_head_that_are_none(tmp_path, value):
+    head = dict.fromkeys(
+        ("minthrottle", "vbatref", "motorOutput", "acc_1G", "motor_poles", "gyro_scale"), value
+    )
+    log = read(tmp_path, blackbox_log(walks(64), head))
+    assert values(log, "pilot_roll").size == 64
 
 
 def quantised(flight):

@@ -29,10 +29,8 @@ PACKINGS = {
     TAG2_3: (_TWO_BITS, (2, ((8, 4), (4, 4), (0, 4))), (3, ((16, 6), (8, 6), (0, 6)))),
     TAG2_3_VARIABLE: (_TWO_BITS, (2, ((9, 5), (4, 5), (0, 4))), (3, ((14, 8), (7, 7), (0, 7)))),
 }
-#: Predictors of fields, which need no frame before theirs.
-MOTOR_0, INCREMENT = 5, 6
-#: Predictors that need frames before theirs.
-PREVIOUS, STRAIGHT, AVERAGE = 1, 2, 3
+#: Predictors of fields: by frames before theirs, by the first motor of the same frame, by counting frames.
+PREVIOUS, STRAIGHT, AVERAGE, MOTOR_0, INCREMENT = 1, 2, 3, 5, 6
 #: Predictors that add a number of the head: its key, and what it is where the head has none.
 CONSTANTS = {4: ("minthrottle", 1150), 8: ("", 1500), 9: ("vbatref", 4095), 11: ("motorOutput", 1150)}
 #: Kinds of frames: intra, inter, GPS, GPS home, slow, event.
@@ -76,12 +74,23 @@ class Head:
     frames: Mapping[int, FrameFields]
     end: int  # Where the frames begin
 
+    @property
+    def firmware(self) -> str:
+        """Name and version."""
+        return self.values.get("Firmware revision", "")
+
     def numbers(self, key: str, default: float = math.nan) -> tuple[float, ...]:
-        """Numbers of a key; the default where it has none."""
+        """Numbers of a key; the default where it has none, or none of 32 bits."""
         try:
-            return tuple(float(item) for item in self.values[key].split(","))
+            result = tuple(float(item) for item in self.values[key].split(","))
         except (KeyError, ValueError):
             return (default,)
+        return result if all(abs(item) < 1 << 32 for item in result) else (default,)
+
+    def constant(self, predictor: int) -> int:
+        """What a predictor adds to a field of every frame."""
+        key, default = CONSTANTS.get(predictor, ("", 0))
+        return int(self.numbers(key, default)[0])
 
 
 def _head(data: bytes, begins: int, end: int, name: str) -> Head:
@@ -117,6 +126,8 @@ def _fields(values: Mapping[str, str], kind: str, name: str) -> FrameFields:
     alone = {PREVIOUS, STRAIGHT, AVERAGE, INCREMENT} if kind == "I" else set()
     predictors = {*range(12), 256} - alone
     sound = known.issuperset(fields.encodings) and predictors.issuperset(fields.predictors)
+    motors = [name for name, item in zip(names, fields.predictors, strict=True) if item == MOTOR_0]
+    sound &= not motors or ("motor[0]" in names and "motor[0]" not in motors)
     if not sound or any(end > len(names) for _, _, end in _groups(fields)):
         raise _corrupt(name, f"whose fields of frames {kind} have an encoding or predictor that is not known")
     return fields
@@ -336,43 +347,39 @@ def _main_columns(
             kept[number : np.searchsorted(segment, segment[number], side="right")] = False
     starts, inter = starts[kept], inter[kept]
     raw = {field: np.zeros(starts.size, dtype=np.int64) for field in wanted}
-    for kind, frames in ((INTRA, ~inter), (INTER, inter)):
+    intra_fields, inter_fields = head.frames[INTRA], head.frames[INTER]
+    for fields, frames in ((intra_fields, ~inter), (inter_fields, inter)):
         rows = np.flatnonzero(frames)
         for block in np.array_split(rows, range(BLOCK, rows.size, BLOCK)):
-            values, _ = _decoded(data, starts[block] + 1, head.frames[kind])
+            values, _ = _decoded(data, starts[block] + 1, fields)
             for field in wanted:
-                raw[field][block] = values[field]
-    names, first = head.frames[INTRA].names, np.flatnonzero(~inter)
-    columns: dict[str, np.ndarray] = {}
+                raw[field][block] = values[field] + head.constant(fields.predictors[field])
+    names, columns = intra_fields.names, dict[str, np.ndarray]()
     for field in sorted(wanted, key=lambda item: names[item] != "motor[0]"):
-        value = raw[field]
-        for kind, frames in ((INTRA, ~inter), (INTER, inter)):
-            predictor = head.frames[kind].predictors[field]
-            if predictor == MOTOR_0:
-                value[frames] += columns["motor[0]"][frames]
-            elif predictor in CONSTANTS:
-                key, default = CONSTANTS[predictor]
-                value[frames] += int(head.numbers(key, default)[0])
-        value = _predicted(value, first, head.frames[INTER].predictors[field])
-        wrapped = value.astype(np.int32) if head.frames[INTRA].signed[field] else value.astype(np.uint32)
-        columns[names[field]] = wrapped.astype(np.int64)
+        value, predictor = raw[field], inter_fields.predictors[field]
+        by_motor = np.where(inter, predictor == MOTOR_0, intra_fields.predictors[field] == MOTOR_0)
+        if by_motor.any():
+            value[by_motor] += columns["motor[0]"][by_motor]
+        value = _predicted(value, inter, predictor)
+        columns[names[field]] = value.astype(np.int32 if intra_fields.signed[field] else np.uint32)
     return columns
 
 
-def _predicted(value: Block, first: np.ndarray, predictor: int) -> Block:
+def _predicted(value: Block, inter: np.ndarray, predictor: int) -> Block:
     """Add what inter frames were predicted as from frames before them, since the last intra frame."""
-    if predictor not in (PREVIOUS, STRAIGHT, AVERAGE) or not value.size:
-        return value
-    length = np.diff(np.append(first, value.size))
-    begin = np.repeat(first, length)
     if predictor == AVERAGE:
-        for step in range(1, int(length.max())):
-            here = first[length > step] + step
-            before, earlier = value[here - 1], value[np.maximum(here - 2, first[length > step])]
-            value[here] += np.fix((before + earlier) / 2).astype(np.int64)
+        values, before, earlier = value.tolist(), 0, 0
+        for number, follows in enumerate(inter.tolist()):
+            if follows:
+                earlier, before = before, values[number] + int((before + earlier) / 2)
+            else:
+                earlier = before = values[number]
+            values[number] = before
+        return np.array(values, dtype=np.int64)
+    if predictor not in (PREVIOUS, STRAIGHT):
         return value
-    start = value[begin]
-    steps = np.where(np.arange(value.size) == begin, 0, value)
+    begin = np.maximum.accumulate(np.where(inter, 0, np.arange(value.size)))
+    start, steps = value[begin], np.where(inter, value, 0)
     for _ in range(predictor):
         total = np.cumsum(steps)
         steps = total - total[begin]
@@ -388,22 +395,21 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
         data = file.read_bytes()
     except OSError as error:
         raise _corrupt(file.name, f"for which the system says: {error.strerror}") from error
-    begins = [at for at, _ in _logs(data)]
-    first, end = max(_logs(data), key=lambda log: log[1] - log[0])
+    logs = _logs(data)
+    first, end = max(logs, key=lambda log: log[1] - log[0])
     findings = noted(
         "several_logs",
-        "{} The longest is read; `blackbox_decode` splits them.",
-        f"The file holds {len(begins)} logs." if len(begins) > 1 else "",
+        "The file holds {} logs. The longest is read; `blackbox_decode` splits them.",
+        len(logs) if len(logs) > 1 else 0,
     )
     head = _head(data, first, end, file.name)
     if INTRA not in head.frames or INTER not in head.frames or "time" not in head.frames[INTRA].names:
         raise _corrupt(file.name, "whose head does not say what its frames hold")
-    padded = np.frombuffer(data[first:end] + bytes(2 * FRAME_BYTES), dtype=np.uint8)
+    padded = data[first:end] + bytes(2 * FRAME_BYTES)
     columns, lost = _read_columns(padded, head, head.end - first, end - first, file.name)
-    firmware = head.values.get("Firmware revision", "")
     findings += noted("damaged", "Bytes that are of no frame, left out: {}.", lost)
     findings += _filter_findings(head)
-    chosen = _chosen_map(columns, options, firmware)
+    chosen = _chosen_map(columns, options, head.firmware)
     rules = fitted_rules(chosen, list(columns), file.name)
     recording = mapped_recording(
         chosen,
@@ -414,7 +420,7 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
         sha256=options.sha256,
         findings=findings,
     )
-    origin = LogOrigin(firmware=firmware, airframe=head.values.get("Craft name", ""), start=_start(head))
+    origin = LogOrigin(firmware=head.firmware, airframe=head.values.get("Craft name", ""), start=_start(head))
     return replace(recording, origin=origin)
 
 
@@ -428,17 +434,18 @@ def _logs(data: bytes) -> list[tuple[int, int]]:
 
 
 def _read_columns(
-    padded: Block, head: Head, begins: int, end: int, name: str
+    padded: bytes, head: Head, begins: int, end: int, name: str
 ) -> tuple[dict[str, np.ndarray], int]:
     """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
-    chain = _chain(padded.tobytes(), begins, end, _lengths(padded, begins, end, head.frames))
+    data = np.frombuffer(padded, dtype=np.uint8)
+    chain = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
     names = head.frames[INTRA].names
     wanted = [field for field, item in enumerate(names) if item != "loopIteration"]
     starts = np.array(chain.starts, dtype=np.int64)
     if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
         raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")
-    raw = _main_columns(padded, starts, chain.broken, head, wanted) if starts.size else {}
-    clock = raw.pop("time", np.empty(0))
+    raw = _main_columns(data, starts, chain.broken, head, wanted) if starts.size else {}
+    clock = raw.pop("time", np.empty(0, dtype=np.int64)).astype(np.int64)
     if not clock.size:
         received = f"'{name}', without a whole frame after its head"
         raise EmptyLogError(
@@ -459,10 +466,6 @@ def _read_columns(
     return columns, chain.lost
 
 
-def _is_inav(head: Head) -> bool:
-    return head.values.get("Firmware revision", "").startswith("INAV")
-
-
 def _scale(field: str, head: Head) -> tuple[str, float, float]:
     """Name of a column, and factor and offset that make its unit of what is logged."""
     stem, factor, offset = field.partition("[")[0], 1.0, 0.0
@@ -474,7 +477,7 @@ def _scale(field: str, head: Head) -> tuple[str, float, float]:
         factor = 1.0 / fine
     elif stem == "accSmooth":
         factor = COUNTS / max(head.numbers("acc_1G", COUNTS)[0], 1.0)
-    elif stem == "motor" and high > low and not _is_inav(head):
+    elif stem == "motor" and high > low and not head.firmware.startswith("INAV"):
         factor, offset = 1.0 / (high - low), low
     elif stem == "eRPM":
         pole_pairs = max(head.numbers("motor_poles", 14.0)[0], 2.0) / 2.0
