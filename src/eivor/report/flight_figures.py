@@ -330,7 +330,8 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
             f"Three 95 % sets of the {wording.words}",
             axis_of(wording),
             rows,
-            "Nearly one where instruments are strong; where they are weak, the wider of the last two counts.",
+            "Nearly one where instruments are strong. Where they are weak, a profile set that is wider by "
+            "their strength counts; of a pool, the wider of the last two.",
             number_table(
                 ("set", f"{wording.symbol} [{wording.shown_unit}]"),
                 [(item.label, item.numbers) for item in rows],
