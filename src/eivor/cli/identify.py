@@ -1,64 +1,31 @@
-"""Commands that identify logs: identify and report."""
+"""Declarations of identify, report, track and validate, whose work `results.py` does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any
+
+import typer
 
 from eivor.cli.options import FlightWords, LogWords
 from eivor.cli.outputs import (
-    STANDARD_OUTPUT,
     ExitCode,
     JsonOption,
+    Reads,
     Writes,
-    deliver_result,
-    figure_file,
     flag,
     guarded,
+    log_paths,
     option,
-    show,
-    step,
     with_options,
-    write_out,
-    writing,
 )
-from eivor.cli.parsing import result_of
-from eivor.errors import UsageError
-from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
-from eivor.report.document import Facts, Section
-from eivor.report.figures import save_figure
-from eivor.report.flight import flight_document
-from eivor.report.flight_figures import flight_figure
-from eivor.report.flight_page import flight_page
-from eivor.report.json_document import json_document, json_text
-from eivor.report.terminal import on_terminal
 
 
-def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
-    """Drawing of a figure, where one is wanted."""
-
-    def draw(path: Path) -> None:
-        with step(f"Drawing {path.name}"), writing(path):
-            save_figure(make(), path)
-
-    if path is not None:
-        yield partial(draw, path)
-
-
-def write_page(result: FlightEstimate, position: str) -> None:
-    """Write the page of a result to a file, or to standard output where the place is "-"."""
-    with step(f"Writing {Path(position).name}"):
-        page = flight_page(result)
-    write_out(page, position)
-
-
-def exit_code(result: FlightEstimate) -> ExitCode:
-    """0 when identified, 3 otherwise."""
-    return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
+def _work(command: str, **given: Any) -> ExitCode:
+    """Do the work of a command, whose module is named, since help loads nothing of the library."""
+    done: ExitCode = resolve_name(f"eivor.cli.results:{command}")(**given)
+    return done
 
 
 # -- Identify --
@@ -87,16 +54,7 @@ def identify(
     **given: Any,
 ) -> ExitCode:
     """Identify a motion from logs: the vertical one of a drone, or another with --model."""
-    picture = figure_file(figure)
-    result = result_of(given)
-    deliver_result(
-        lambda: on_terminal(flight_document(result, card=card)),
-        lambda: json_text(json_document(result)),
-        json,
-        *figure_parts(picture, lambda: flight_figure(result)),
-        *([partial(write_page, result, html)] if html else []),
-    )
-    return exit_code(result)
+    return _work("identify", json=json, figure=figure, html=html, card=card, **given)
 
 
 # -- Report --
@@ -116,12 +74,125 @@ def report(
     **given: Any,
 ) -> ExitCode:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
-    if not out:
-        raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
-    result = result_of(given)
-    write_page(result, out)
-    if out != STANDARD_OUTPUT:
-        size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
-        where = Section("", (Facts((("page", f"{out} ({size})"),)),))
-        show(on_terminal(replace(flight_document(result), sections=(where,))))
-    return exit_code(result)
+    return _work("report", out=out, **given)
+
+
+# -- Track --
+
+TRACK_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not. 3 it "
+    "is identified nowhere. 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written "
+    "(what was found is printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
+    "was taken as known."
+)
+#: Of `identify`.
+TRACK_OPTIONS = (
+    *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
+    *("lag", "lag_from", "channel_map"),
+)
+
+
+@guarded
+@with_options(FlightWords, LogWords, only=TRACK_OPTIONS)
+def track(
+    log: Annotated[
+        str,
+        typer.Argument(
+            metavar="LOG",
+            help="One log, as of eivor identify; LOG@START:END takes a window.",
+            show_default=False,
+        ),
+        Reads(log_paths),
+    ] = "",
+    *,
+    memory: Annotated[
+        float | None,
+        option(
+            "S",
+            "Time over which samples are forgotten, in seconds; a step is identified after half of it "
+            "(default: 5, or the length of a shorter flight).",
+        ),
+    ] = None,
+    accelerometer_bias: Annotated[
+        float | None,
+        option(
+            "STD",
+            "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
+            "lets hover determine the gain; inf when nothing is known, so that only movement does.",
+        ),
+    ] = None,
+    method: Annotated[
+        str,
+        option("NAME", "Method that identifies the flight as a whole, and its lag.", show_default=True),
+    ] = "reference_iv",
+    json: JsonOption = "",
+    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
+    example: bool,
+    channel_map: str,
+    **given: Any,
+) -> ExitCode:
+    """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
+    return _work(
+        "track",
+        log=log,
+        memory=memory,
+        accelerometer_bias=accelerometer_bias,
+        method=method,
+        json=json,
+        figure=figure,
+        example=example,
+        channel_map=channel_map,
+        **given,
+    )
+
+
+# -- Validate --
+
+VALIDATE_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, and the "
+    "flight by itself contradicts no quantity. 3 otherwise (the numbers are printed all the same). 2 wrong "
+    "usage, such as a result without an estimate. 1 a file that cannot be read or written (the numbers are "
+    "printed all the same). Predictions are in open loop; of turning and of the rigid body they are half a "
+    "second ahead.\n\n"
+    "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
+    "explained, over all runs and in each; quantities of fit and flight with p-values. Of turning and of "
+    "the rigid body the RMS error after .1 to .5 s."
+)
+
+
+@guarded
+@with_options(FlightWords, LogWords, only=("window", "max_tilt", "channel_map"))
+def validate(
+    fit: Annotated[
+        Path,
+        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        Reads(),
+    ],
+    log: Annotated[
+        str,
+        typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),
+        Reads(log_paths),
+    ],
+    *,
+    json: JsonOption = "",
+    figure: Annotated[
+        str,
+        option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
+        Writes(),
+    ] = "",
+    window: str,
+    max_tilt: float | None,
+    channel_map: str,
+) -> ExitCode:
+    """Predict another flight by a result, beside simpler models of the flights that it came from."""
+    return _work(
+        "validate",
+        fit=fit,
+        log=log,
+        json=json,
+        figure=figure,
+        window=window,
+        max_tilt=max_tilt,
+        channel_map=channel_map,
+    )

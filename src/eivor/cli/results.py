@@ -1,0 +1,158 @@
+"""Work of the commands identify, report, track and validate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from eivor.cli.options import DEFAULT_MODEL
+from eivor.cli.outputs import (
+    STANDARD_OUTPUT,
+    ExitCode,
+    deliver_result,
+    figure_file,
+    show,
+    step,
+    write_out,
+    writing,
+)
+from eivor.cli.parsing import (
+    flight_options,
+    named_motion,
+    parse_window,
+    pooled_result,
+    read_logs,
+    result_of,
+)
+from eivor.errors import UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.flights.track import track as tracked_parameter
+from eivor.inference.verdict import Status
+from eivor.report.document import Facts, Section
+from eivor.report.figures import save_figure
+from eivor.report.flight import flight_document
+from eivor.report.flight_figures import flight_figure
+from eivor.report.flight_page import flight_page
+from eivor.report.json_document import json_document, json_text
+from eivor.report.other_results import track_document, track_figure, track_json
+from eivor.report.saved_fit import load_fit
+from eivor.report.terminal import on_terminal
+from eivor.report.validation import validate as validated
+from eivor.report.validation import validation_document
+
+# -- Parts of a delivery --
+
+
+def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
+    """Drawing of a figure, where one is wanted."""
+
+    def draw(path: Path) -> None:
+        with step(f"Drawing {path.name}"), writing(path):
+            save_figure(make(), path)
+
+    if path is not None:
+        yield partial(draw, path)
+
+
+def write_page(result: FlightEstimate, position: str) -> None:
+    """Write the page of a result to a file, or to standard output where the place is "-"."""
+    with step(f"Writing {Path(position).name}"):
+        page = flight_page(result)
+    write_out(page, position)
+
+
+def exit_code(result: FlightEstimate) -> ExitCode:
+    """0 when identified, 3 otherwise."""
+    return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
+
+
+# -- Identify --
+
+
+def identify(*, json: str, figure: str, html: str, card: bool, **given: Any) -> ExitCode:
+    """Do what `eivor.cli.identify.identify` declares."""
+    picture = figure_file(figure)
+    result = result_of(given)
+    deliver_result(
+        lambda: on_terminal(flight_document(result, card=card)),
+        lambda: json_text(json_document(result)),
+        json,
+        *figure_parts(picture, lambda: flight_figure(result)),
+        *([partial(write_page, result, html)] if html else []),
+    )
+    return exit_code(result)
+
+
+# -- Report --
+
+
+def report(*, out: str, **given: Any) -> ExitCode:
+    """Do what `eivor.cli.identify.report` declares."""
+    if not out:
+        raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
+    result = result_of(given)
+    write_page(result, out)
+    if out != STANDARD_OUTPUT:
+        size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
+        where = Section("", (Facts((("page", f"{out} ({size})"),)),))
+        show(on_terminal(replace(flight_document(result), sections=(where,))))
+    return exit_code(result)
+
+
+# -- Track --
+
+
+def track(
+    *,
+    log: str,
+    memory: float | None,
+    accelerometer_bias: float | None,
+    method: str,
+    json: str,
+    figure: str,
+    example: bool,
+    channel_map: str,
+    **given: Any,
+) -> ExitCode:
+    """Do what `eivor.cli.identify.track` declares."""
+    motion = named_motion(DEFAULT_MODEL)
+    picture = figure_file(figure)
+    options = flight_options(motion, method=method, **given)
+    if accelerometer_bias is not None:
+        options = replace(options, accelerometer_bias=accelerometer_bias)
+    result = pooled_result(motion, options, [log] if log else None, example=example, channel_map=channel_map)
+    with step("Following it over the flight"):
+        tracked = tracked_parameter(result, memory)
+    deliver_result(
+        lambda: on_terminal(track_document(tracked)),
+        lambda: json_text(track_json(tracked)),
+        json,
+        *figure_parts(picture, lambda: track_figure(tracked)),
+    )
+    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
+
+
+# -- Validate --
+
+
+def validate(
+    *, fit: Path, log: str, json: str, figure: str, window: str, max_tilt: float | None, channel_map: str
+) -> ExitCode:
+    """Do what `eivor.cli.identify.validate` declares."""
+    picture = figure_file(figure)
+    options = FlightOptions(window=parse_window(window) if window else None)
+    result = load_fit(fit)
+    (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)
+    with step(f"Predicting {recording.name}"):
+        validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
+    deliver_result(
+        lambda: on_terminal(validation_document(validation)),
+        validation.to_json,
+        json,
+        *figure_parts(picture, validation.plot),
+    )
+    return ExitCode.IDENTIFIED if validation.agrees else ExitCode.NOT_IDENTIFIED
