@@ -4,16 +4,38 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 
+import eivor
 from eivor import process_pool
+from eivor.atomic_file import (
+    ABANDONED_S,
+    PREFIX,
+    SEAL_MARK,
+    SUFFIX,
+    atomic_write,
+    check_writable,
+    is_sealed,
+    remove_abandoned,
+    sealed,
+    write_atomically,
+)
 from eivor.errors import InputError
+from eivor.lab.scenario_files import numbers_in_file
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess
+from eivor.strict_toml import TomlTable
 from studies.study_parts import SOURCES, wait_until
+from validation.coverage.study import read_coverage
+from validation.flight_recipe.trials import read_trial_table
 from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
 
@@ -155,3 +177,162 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
 def test_progress_does_not_hide_limits():
     with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
         WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)
+
+
+# Files are whole or not there, and a seal tells a table that was changed.
+
+PACKAGE = Path(eivor.__file__).parent
+
+
+def names(folder):
+    return [path.name for path in folder.iterdir()]
+
+
+def half_written(path, error):
+    with atomic_write(path) as file:
+        file.write(b"half")
+        raise error
+
+
+def test_a_file_appears_when_it_is_whole(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    with atomic_write(path) as file:
+        file.write(b"new")
+        file.flush()
+        assert path.read_bytes() == b"old"
+    assert path.read_bytes() == b"new"
+    write_atomically(path, "Größe")
+    assert path.read_text(encoding="utf-8") == "Größe"
+    assert names(tmp_path) == ["x"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt(), ValueError("x")])
+def test_an_error_leaves_what_was_there(tmp_path, error):
+    path = tmp_path / "x"
+    for before in ([], ["x"]):
+        with pytest.raises(type(error)):
+            half_written(path, error)
+        assert names(tmp_path) == before
+        path.write_bytes(b"old")
+    assert path.read_bytes() == b"old"
+
+
+def test_permissions_are_those_of_the_user_or_of_the_earlier_file(tmp_path):
+    path = tmp_path / "x"
+    before = os.umask(0o027)
+    try:
+        write_atomically(path, b"")
+        assert path.stat().st_mode & 0o777 == 0o640
+        path.chmod(0o606)
+        write_atomically(path, b"")
+        assert path.stat().st_mode & 0o777 == 0o606
+    finally:
+        os.umask(before)
+
+
+def test_what_is_no_file_is_written_to_and_stays(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        check_writable(pipe)
+        write_atomically(pipe, b"through")
+        assert os.read(reader, 100) == b"through"
+        assert pipe.is_fifo()
+    finally:
+        os.close(reader)
+    with pytest.raises(OSError, match="No space left"):
+        write_atomically(Path("/dev/full"), b"x")
+    with pytest.raises(IsADirectoryError):
+        write_atomically(tmp_path, b"x")
+
+
+def test_a_file_that_is_protected_stays(tmp_path, monkeypatch):
+    path = tmp_path / "x"
+    path.write_bytes(b"old")
+    path.chmod(0o444)
+    monkeypatch.setattr(os, "access", lambda _path, _mode: False)  # for the superuser nothing is protected
+    for attempt in (lambda: write_atomically(path, b"new"), lambda: check_writable(path)):
+        with pytest.raises(PermissionError):
+            attempt()
+    assert path.read_bytes() == b"old"
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    old, young, other = (tmp_path / name for name in (f"{PREFIX}1{SUFFIX}", f"{PREFIX}2{SUFFIX}", ".mine"))
+    for path in (old, young, other):
+        path.touch()
+    past = time.time() - 2.0 * ABANDONED_S
+    for path in (old, other):
+        os.utime(path, (past, past))
+    remove_abandoned(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted([young, other])
+
+
+def test_nothing_else_in_the_package_writes_files():
+    """Other ways to write a file would leave half of one behind."""
+    formulas = re.compile(
+        r"\.write_(text|bytes)\(|\.(write_csv|write_parquet|savefig)\((?!\s*(?:file|buffer)\b|\))"
+        r"|mkstemp|open\([^)]*[\"'][wax]"
+    )
+    results = {
+        str(file.relative_to(PACKAGE))
+        for file in PACKAGE.rglob("*.py")
+        if formulas.search(file.read_text(encoding="utf-8"))
+    }
+    assert results - {"logs/common.py"} == {"atomic_file.py"}  # a copy of a pipe, in a folder that goes again
+
+
+FACTS = {"eivor.study": "b" * 64, "eivor.trials": "25 to 49"}
+
+
+@pytest.fixture(scope="module")
+def table():
+    rng = np.random.default_rng(3)
+    status = pl.Series("status", ["identified", "weak", None] * 8)
+    return pl.DataFrame({"trial": np.arange(24), "value": rng.standard_normal(24)}).with_columns(status)
+
+
+@pytest.fixture(scope="module")
+def content(table):
+    return sealed(table, FACTS)
+
+
+def test_every_flipped_bit_is_noticed(content):
+    """Of every byte each bit, and the whole byte: nothing is decoded, so nothing can crash."""
+    for index in range(len(content)):
+        for flip in (1, 2, 4, 8, 16, 32, 64, 128, 255):
+            damaged = bytearray(content)
+            damaged[index] ^= flip
+            assert not is_sealed(bytes(damaged), FACTS), (index, flip)
+
+
+def test_every_cut_and_every_addition_is_noticed(content):
+    for length in range(len(content)):
+        assert not is_sealed(content[:length], FACTS)
+    for more in (b"\0", content, SEAL_MARK, SEAL_MARK + b"0" * 64):
+        assert not is_sealed(content + more, FACTS)
+        assert not is_sealed(more + content, FACTS)
+
+
+@pytest.mark.parametrize("reader", ["coverage", "trials", "numbers"])
+def test_a_decoders_panic_is_told(tmp_path, monkeypatch, reader):
+    """Polars' own kind of crash is no Exception; every table that a study reads may be damaged."""
+
+    def panic(*parts, **options):
+        raise pl.exceptions.PanicException("index out of bounds")
+
+    path = tmp_path / "table.parquet"
+    pl.DataFrame({"u": [1.0]}).write_parquet(path)
+    monkeypatch.setattr(pl, "read_parquet", panic)
+    monkeypatch.setattr(pl, "scan_parquet", panic)
+    readers = {
+        "coverage": read_coverage,
+        "trials": read_trial_table,
+        "numbers": lambda file: numbers_in_file(
+            TomlTable({"file": file.name, "column": "u"}, "scenario.toml", folder=file.parent)
+        ),
+    }
+    with pytest.raises(InputError, match="index out of bounds"):
+        readers[reader](path)

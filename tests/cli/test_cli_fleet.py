@@ -17,8 +17,7 @@ import pytest
 
 import eivor as ev
 from eivor.fleet.table import read_flights, write_report
-from fleets.fleet_rows import row, write_fleet
-from fleets.fleet_tasks import rows_of, write_logs
+from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
 from report.parsed_page import parsed
 from validation.simulated_fleets import FleetSpec, fleet_rows
 

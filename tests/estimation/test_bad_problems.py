@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from test_moments_and_streams import chunks_of
+from test_recursive import chunks_of
 
 import eivor as ev
 from eivor.errors import (

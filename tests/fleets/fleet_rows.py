@@ -1,11 +1,14 @@
-"""Rows of fleets for tests."""
+"""Rows of fleets, and logs that are quick to make and to read, also in other processes."""
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 from eivor.atomic_file import parquet_bytes
-from eivor.fleet.table import FLIGHTS, flight_frame
+from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, NamedRow, PageOf, flight_frame
 
 
 def row(name, **values):
@@ -36,3 +39,36 @@ def write_fleet(folder, *parts):
         path = folder / FLIGHTS / f"part-{number}.parquet"
         path.write_bytes(parquet_bytes(flight_frame(rows)))
     return folder
+
+
+@dataclass(frozen=True)
+class QuickRow:
+    """Rows in place of those of `RowOfLog`: a log is a text, which some make mistakes at."""
+
+    options: FleetOptions
+    page_of: PageOf | None = None
+
+    def __call__(self, log):
+        text = Path(log.path).read_text(encoding="utf-8")
+        if text.startswith("slow"):
+            time.sleep(0.02)
+        selected = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
+        page = {} if self.page_of is None else {PAGE: f"page of {text}"}
+        return {**NamedRow(self.options)(log), **selected, **page}
+
+
+def write_logs(folder, texts):
+    """Write texts under names that end like logs."""
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def rows_of(monkeypatch, made=QuickRow):
+    """Make quick rows in this process."""
+
+    def row_maker(options, page_of=None):
+        return made(options) if page_of is None else made(options, page_of)
+
+    monkeypatch.setattr("eivor.fleet.run.RowOfLog", row_maker)

@@ -1,4 +1,4 @@
-"""Data of the literature for tests of instruments, and their products."""
+"""Data of the literature for tests of instruments."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-
-from eivor.inference.diagnostics.record import equation_products
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")
@@ -60,12 +58,6 @@ def two_stage(y, endogenous, exogenous, excluded):
     fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
     theta = np.linalg.lstsq(fitted, y, rcond=None)[0]
     return theta, X, Z, y - X @ theta
-
-
-def products_of(y, endogenous, exogenous, excluded, blocks=25):
-    """Products at the two-stage estimate."""
-    _, X, Z, residual = two_stage(y, endogenous, exogenous, excluded)
-    return equation_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
 
 
 def autoregression(rng, shape, memory):
