@@ -66,6 +66,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "estimate_long_memory": {"bandwidth": {"none"}},
     "identify_chunks": {"chunks": {"function", "type"}},
     "identify_flight": {"options windows": {"none"}, "progress": {"function", "type"}},
+    "identify_log": {"options windows": {"none"}, "progress": {"function", "type"}},
     "validate": {"window max_tilt_deg": {"none"}},
     "FlightOptions": {
         "window lag": {"none"},
@@ -150,10 +151,18 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "covariances.FixedBandwidth": {"bandwidth": NUMBER},
 }
 #: Doors that take seconds; right arguments are given to them elsewhere.
-FLIGHTS = {"bootstrap_flights", "identify_flight", "plan", "validate"}
+FLIGHTS = {"bootstrap_flights", "identify_flight", "identify_log", "plan", "validate"}
 #: Public names that nobody calls: results, what warnings are of, and rooms.
 NOT_DOORS = {
-    *("AndersonRubinSet", "ConfidenceRegion", "Diagnostics", "Estimate", "FlightEstimate", "FlightPlan"),
+    *(
+        "AndersonRubinSet",
+        "ConfidenceRegion",
+        "Diagnostics",
+        "Estimate",
+        "FlightEstimate",
+        "LogEstimate",
+        "FlightPlan",
+    ),
     *("SavedFit", "FractionalDerivative", "FractionalDifference", "HomoskedasticErrors", "SignPerturbedSet"),
     *("Validation", "WeakInstrumentsWarning", "__version__", "bounds", "covariances", "fleet", "methods"),
 }
@@ -266,6 +275,7 @@ def doors(folder):
         "identify": (ev.identify, {"problem": m.rows, "method": m.iv}),
         "identify_chunks": (ev.identify_chunks, {"chunks": lambda: [m.signals], **model}),
         "identify_flight": (ev.identify_flight, {"recordings": m.recording, "progress": print}),
+        "identify_log": (ev.identify_log, {"recordings": m.recording, "progress": print}),
         "identify_recursively": (
             ev.identify_recursively,
             {"chunks": [m.signals], "recursion": ev.RecursiveIdentification(**model)},

@@ -23,6 +23,7 @@ from eivor.estimation.weak_identification import sign_perturbed_set as sign_pert
 from eivor.flights.options import FlightOptions as FlightOptions
 from eivor.flights.pooling import bootstrap_flights as bootstrap_flights
 from eivor.flights.result import FlightEstimate as FlightEstimate
+from eivor.flights.result import LogEstimate as LogEstimate
 from eivor.inference import covariance as _covariance
 from eivor.inference.confidence_set import ConfidenceSet as ConfidenceSet
 from eivor.inference.regions import ConfidenceRegion as ConfidenceRegion
@@ -47,6 +48,7 @@ from eivor.models.separable import Bounds as Bounds
 from eivor.models.separable import Prior as Prior
 from eivor.models.signal_regression import SignalRegression as SignalRegression
 from eivor.motions.identify import identify_flight as identify_flight
+from eivor.motions.identify import identify_log as identify_log
 from eivor.motions.identify import log_signals as log_signals
 from eivor.motions.table import motion_by_name as motion_by_name
 from eivor.motions.vertical.model import VerticalMotion as VerticalMotion

@@ -116,7 +116,9 @@ def test_a_refusal_is_read_back(still, tmp_path):
 def test_what_is_no_fit_is_refused(text, tmp_path):
     file = tmp_path / "x.json"
     file.write_text(text)
-    with pytest.raises(InputError, match=r"a document of schema eivor\.identify/1 in x\.json"):
+    with pytest.raises(
+        InputError, match=r"a document of schema eivor\.identify/1 or eivor\.identify/2 in x\.json"
+    ):
         ev.load_fit(file)
     with pytest.raises(InputError, match="a result that can be read"):
         ev.load_fit(tmp_path / "absent.json")

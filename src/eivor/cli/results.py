@@ -37,7 +37,7 @@ from eivor.report.figures import save_figure
 from eivor.report.flight import flight_document
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
-from eivor.report.json_document import json_document, json_text
+from eivor.report.json_document import json_text
 from eivor.report.other_results import track_document, track_figure, track_json
 from eivor.report.saved_fit import load_fit
 from eivor.report.terminal import on_terminal
@@ -79,7 +79,7 @@ def identify(*, json: str, figure: str, html: str, card: bool, **given: Any) -> 
     result = result_of(given)
     deliver_result(
         lambda: on_terminal(flight_document(result, card=card)),
-        lambda: json_text(json_document(result)),
+        result.to_json,
         json,
         *figure_parts(picture, lambda: flight_figure(result)),
         *([partial(write_page, result, html)] if html else []),

@@ -39,7 +39,9 @@ LEVEL = 0.95
 
 #: How the three are called and shown.
 LAG_QUANTITIES = {
-    EFFECTIVE_LAG: QuantitySpec("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+    EFFECTIVE_LAG: QuantitySpec(
+        "effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3, need="lag"
+    ),
     ACTUATOR_LAG.name: QuantitySpec("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
     DELAY.name: QuantitySpec("delay", "d", "s", shown_unit="ms", scale=1e3),
 }

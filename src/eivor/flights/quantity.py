@@ -292,6 +292,7 @@ class QuantitySpec:
     #: It belongs to the flight (wind, load) and not to the vehicle: flights of a pool have each their own
     of_flight: bool = False
     reciprocal_of: str = ""  # The quantity that it is one over
+    need: str = ""  # Word by which a caller may require it, such as "hover"; others decide no exit code
     across: AcrossFlights | None = None  # How reports of fleets pool it
 
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EstimationError, UsageError, did_you_mean
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.pool import Pooled
@@ -55,7 +56,7 @@ OUTPUTS = "eivor.outputs"
 class ResultOutputs(Protocol):
     """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
 
-    def json(self, result: FlightEstimate) -> str:
+    def json(self, result: FlightEstimate | LogEstimate) -> str:
         """Text of the JSON document."""
 
     def saved(self, result: FlightEstimate) -> Any:
@@ -479,7 +480,7 @@ class FlightEstimate:
         return frame.with_columns(pl.when(floats.is_finite()).then(floats).name.keep())
 
     def to_json(self) -> str:
-        """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
+        """Text of the JSON document of this motion, see docs/json.md."""
         return _outputs().json(self)
 
     def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
@@ -534,3 +535,92 @@ class FlightEstimate:
             received = f"one without: {'; '.join(self.verdict.sentences)}"
             raise EstimationError("a flight with an estimate", received, "See its verdict.")
         return self.fit
+
+
+@dataclass(frozen=True)
+class LogEstimate:
+    """Every motion that a flight, or a pool of flights, supports, each with its result."""
+
+    motions: Mapping[str, FlightEstimate]  # By name: vertical, rates, rigid-body, then others; at least one
+    left_out: Mapping[str, str] = field(default_factory=dict)  # Why the log does not support the others
+
+    @property
+    def first(self) -> FlightEstimate:
+        """Result of the first motion."""
+        return next(iter(self.motions.values()))
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """Names of the deciding quantities that are identified."""
+        return self._of(Status.IDENTIFIED)
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Names of those that are known roughly: weak or provisional."""
+        return self._of(Status.WEAK, Status.PROVISIONAL)
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Names of those that are refused."""
+        return self._of(Status.REFUSED)
+
+    @cached_property
+    def deciding(self) -> dict[str, Quantity]:
+        """Quantities of a need and of headlines, by name; by motion.name where several motions have it."""
+        every = [
+            (model, name, quantity)
+            for model, result in self.motions.items()
+            for name, quantity in result.quantities.items()
+            if result.motion.quantities[name].need or result.motion.quantities[name].headline
+        ]
+        count = Counter(name for _, name, _ in every)
+        return {name if count[name] == 1 else f"{model}.{name}": item for model, name, item in every}
+
+    def meets(self, needs: Iterable[str] = ()) -> bool:
+        """Whether all that is needed is identified; without needs, whether any `deciding` quantity is.
+
+        Parameters
+        ----------
+        needs : iterable of str
+            Words out of "hover", "lag", "gain", "friction" and "torque" (of roll and pitch), or names of
+            quantities. A word is met by a motion that identifies every quantity that it has for it.
+        """
+        wanted = tuple(needs)
+        return all(map(self._meets, wanted)) if wanted else bool(self.identified)
+
+    def _meets(self, need: str) -> bool:
+        """Whether a motion identifies all that it has for a need."""
+        for result in self.motions.values():
+            specs = result.motion.quantities
+            of_need = [q for name, q in result.quantities.items() if need in (name, specs[name].need)]
+            if of_need and all(quantity.verdict is Status.IDENTIFIED for quantity in of_need):
+                return True
+        return False
+
+    def _of(self, *statuses: Status) -> tuple[str, ...]:
+        return tuple(name for name, quantity in self.deciding.items() if quantity.verdict in statuses)
+
+    def summary(self) -> str:
+        """Summaries of the motions, one below the other, and why others are left out."""
+        omitted = (f"{name} is left out: {why}" for name, why in self.left_out.items())
+        return "\n\n".join([*(result.summary() for result in self.motions.values()), *omitted])
+
+    def __repr__(self) -> str:
+        names = ", ".join(flight.recording.name for flight in self.first.prepared)
+        return f"<LogEstimate {', '.join(self.motions)} of {names!r}: {', '.join(self.identified) or 'none'}>"
+
+    def _repr_html_(self) -> str:
+        return "".join(result._repr_html_() for result in self.motions.values())
+
+    def to_json(self) -> str:
+        """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
+        return _outputs().json(self)
+
+    def plot(self, model: str = "") -> Figure:
+        """Figure of the fit of a motion, by default of the first that has one: `FlightEstimate.plot`."""
+        fitted = (name for name, result in self.motions.items() if result.fit is not None)
+        name = model or next(fitted, next(iter(self.motions)))
+        if name not in self.motions:
+            remedy = did_you_mean(name, self.motions, "Name one of them.")
+            raise UsageError(f"a motion out of {', '.join(self.motions)}", f"'{name}'", remedy)
+        return self.motions[name].plot()

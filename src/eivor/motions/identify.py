@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from types import NoneType
 from typing import Any, TypedDict, Unpack
 
 from eivor import checks
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import EivorError, InputError, PoolingError, UsageError, did_you_mean
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import mask_of
 from eivor.flights.references import Declared
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.models.separable import Bounds, Prior
-from eivor.motions.table import DEFAULT, motion_by_name
+from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Progress, no_stage_callback
@@ -99,6 +99,99 @@ def identify_flight(
     PoolingError
         When the flights are of vehicles with different input maps or parameters.
     """
+    motion = motion_by_name(model) if isinstance(model, str) else model
+    if not isinstance(motion, Motion):
+        raise UsageError(
+            "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
+        )
+    checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
+    if vehicle:
+        motion = of_vehicle(motion, str(vehicle))
+    return _task(recordings, options, windows, progress, choices).result(motion)
+
+
+def identify_log(
+    recordings: Recording | Sequence[Recording],
+    options: FlightOptions | None = None,
+    *,
+    windows: Sequence[tuple[float, float] | None] | None = None,
+    models: Sequence[str | Motion[Any]] = (),
+    vehicle: str | PathLike[str] = "",
+    progress: Progress = no_stage_callback,
+    **choices: Unpack[OptionChoices],
+) -> LogEstimate:
+    """Identify every motion that a log supports, or several flights of one vehicle together.
+
+    Parameters
+    ----------
+    recordings, options, windows, progress, **choices
+        As of `identify_flight`.
+    models : sequence of str or Motion, optional
+        What to identify; default: the vertical motion, turning, and with a vehicle the rigid body.
+    vehicle : str or path, optional
+        What flies: the name of a shipped vehicle, or a vehicle file.
+
+    Returns
+    -------
+    LogEstimate
+        The result of each motion, and of every other why the log, or an option, does not support it.
+
+    Raises
+    ------
+    InputError, UsageError
+        As of `identify_flight` for the first motion, when no motion is supported.
+    PoolingError
+        When the flights are of different vehicles.
+    """
+    checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
+    motions = motions_of(models, str(vehicle))
+    task = _task(recordings, options, windows, progress, choices)
+    results: dict[str, FlightEstimate] = {}
+    errors: dict[str, EivorError] = {}
+    for motion in motions:
+        try:
+            results[motion.name] = task.result(motion)
+        except PoolingError:
+            raise
+        except (InputError, UsageError) as error:
+            errors[motion.name] = error
+    if not results:
+        raise next(iter(errors.values()))
+    return LogEstimate(results, {name: str(error) for name, error in errors.items()})
+
+
+def motions_of(models: Sequence[str | Motion[Any]], vehicle: str = "") -> tuple[Motion[Any], ...]:
+    """Motions that are named, else the usual ones; of a vehicle those that depend on it."""
+    checks.items("models", models, (str, Motion), "names of motions, or motions", 'Give ("vertical",).')
+    named = models or (USUAL_MOTIONS if not vehicle else (*USUAL_MOTIONS, "rigid-body"))
+    motions = [motion_by_name(model) if isinstance(model, str) else model for model in named]
+    if vehicle and all(motion.abilities.vehicle is None for motion in motions):
+        of_vehicle(motions[0], vehicle)  # refuses
+    return tuple(
+        of_vehicle(motion, vehicle) if vehicle and motion.abilities.vehicle else motion for motion in motions
+    )
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Flights that are identified, and how; checked."""
+
+    logs: list[Recording]
+    options: FlightOptions
+    windows: list[tuple[float, float] | None]
+    progress: Progress
+
+    def result(self, motion: Motion[Any]) -> FlightEstimate:
+        """Result of a motion."""
+        others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
+        result = identified(self.logs, motion, self.options, self.windows, others, progress=self.progress)
+        coupled = {axis.motion: motion_by_name(axis.motion) for axis in motion.abilities.coupled_axes}
+        return with_coupled_axes(result, coupled, self.logs, self.windows)
+
+
+def _task(
+    recordings: Any, options: FlightOptions | None, windows: Any, progress: Progress, choices: OptionChoices
+) -> _Task:
     given = [recordings] if isinstance(recordings, Recording | str) else recordings
     checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
     logs = list(given)
@@ -106,16 +199,8 @@ def identify_flight(
         raise UsageError("recordings", ", ".join(sorted({type(log).__name__ for log in logs})), READ_FIRST)
     if not logs:
         raise UsageError("at least one recording", "none", "Give one or several.")
-    motion = motion_by_name(model) if isinstance(model, str) else model
-    if not isinstance(motion, Motion):
-        raise UsageError(
-            "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
-        )
-    checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     if not callable(progress):
         raise UsageError("a function of what begins", checks.described(progress), "Give progress=print.")
-    if vehicle:
-        motion = of_vehicle(motion, str(vehicle))
     chosen = _chosen(options, choices)
     if windows is None:
         windows = [None] * len(logs)
@@ -125,13 +210,7 @@ def identify_flight(
     for window in windows:
         if window is not None:
             check_window(window)
-    others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
-    result = identified(logs, motion, chosen, list(windows), others, progress=progress)
-    neighbours = {
-        coupled_axis.motion: motion_by_name(coupled_axis.motion)
-        for coupled_axis in motion.abilities.coupled_axes
-    }
-    return with_coupled_axes(result, neighbours, logs, list(windows))
+    return _Task(logs, chosen, list(windows), progress)
 
 
 def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOptions:

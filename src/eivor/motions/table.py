@@ -23,6 +23,8 @@ _OWN = {
 }
 #: What is identified unless something else is requested.
 DEFAULT = "vertical"
+#: What is identified of a log where nothing is named, in the order of results.
+USUAL_MOTIONS = ("vertical", "rates")
 
 
 def motion_names() -> tuple[str, ...]:
@@ -59,6 +61,12 @@ def motion_of_model(model_name: str) -> Motion[Any]:
         f"'{model_name}'",
         "Install the package that brings its motion.",
     )
+
+
+def name_of_model(model_name: str) -> str:
+    """Name of the motion of a model; the model's own where no motion is known to have it."""
+    words = {loaded_motion(name).words.model: name for name in _OWN}
+    return words.get(model_name, model_name)
 
 
 @cache

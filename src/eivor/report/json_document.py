@@ -17,7 +17,7 @@ from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
 from eivor.flights.quantity import Kind, SimpleModel, SystematicUncertainty
-from eivor.flights.result import Fit, FlightEstimate, FlightRow
+from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
 from eivor.report.flight import row_quantities, spans_of, summary
@@ -65,7 +65,8 @@ def number(value: float | None) -> float | None:
 
 # -- Tree of a result --
 
-IDENTIFY_SCHEMA = "eivor.identify/1"
+#: Of a motion's result, and of the results of a log, which holds those of its motions.
+MOTION_SCHEMA, LOG_SCHEMA = "eivor.identify/1", "eivor.identify/2"
 
 
 class JsonQuantity(msgspec.Struct, kw_only=True):
@@ -176,9 +177,9 @@ class JsonProvenance(msgspec.Struct, kw_only=True, frozen=True):
 
 
 class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
-    """The document of a result, as ``eivor identify --json`` writes it and `eivor.load_fit` reads it."""
+    """The document of a motion's result, as ``fit.to_json()`` writes it and `eivor.load_fit` reads it."""
 
-    schema_: str = IDENTIFY_SCHEMA
+    schema_: str = MOTION_SCHEMA
     logs: Sequence[JsonLog] = ()
     model: JsonModel = JsonModel()
     method: str = ""
@@ -205,17 +206,39 @@ class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
     provenance: JsonProvenance = JsonProvenance()
 
 
+class LogDocument(msgspec.Struct, kw_only=True):
+    """The results of every motion of a log."""
+
+    motions: Annotated[Mapping[str, Any], msgspec.Meta(min_length=1)]  # A `FitDocument` each
+    provenance: JsonProvenance = JsonProvenance()
+
+
 # -- Document of a result --
 
 
+def log_document(result: LogEstimate) -> dict[str, Any]:
+    """Document of the results of a log; where they come from stands once."""
+    motions = {name: json_document(item) for name, item in result.motions.items()}
+    provenance = [item.pop("provenance") for item in motions.values() if item.pop("schema")]
+    return {
+        "schema": LOG_SCHEMA,
+        "identified": list(result.identified),
+        "weak": list(result.weak),
+        "refused": list(result.refused),
+        "motions": motions,
+        "left_out": dict(result.left_out),
+        "provenance": provenance[0],
+    }
+
+
 def json_document(result: FlightEstimate) -> dict[str, Any]:
-    """Document of a result."""
+    """Document of a motion's result."""
     made: dict[str, Any] = plain(fit_document(result))
     return made
 
 
 def fit_document(result: FlightEstimate) -> FitDocument:
-    """Tree of a result's document."""
+    """Tree of a motion's result."""
     motion, first, fit = result.motion, result.prepared[0], result.fit
     rates = {flight.signals.rate_hz for flight in result.prepared}
     rows = quantity_rows(result.quantities, motion.quantities)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from eivor.checks import described
 from eivor.errors import UsageError
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.report.flight_figures import flight_figure
-from eivor.report.json_document import json_document, json_text
+from eivor.report.json_document import json_document, json_text, log_document
 from eivor.report.saved_fit import SavedFit, fit_of, load_fit
 
 if TYPE_CHECKING:
@@ -37,9 +37,10 @@ def saved_of(source: object, expected: str, remedy: str) -> SavedFit:
 class FlightOutputs:
     """Implements `eivor.flights.result.ResultOutputs`; an entry point registers it."""
 
-    def json(self, result: FlightEstimate) -> str:
-        """Text of the JSON document that ``eivor identify --json`` writes."""
-        return json_text(json_document(result))
+    def json(self, result: FlightEstimate | LogEstimate) -> str:
+        """Text of the JSON document of a motion, or of a log as ``eivor identify --json`` writes it."""
+        made = log_document(result) if isinstance(result, LogEstimate) else json_document(result)
+        return json_text(made)
 
     def saved(self, result: FlightEstimate) -> SavedFit:
         """The result as its document holds it."""

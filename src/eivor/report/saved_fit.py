@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError
+from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError, did_you_mean
 from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
@@ -23,13 +23,17 @@ from eivor.inference.distributions import check_level
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
+from eivor.motions.table import name_of_model
 from eivor.report.json_document import (
-    IDENTIFY_SCHEMA,
+    LOG_SCHEMA,
+    MOTION_SCHEMA,
     FitDocument,
     JsonCandidate,
     JsonCovariance,
+    JsonProvenance,
     JsonQuantity,
     JsonRow,
+    LogDocument,
 )
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
@@ -47,7 +51,7 @@ MOST_DRAWS = 10_000_000
 
 @dataclass(frozen=True)
 class SavedFit:
-    """What a document of schema ``eivor.identify/1`` says."""
+    """What a document of schema ``eivor.identify/1`` or ``/2`` says of a motion."""
 
     quantities: Mapping[str, Quantity]  # Parameters and derived quantities
     estimated: JointEstimate | None  # Joint vector and covariance; None without an estimate
@@ -296,13 +300,15 @@ def _known_pair(name: str, pair: tuple[float, ...]) -> KnownNumber:
 LARGEST_BYTES = 100_000_000
 
 
-def load_fit(file: str | Path) -> SavedFit:
-    """Read back a result that ``eivor identify --json FILE`` or ``fit.to_json()`` wrote.
+def load_fit(file: str | Path, model: str = "") -> SavedFit:
+    """Read back a result that ``eivor identify --json FILE``, ``fit.to_json()`` or a log's result wrote.
 
     Parameters
     ----------
     file : str or Path
-        A document of schema ``eivor.identify/1``.
+        A document of schema ``eivor.identify/1`` or ``/2``.
+    model : str, optional
+        The motion that is wanted, such as "vertical"; needed where the document has several.
 
     Returns
     -------
@@ -313,7 +319,29 @@ def load_fit(file: str | Path) -> SavedFit:
     ------
     InputError
         When the file cannot be read, or is no such document.
+    UsageError
+        When the document does not have the motion, or has several and none is named.
     """
+    return fit_among(load_fits(file), model)
+
+
+def fit_among(
+    fits: Mapping[str, SavedFit], model: str = "", serves: Callable[[SavedFit], bool] = lambda _: True
+) -> SavedFit:
+    """The fit of a motion that is named, or the only one that serves; a `UsageError` of several."""
+    checks.text("model", model)
+    if model and model not in fits:
+        remedy = did_you_mean(model, fits, "Name one of them with --model, or identify it.")
+        raise UsageError(f"a motion of the result: {', '.join(fits)}", f"'{model}'", remedy)
+    serving = [name for name in fits if name == model or (not model and serves(fits[name]))]
+    if len(serving) > 1:
+        expected, received = "the motion that is meant", f"a result of several: {', '.join(serving)}"
+        raise UsageError(expected, received, f"Name one, such as --model {serving[0]}.")
+    return fits[serving[0]] if serving else next(iter(fits.values()))
+
+
+def load_fits(file: str | Path) -> dict[str, SavedFit]:
+    """Read back the fit of every motion of a document, by the motion's name: see `load_fit`."""
     if not isinstance(file, str | Path):
         raise UsageError("the path of a JSON file", type(file).__name__, 'Such as ev.load_fit("fit.json").')
     path = Path(file)
@@ -326,25 +354,32 @@ def load_fit(file: str | Path) -> SavedFit:
         raise InputError("a result that can be read", received, "Check the path.") from error
     except (ValueError, RecursionError) as error:
         raise _no_document(path, "content that is not JSON") from error
-    if not isinstance(document, dict) or document.get("schema") != IDENTIFY_SCHEMA:
-        raise _no_document(path, "another document")
+    schema = document.get("schema") if isinstance(document, dict) else None
     try:
-        return fit_of(document)
+        if schema == MOTION_SCHEMA:
+            fit = fit_of(document)
+            return {name_of_model(fit.document.model.name): fit}
+        if schema != LOG_SCHEMA:
+            raise _no_document(path, "another document")
+        given = msgspec.convert(document, LogDocument)
+        return {name: fit_of(motion, given.provenance) for name, motion in given.motions.items()}
     except (msgspec.ValidationError, ValueError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
 
 
 def _no_document(path: Path, received: str) -> InputError:
     return InputError(
-        f"a document of schema {IDENTIFY_SCHEMA} in {path.name}",
+        f"a document of schema {MOTION_SCHEMA} or {LOG_SCHEMA} in {path.name}",
         received,
         "Write one with: eivor identify LOG --json FILE.",
     )
 
 
-def fit_of(document: Mapping[str, Any]) -> SavedFit:
-    """Return the fit of a document."""
+def fit_of(document: Mapping[str, Any], provenance: JsonProvenance | None = None) -> SavedFit:
+    """Return the fit of a motion's document, with the provenance of the log's where it has none."""
     given = msgspec.convert(document, FitDocument)
+    if provenance is not None:
+        given = msgspec.structs.replace(given, provenance=provenance)
     quantities = _read_quantities(given)
     return SavedFit(
         quantities=quantities,

@@ -41,7 +41,6 @@ from eivor.motions.table import motion_by_name, motion_names
 from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
-from eivor.report.json_document import json_document, json_text
 from eivor.report.other_results import plan as planned
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.serve.jobs import REPORT, RESULT, File, KeptLog, Outcome, Task
@@ -146,7 +145,7 @@ def identify(
             recordings, motion, options, windows, progress=lambda stage: progress({"stage": stage.value})
         )
         progress({"stage": "writing"})
-        write_atomically(folder / RESULT, json_text(json_document(result)))
+        write_atomically(folder / RESULT, result.to_json())
         progress({"done": {"status": result.verdict.status.value}})
         write_atomically(folder / REPORT, flight_page(result))
 

@@ -338,10 +338,13 @@ QUANTITIES = QuantityTable(
                 optional=axis.reacts,
                 headline=not axis.reacts,
                 in_rows=not axis.reacts,
+                need="" if axis.reacts else "torque",
             )
             for axis, rate in zip(AXES, "pqr", strict=True)
         },
-        THRUST.called: QuantitySpec("thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True),
+        THRUST.called: QuantitySpec(
+            "thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True, need="gain"
+        ),
         EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
         **{
             axis.damping.name: QuantitySpec(

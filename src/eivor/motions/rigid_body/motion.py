@@ -438,6 +438,7 @@ def _spec(term: RigidTerm) -> QuantitySpec:
         optional=term.by_velocity or term.equation >= FORCE_X_EQUATION,
         headline=headline,
         in_rows=headline,
+        need="gain" if term.parameter == THRUST else "torque" if term.parameter in GAIN[:2] else "",
     )
 
 
@@ -445,7 +446,13 @@ _SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
     **LAG_QUANTITIES,
     EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
     FRICTION.name: QuantitySpec(
-        "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
+        "viscous friction",
+        "K",
+        FRICTION.unit,
+        kind=Kind.DERIVED,
+        shown_unit="1/s",
+        optional=True,
+        need="friction",
     ),
 }
 _PARAMETERS = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, FRICTION, LIFT, *LIFT_MOMENT, *ALL_DRAG_MOMENTS)

@@ -86,6 +86,7 @@ QUANTITIES = QuantityTable(
         headline=True,
         in_rows=True,
         of_flight=True,
+        need="friction",
         across=AcrossFlights(
             "viscous_friction",
             covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
@@ -107,6 +108,7 @@ QUANTITIES = QuantityTable(
         "m/s^2",
         shown_unit="m/s²",
         in_rows=True,
+        need="gain",
         across=AcrossFlights(
             "input_gain",
             logarithm=True,
@@ -124,6 +126,7 @@ QUANTITIES = QuantityTable(
         "",
         Kind.DERIVED,
         in_rows=True,
+        need="hover",
         across=AcrossFlights(
             "hover_input",
             logarithm=True,
