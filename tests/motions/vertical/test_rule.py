@@ -28,7 +28,7 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.regression import ThrustDrift
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks
-from flights.flight_logs import flown, prepare_vertical
+from flights.flight_logs import changed, flown, prepare_vertical
 
 FRICTION, GAIN, HOVER, LAG = "viscous_friction", "input_gain", "hover_input", "effective_lag"
 NAMES = (FRICTION, GAIN, "actuator_lag")
@@ -235,6 +235,14 @@ def logged_at(rate_hz):
     return {"flights": (unknown,), "command_rate_hz": rate_hz}
 
 
+def with_two_clocks():
+    """A flight whose commands are stamped otherwise than what is measured."""
+    (log,) = flown(1, seconds=10.0)
+    command = log.channels["rotor_command_1"]
+    later = replace(command, time_s=command.time_s + 0.001)
+    return {"flights": (prepare_vertical(changed(log, rotor_command_1=later), ev.FlightOptions()),)}
+
+
 SENSITIVE = Sensitivities(
     {"tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5}, "offset": {FRICTION: -4.0, GAIN: 50.0}}
 )
@@ -242,6 +250,7 @@ TILTED = SensorAgreement({"tilt_x": Difference(0.02, 1e-3)}, AGREE)
 LATE = SensorAgreement({"offset": Difference(0.01, 1e-3)}, AGREE)
 SCALED = SensorAgreement({"scale": Difference(-0.02, 1e-3)}, AGREE)
 SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
+DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
 SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
 
 
@@ -275,6 +284,15 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
         (LAG, logged_at(50.0), "added", 0.01, 0.01, "logged at 50 Hz"),
         (GAIN, logged_at(25.0), "added", 1.0, 1.0, "edges are not known"),
         (GAIN, logged_at(100.0), "added", 0.125, 0.125, "edges are not known"),
+        (LAG, {"checks": {"omitted": DRIFTING}}, "added", 0.006, 0.006, "apart by 200 ± 42 ppm: up to 6 ms"),
+        (
+            LAG,
+            {**with_two_clocks(), "checks": {"omitted": DRIFTING}},
+            "independent",
+            *[1.272e-3] * 2,
+            "several clocks",
+        ),
+        (GAIN, {"checks": {"omitted": DRIFTING}}, "added", 0.3, 0.3, "drift apart"),
         (GAIN, {"checks": {"sideways_speed": 6.0}}, "added", 1.28, 1.28, "sideways at 6.0 m/s"),
         (GAIN, {"checks": {"omitted": SUPPLY}}, "added", 0.8, 0.8, "fell by 4%"),
         (HOVER, {"checks": {"omitted": SUPPLY}}, "added", 0.005, 0.005, "fell by 4%"),

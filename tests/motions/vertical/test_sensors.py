@@ -243,7 +243,7 @@ def with_channel(log_left, name, values):
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log_left):
     terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
-    assert list(terms) == ["quadratic_drag", "ground_effect", "thrust_curvature", "supply"]
+    assert list(terms) == ["quadratic_drag", "ground_effect", "thrust_curvature", "supply", "clock_drift"]
     assert min(term.p_value for term in terms.values()) > 0.005
     ((title, sentence),) = OmittedTerms(terms).report
     assert title == "left out"
@@ -269,6 +269,19 @@ def test_a_thrust_curve_that_bends_is_missed(log_left):
     assert abs(result.value + 0.3) < 3.0 * result.half_width < 0.3
     ((_, sentence),) = OmittedTerms({"thrust_curvature": result}).report
     assert sentence.startswith("thrust bends less than the input map: -0.3")
+
+
+def test_clocks_that_drift_apart_are_measured(log_left):
+    command = log_left.channels["rotor_command_1"]
+    quicker = replace(command, time_s=command.time_s * (1.0 - 0.001))
+    terms = terms_of(replace(log_left, channels={**log_left.channels, command.name: quicker}))
+    drift = terms["clock_drift"]
+    assert abs(drift.value - 0.001) < drift.half_width < 0.0005
+    omitted = OmittedTerms(terms, clock_reach_s=20.0)
+    assert omitted.clocks_apart_s(several=True) == pytest.approx(
+        (20.0 * drift.value, 20.0 * drift.half_width)
+    )
+    assert "clocks of command and motion drift apart by" in omitted.report[0][1]
 
 
 def test_ground_effect_is_missed(log_left):

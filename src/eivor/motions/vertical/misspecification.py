@@ -47,10 +47,14 @@ PREFIX = "left_out_"
 MISSED, DOUBTFUL = 0.005, 0.05
 #: Name of the test of the thrust curve's bend.
 CURVATURE = "thrust_curvature"
+#: Name of the test of clocks that drift apart: a lag that grows through a flight.
+CLOCK_DRIFT = "clock_drift"
 #: Terms whose coefficients are reported as shares of the gain.
-SHARES = (CURVATURE, SUPPLY)
+SHARES = (CURVATURE, SUPPLY, CLOCK_DRIFT)
 #: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST_TERM = {SUPPLY: 0.02}
+#: No clock runs faster or slower by a larger share; and what an unknown one may be off by.
+LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
@@ -61,6 +65,8 @@ _TERMS: dict[str, Callable[[TermIngredients, float], TermColumn | None]] = {
     GROUND: lambda of, _: None if of.radii is None else np.maximum(of.radii, LEAST_HEIGHT) ** -2.0,
     CURVATURE: lambda of, mean: mean * (of.lift / mean - 1.0) ** 2 if mean else None,
     SUPPLY: lambda of, _: VOLTAGE_TERM.column(of),
+    # K_u U(t - r t) is K_u (U - r t U') nearly
+    CLOCK_DRIFT: lambda of, _: None if of.time is None else -of.time * np.gradient(of.lift, of.time),
 }
 
 
@@ -77,7 +83,8 @@ def omitted_variable_tests(
         mapped = item.moving(estimate.nuisances)[:, 0]
         volts = _share_of_time(flight) if timed else voltage(flight)
         away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
-        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight), away))
+        time = flight.grid.time_s - float(np.mean(flight.span_s))
+        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight), away, time))
         means.append(float(mapped[flight.used].mean()))
     explained = [
         explained_ingredients(of, item.instruments, item.runs)
@@ -145,6 +152,8 @@ class OmittedTerms:
     #: What the voltage changed by over the time used, in the mean over the flights, as a share: the supply's
     #: coefficient is then the power of the voltage that thrust goes with, and else what thrust changes by
     voltage_change: float | None = None
+    #: From the time that the lag rests on to the farther end of the flight, where clocks may agree [s]
+    clock_reach_s: float = 0.0
 
     def missed(self, name: str) -> bool:
         """Whether a term is missed, by so much that it matters."""
@@ -156,10 +165,19 @@ class OmittedTerms:
     @property
     def supply_change(self) -> float:
         """Share that the thrust of one command changed by over the flight; zero where nothing says so."""
-        difference = self.differences.get(SUPPLY)
-        if difference is None or not difference.p_value < DOUBTFUL:
-            return 0.0
-        return abs(difference.value * self._times(SUPPLY))
+        return self._there(SUPPLY, DOUBTFUL) * abs(self._times(SUPPLY))
+
+    def clocks_apart_s(self, several: bool) -> tuple[float, float]:
+        """What several clocks are apart by, and what is not known of it; one clock beyond doubt only [s]."""
+        item = self.differences.get(CLOCK_DRIFT)
+        unknown = UNKNOWN_DRIFT if item is None else min(item.half_width, UNKNOWN_DRIFT)
+        known = min(self._there(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
+        return known * self.clock_reach_s, unknown * self.clock_reach_s * several
+
+    def _there(self, name: str, p_value: float) -> float:
+        """Size of a coefficient that is there by its test; zero for none."""
+        difference = self.differences.get(name)
+        return 0.0 if difference is None or not difference.p_value < p_value else abs(difference.value)
 
     @property
     def supply_sentence(self) -> str:
@@ -217,6 +235,8 @@ class OmittedTerms:
                 f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
                 f"{abs(value * changed):.0%} (± {half * changed:.0%})"
             )
+        if name == CLOCK_DRIFT:
+            return f"the clocks of command and motion drift apart by {1e6 * value:.0f} ± {1e6 * half:.0f} ppm"
         moved = "rose" if value > 0.0 else "fell"
         share = f"{abs(value):.0%} (± {half:.0%})"
         return f"the thrust of one command {moved} by {share} with the supply or the time"
@@ -313,7 +333,18 @@ def omitted_terms(
     """Tests of the terms, and the change of the voltage where all flights have one."""
     changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
     known = float(np.mean(changes)) if 0 < len(changes) == len(flights) else None
-    return OmittedTerms(omitted_variable_tests(problem, estimate, flights), known)
+    reach_s = max(_clock_reach_s(*pair, estimate) for pair in zip(problem.columns, flights, strict=True))
+    return OmittedTerms(omitted_variable_tests(problem, estimate, flights), known, reach_s)
+
+
+def _clock_reach_s(item: AxisColumns, flight: PreparedFlight, estimate: Estimate) -> float:
+    """From the mean time, weighted by the power of the input's change, to the farther end of a flight [s]."""
+    lift = item.moving(estimate.nuisances)[:, :1]
+    by = explained(item.instruments, item.runs, lift) if item.instruments.shape[1] else lift
+    time, used, (start, end) = flight.grid.time_s, flight.used, flight.span_s
+    power = np.gradient(by[:, 0], time)[used] ** 2
+    middle = float(np.average(time[used], weights=power)) if power.any() else 0.5 * (start + end)
+    return max(middle - start, end - middle)
 
 
 # -- Sensors --

@@ -128,6 +128,7 @@ class TermIngredients:
     lift: TermColumn  # [m/s^2]
     radii: TermColumn | None = None  # Height over the ground in rotor radii
     voltage: TermColumn | None = None
+    time: TermColumn | None = None  # From the middle of the flight [s]
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,7 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
+    CLOCK_DRIFT,
     CURVATURE,
     OFFSET,
     OTHER_UNIT_TIMES,
@@ -134,6 +135,8 @@ ESTIMATOR_FRICTION = 0.03
 TILT_FACTOR = 2.5
 #: What a tilt that is not measured may be at most [rad].
 TILT_UNKNOWN = float(np.deg2rad(1.5))
+#: Formats whose channels a single machine stamps by a single clock.
+ONE_CLOCK = frozenset({"blackbox", "crazyflie", "dataflash", "ulog", "ulog2csv"})
 #: Share of the gain that rotors change by in air that crosses them at 3 m/s; it grows with the square.
 CROSSFLOW, CROSSFLOW_SPEED = 0.008, 3.0
 #: An intercept clearly beyond it is no bias of an accelerometer [m/s^2].
@@ -205,6 +208,27 @@ def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     """What an offset in time between the sensors, or of the command, does."""
     sensitivity: float = inputs.checks.sensitivities.to(OFFSET.name, name)
     return size_s * sensitivity
+
+
+def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
+    """What the clocks of command and motion are apart by, and what is not known of it [s]."""
+    apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(
+        any(map(_several_clocks, inputs.flights))
+    )
+    return apart
+
+
+def _several_clocks(flight: PreparedFlight) -> bool:
+    """Whether what was measured may have another clock than the commands."""
+    known = flight.recording.channels
+    stamps = [known[name].time_s for name in flight.signals.channels if name in known]
+    same = all(np.array_equal(stamps[0], other) for other in stamps[1:])
+    return not same and flight.recording.format not in ONE_CLOCK
+
+
+def _drift_sentence(inputs: VerdictInputs) -> str:
+    apart, size = inputs.checks.omitted.sentence(CLOCK_DRIFT), 1e3 * _clocks_apart_s(inputs)[0]
+    return f"{apart[0].upper()}{apart[1:]}: up to {size:.2g} ms in this flight."
 
 
 def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
@@ -308,6 +332,22 @@ PARTS = (
     ),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
+    SystematicPart(SEARCHED, Counts.ADDED, lambda inputs, _: _clocks_apart_s(inputs)[0], _drift_sentence),
+    SystematicPart(
+        (FRICTION, GAIN),
+        Counts.ADDED,
+        lambda inputs, name: _by_offset(inputs, name, _clocks_apart_s(inputs)[0]),
+        _drift_sentence,
+    ),
+    SystematicPart(
+        SEARCHED,
+        Counts.INDEPENDENT,
+        lambda inputs, _: _clocks_apart_s(inputs)[1],
+        lambda inputs: (
+            "The log may have several clocks, whose drift is not known better: they may be "
+            f"{1e3 * _clocks_apart_s(inputs)[1]:.2g} ms apart."
+        ),
+    ),
     SystematicPart(
         (FRICTION, GAIN),
         Counts.ADDED,
