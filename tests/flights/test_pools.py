@@ -3,28 +3,52 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, GAIN, LAG_S, flown
+import scipy
+import scipy.linalg
+import scipy.stats
+from flight_logs import FRICTION, GAIN, LAG_S, flown, prepare_vertical
+from scipy import stats
 
 import eivor
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation.methods import identify, reference_iv
+from eivor.estimation.profile_sets import ProfileSets
+from eivor.flights.estimate import with_systematic_uncertainties
+from eivor.flights.motion import HorizonErrors, MultiStepPrediction, Starts, multi_step_predictions, starts_of
 from eivor.flights.pooling import agreement, bootstrap_flights
 from eivor.flights.prepare import prepare
-from eivor.flights.quantity import QuantityTable
+from eivor.flights.quantity import (
+    NAN,
+    Counts,
+    QuantityEstimate,
+    QuantityTable,
+    SystematicUncertainty,
+    widened,
+)
+from eivor.flights.track import Moment, Track, track
 from eivor.inference.bootstrap import IntervalKind
-from eivor.inference.diagnostics.instruments import OverIdentification
+from eivor.inference.diagnostics.excitation import Swing
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import lag_and_delay
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
-from eivor.report.flight import summary
+from eivor.report.flight import checks, summary
+from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
+from eivor.report.terminal import on_terminal
+from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from estimation.vertical_flight_signals import Noise, flights, problem
+from motions.turning_logs import turned
 
 K = "viscous_friction"
 
@@ -255,3 +279,487 @@ def test_what_cannot_be_resampled_is_refused(pool):
         bootstrap_flights(replace(alone, fit=None))
     with pytest.raises(UsageError, match="two runs"):
         bootstrap_flights(pool, runs=1)
+
+
+# Predictions of vertical motion: the truth predicts a noise-free flight, other numbers do not.
+
+TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "actuator_lag": LAG_S, "delay": 0.0}
+
+
+@pytest.fixture(scope="module")
+def exact_problem():
+    (log,) = flown(noise=0.0)
+    return Vertical().problem((prepare_vertical(log, ev.FlightOptions()),), NoInstruments())
+
+
+def left(problem, values):
+    return [
+        float(np.std(prediction.measured - prediction.predicted) / np.std(prediction.measured))
+        for prediction in Vertical().abilities.prediction.another_flight(problem, values)
+    ]
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.thorough
+def test_the_truth_predicts(exact_problem):
+    one_step, open_loop = Vertical().abilities.prediction.another_flight(exact_problem, TRUTH)
+    assert (one_step.horizon.words, open_loop.horizon.words) == ("one step ahead", "in open loop")
+    assert one_step.measured.shape == one_step.predicted.shape == open_loop.measured.shape
+    # the rotors' state before the log is not known: they start at their first command
+    one_step, open_loop = left(exact_problem, TRUTH)
+    assert one_step < 0.02
+    assert open_loop < 0.005
+
+
+def error(model, quantity, size):
+    return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
+
+
+def test_states_are_carried_on_as_their_equation_says():
+    samples = np.arange(0, 400, 40)
+    starts = Starts(samples, (20, 40, 60), 0.005)
+    time = 0.005 * np.arange(600)
+    force, decay = np.sin(3.0 * time), 1.5
+
+    def truth(nuisances):
+        return (decay * np.sin(3.0 * time[nuisances]) - 3.0 * np.cos(3.0 * time[nuisances])) / (
+            decay**2 + 9.0
+        )
+
+    started = np.stack([truth(samples), truth(samples) + 1.0])
+    driven = starts.over_step(force)
+    carried = starts.propagate(started, lambda state, now: driven[now] - decay * state)
+    assert np.allclose(carried[:, 0], truth(starts.ends), atol=2e-5)
+    left = np.exp(-decay * 0.005 * np.array(starts.steps))[:, None]
+    assert np.allclose(carried[:, 1], truth(starts.ends) + left, atol=3e-5)
+
+
+@pytest.fixture(scope="module")
+def broken():
+    """A flight of 20 s with a gap of a second, and a hundredth of one that does not count."""
+    log = turned(0, seconds=20.0)
+    channels = {}
+    for name, channel in log.channels.items():
+        kept = (channel.time_s < 8.0) | (channel.time_s > 9.0)
+        channels[name] = replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
+    flight = prepare(replace(log, channels=channels), ev.motion_by_name("rates"), ev.FlightOptions())
+    usable = flight.usable.copy()
+    usable[600:602] = False
+    return replace(flight, usable=usable)
+
+
+def test_every_half_second_that_is_predicted_stands_on_data(broken):
+    starts = starts_of(broken)
+    assert starts.steps == (20, 40, 60, 80, 100)
+    assert starts.samples.size > 200
+    inside = [any(run.start <= sample < run.stop - 100 for run in broken.runs) for sample in starts.samples]
+    assert all(inside)
+    assert all(broken.usable[sample : sample + 101].all() for sample in starts.samples)
+
+
+def test_errors_are_held_against_those_of_simpler_models():
+    errors = (
+        error("fit", "roll rate", 1.0),
+        error("other", "roll rate", 4.0),
+        error("fit", "yaw rate", 1.0),
+        error("other", "yaw rate", 0.5),
+    )
+    multi_step_prediction = MultiStepPrediction(errors, np.arange(4.0))
+    assert multi_step_prediction.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
+    assert multi_step_prediction.predicts
+    assert "'model other' leaves less of yaw rate." in multi_step_prediction.sentence
+    assert "roll rate" not in multi_step_prediction.sentence
+    worse = replace(multi_step_prediction, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
+    assert not worse.predicts
+    alone = MultiStepPrediction(errors[:1], np.arange(4.0))
+    assert "nothing to hold" in alone.sentence
+
+
+def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
+    unmeasured = replace(error("fit", "position", 1.0), left=np.full((4, 5), np.nan))
+    half = replace(
+        error("fit", "roll rate", 3.0), left=np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
+    )
+    item = (error("fit", "roll rate", 1.0), unmeasured)
+    result = multi_step_predictions(
+        [item, (half, unmeasured), ()], [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",)
+    )
+    assert [each.quantity for each in result.errors] == ["roll rate"]
+    assert result.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
+    assert result.start_s.size == 8
+    assert result.omitted == ("said",)
+
+
+def weakened(log, at_s, factor):
+    """The log of a vehicle whose thrust drops by a factor at a time: it commands as much more."""
+    command = log.channels["rotor_command_1"]
+    values = np.where(command.time_s >= at_s, command.values / np.sqrt(factor), command.values)
+    return replace(log, channels={**log.channels, "rotor_command_1": replace(command, values=values)})
+
+
+@pytest.fixture(scope="module")
+def hover():
+    return flown(amplitude=0.0, gust=0.3, seed=3)[0]
+
+
+@pytest.fixture(scope="module")
+def dropped(hover):
+    return track(ev.identify_flight(weakened(hover, 20.0, 0.8)))
+
+
+@pytest.mark.thorough
+def test_a_drop_is_told_where_it_is_and_by_how_much(dropped):
+    (change,) = dropped.changes
+    assert change.change == -1
+    assert 20.0 < change.time_s < 23.0
+    (sentence,) = report_changes(dropped)
+    assert re.search("input gain K_u fell by 20 %", sentence)
+    early = [item for item in dropped.precise_moments if item.time_s < 20.0]
+    late = [item for item in dropped.precise_moments if item.time_s > 25.0]
+    for moments, truth in ((early, GAIN), (late, 0.8 * GAIN)):
+        assert len(moments) > 5
+        assert all(abs(moment.value - truth) < moment.half_width < 0.05 * truth for moment in moments)
+
+
+@pytest.mark.thorough
+def test_nothing_is_told_of_a_flight_that_stays_as_it_is(hover):
+    result = track(ev.identify_flight(hover))
+    assert result.changes == ()
+    assert "None" in next(iter(report_changes(result)))
+
+
+@pytest.mark.thorough
+def test_hover_tells_nothing_when_nothing_is_known_of_the_intercept(hover):
+    result = track(ev.identify_flight(hover, accelerometer_bias=float("inf")))
+    assert result.precise_moments == ()
+    assert "wider than ±20 %" in " ".join(untold(result))
+    assert "only movement identifies" in result.known[1]
+    figure = track_figure(result)
+    assert "reported at no moment" in figure.get_suptitle()
+
+
+@pytest.mark.thorough
+def test_a_window_without_samples_is_not_told():
+    moments = tuple(Moment(float(t), 40.0, 1.0, 0.1 if 3 <= t < 6 else 0.9) for t in range(10))
+    result = ev.identify_flight(flown(seconds=10.0)[0])
+    results = Track(result, "input_gain", "m/s^2", 5.0, {}, moments, ())
+    (sentence,) = untold(results)
+    assert sentence.startswith("3.0 to 5.0 s: hardly any sample")
+    assert len(results.precise_moments) == 7
+
+
+@pytest.mark.thorough
+def test_documents_figure_and_json_agree(dropped, capsys):
+    from rich.console import Console
+
+    Console(width=80).print(on_terminal(track_document(dropped)))
+    screen = capsys.readouterr().out
+    assert "K_u  ··█" in screen
+    assert "fell" in screen
+    document = track_json(dropped)
+    assert document["schema"] == "eivor.track/1"
+    assert document["changes"] == [{"time_s": dropped.changes[0].time_s, "upwards": False}]
+    assert len(document["moments"]) == len(dropped.moments)
+    (axes,) = track_figure(dropped).axes
+    assert len(axes.lines) == 2
+    assert len(axes.collections) == 1
+
+
+def test_marks_span_what_is_told_and_a_tenth_at_least():
+    assert marks([1.0, 2.0, 5.0], [True, True, False]) == "▁█·"
+    assert marks([1.0, 1.001], [True, True]) in ("▄▅", "▅▅", "▄▄")
+    assert marks([1.0], [False]) == "·"
+
+
+@pytest.mark.thorough
+def test_what_cannot_be_followed_is_refused(hover):
+    result = ev.identify_flight(hover)
+    with pytest.raises(UsageError, match=r"memory of 0.1 to 30 s, the length of the flight; received 99 s"):
+        track(result, 99.0)
+    with pytest.raises(UsageError, match="one flight to follow; received 2"):
+        track(replace(result, prepared=result.prepared * 2))
+    nothing = track(ev.identify_flight(hover, window=(1.0, 2.0)))
+    assert nothing.moments == ()
+    assert "three seconds" in " ".join(untold(nothing))
+
+
+# Diagnostics of a flight: constancy, least squares beside the estimate, memory, leverage of runs.
+
+EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"
+LAGS = np.geomspace(0.02, 0.12, 5)
+
+
+@pytest.fixture(scope="module")
+def example() -> ev.FlightEstimate:
+    return ev.identify_flight(ev.read_log(str(EXAMPLE)))
+
+
+@pytest.mark.calibration
+def test_constancy_keeps_its_size_in_flights():
+    """Flights in gusts: no more of them change than the level says."""
+    runs = 12
+    each = [problem(*flights(1, seconds=40.0, noise=Noise(gust=0.5), seed=s), lags=LAGS) for s in range(runs)]
+    p_values = [ev.diagnose(ev.identify(item, ev.methods.reference_iv())).constancy.p_value for item in each]
+    assert sum(p < 0.05 for p in p_values) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
+
+
+@pytest.mark.thorough
+def test_a_change_between_flights_is_told():
+    """A command that is scaled from the second flight on: the gain per command is another one."""
+    first, second = flights(2, seconds=40.0, noise=Noise())
+    channels = dict(second.signals.channels)
+    channels["rotor_command_1"] = 1.1 * channels["rotor_command_1"]
+    changed = replace(second, signals=replace(second.signals, channels=channels))
+    fit = ev.identify(problem(first, changed, lags=LAGS), ev.methods.reference_iv())
+    diagnose = ev.diagnose(fit)
+    assert diagnose.constancy.p_value <= 0.01
+    assert diagnose.constancy.break_at == pytest.approx(0.5, abs=0.05)
+    gain = fit.names.index("input_gain")
+    assert diagnose.constancy.change[gain] / fit.parameters["input_gain"] == pytest.approx(
+        1.0 / 1.21 - 1.0, abs=0.07
+    )
+    assert any("change during the record" in reason.sentence for reason in diagnose.reasons)
+
+
+def test_numbers_of_the_example(example):
+    numbers = example.diagnostics
+    friction = example.quantities["viscous_friction"]
+    # calm air and a faithful model: least squares agrees, nothing changes, nothing drifts
+    assert numbers["least_squares_viscous_friction"] == pytest.approx(friction.value, abs=friction.std_error)
+    assert numbers["constancy_p_value"] > 0.01
+    assert 0.15 <= numbers["constancy_break"] <= 0.85
+    assert abs(numbers["residual_memory"]) < 0.3
+    assert abs(numbers["thrust_drift"]) < numbers["thrust_drift_half_width"] < 0.03
+    assert abs(numbers["leverage_viscous_friction"]) < 1.5
+    assert numbers["leverage_segments"] == 10.0
+    assert 1.0 <= numbers["leverage_segment"] <= 10.0
+
+
+def test_checks_are_said_in_words(example):
+    sentence = dict(checks(example))
+    assert list(sentence) == [
+        "sensors",
+        "instruments",
+        "agreement",
+        "constancy",
+        "periods",
+        "residual",
+        "leverage",
+        "least squares",
+        "drift",
+        "left out",
+    ]
+    assert "first-stage F" in sentence["instruments"]
+    assert sentence["agreement"].startswith("the instruments agree")
+    assert sentence["constancy"].startswith("the parameters stay the same")
+    assert sentence["periods"].startswith("no periodic component in the residual (p ")
+    assert sentence["least squares"] == "would give K 0.183 1/s"
+    result = example.fit.checks
+    index = example.names.index("viscous_friction")
+
+    def moved(values: np.ndarray, by: float) -> np.ndarray:
+        return np.where(np.arange(values.size) == index, by, values)
+
+    worse = replace(
+        result,
+        agreement=replace(result.agreement, p_value=1e-9),
+        constancy=replace(
+            result.constancy, p_value=0.001, break_at=0.4, change=moved(result.constancy.change, 0.1)
+        ),
+        endogeneity=replace(
+            result.endogeneity, p_value=0.001, difference=moved(result.endogeneity.difference, -0.3)
+        ),
+        leverage=replace(
+            result.leverage,
+            in_std_errors=np.vstack([moved(row, -3.0) for row in result.leverage.in_std_errors]),
+        ),
+        memory=replace(result.memory, memory=0.9),
+        periodicity=replace(
+            result.periodicity, parameters=(Swing("viscous_friction", "1/s", 6.0, 0.1, 1e-6),), left_over=()
+        ),
+    )
+    sentence = dict(checks(replace(example, fit=replace(example.fit, checks=worse))))
+    assert sentence["agreement"] == "the instruments disagree (p <= 0.001)"
+    assert sentence["constancy"] == (
+        "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
+    )
+    assert sentence["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
+    pushed = replace(
+        worse,
+        periodicity=replace(result.periodicity, left_over=(Swing("acceleration", "m/s²", 6.0, 0.3, 1e-6),)),
+    )
+    said_of_a_push = dict(checks(replace(example, fit=replace(example.fit, checks=pushed))))["periods"]
+    assert said_of_a_push == (
+        "what the model leaves over of the acceleration swings by ±0.3 m/s² with a period of 6 s "
+        "(p <= 0.001), as by a wind or a supply that swings"
+    )
+    assert "standard errors off" in sentence["least squares"]
+    assert sentence["residual"].endswith("(it drifts)")
+    assert sentence["leverage"].endswith("-3.0 standard errors: inspect that part")
+
+
+@pytest.mark.thorough
+def test_a_direct_method_has_fewer_checks():
+    identify_flight = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
+    sentence = dict(checks(identify_flight))
+    assert "instruments" not in sentence
+    assert "least squares" not in sentence
+    assert "constancy" in sentence
+
+
+COEFFICIENT = "viscous_friction"
+
+
+@pytest.fixture(scope="module")
+def gusty() -> Recording:
+    """A flight in gusts."""
+    return flown(seconds=15.0, gust=2.0, amplitude=0.5, seed=3)[0]
+
+
+@pytest.fixture(scope="module")
+def one_frequency() -> Recording:
+    """A flight whose reference tells friction and lag together only."""
+    return flown(seconds=30.0, gust=2.0, seed=1, hertz=(0.32,))[0]
+
+
+@pytest.fixture(scope="module")
+def two_frequencies() -> Recording:
+    """A flight whose reference hardly tells its lag."""
+    return flown(seconds=30.0, gust=3.0, amplitude=0.7, seed=1501, hertz=(0.3, 0.35))[0]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
+    alone = ev.identify_flight(one_frequency)
+    sets = alone.fit.sets[COEFFICIENT]
+    assert not sets.anderson_rubin.is_bounded
+    assert not sets.profile.is_bounded
+    quantity = alone.quantities[COEFFICIENT]
+    assert quantity.interval == quantity.widened(sets.robust.hull)
+    assert quantity.interval[0] < sets.robust.hull[0]
+    assert alone.verdict.status is Status.REFUSED
+    (reason,) = [item for item in alone.quantities[COEFFICIENT].reasons if item.status is Status.REFUSED]
+    assert "one frequency (0.3" in reason.sentence
+    assert "leave the viscous friction anywhere in [" in reason.sentence
+    assert reason.remedy.endswith("--lag MS:STD or --lag LOW..HIGH.")
+    assert json.loads(alone.to_json())["parameters"][COEFFICIENT]["sets"]["anderson_rubin"][-1][1] is None
+    known = ev.identify_flight(one_frequency, lag=ev.Prior(LAG_S, 0.015))
+    sets = known.fit.sets[COEFFICIENT]
+    assert sets.anderson_rubin.is_bounded
+    assert sets.anderson_rubin.hull[0] > 0.0
+    assert sets.profile.contains(FRICTION)
+    assert known.verdict.status in {Status.IDENTIFIED, Status.WEAK}
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_strong_instruments_at_a_wrong_lag_tell_nothing():
+    """At the best lag, which is far too long, every F is above ten, and the interval there has two ends."""
+    result = ev.identify_flight(flown(seconds=15.0, gust=1.0, seed=2, hertz=(0.32,))[0])
+    assert min(result.fit.checks.first_stage.values()) >= STRONG_FIRST_STAGE
+    sets = result.fit.sets[COEFFICIENT]
+    assert sets.wald.is_bounded
+    assert not sets.profile.is_bounded
+    assert sets.profile.contains(FRICTION)
+    low, high = result.quantities[COEFFICIENT].interval
+    assert low < FRICTION < high == np.inf
+    assert result.verdict.status is Status.REFUSED
+    assert any("how long the lag is at most" in sentence for sentence in result.verdict.sentences)
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencies):
+    result = ev.identify_flight(two_frequencies)
+    assert min(result.fit.checks.first_stage.values()) < 10.0
+    sets, quantity = result.fit.sets[COEFFICIENT], result.quantities[COEFFICIENT]
+    assert sets.wald.hull[0] < 0.0 < sets.anderson_rubin.hull[0]
+    assert quantity.interval == quantity.widened(sets.robust.hull)
+    (low, high), (outer_low, outer_high) = sets.robust.hull, sets.anderson_rubin.hull
+    assert outer_low < low < high < outer_high  # the conditional set is the shorter one
+    # the width of the set refuses, and not the first stage
+    (reason,) = [item for item in quantity.reasons if item.status is Status.REFUSED]
+    assert "interval of the viscous friction is ±" in reason.sentence
+    assert "it needs ±100%" in reason.sentence
+    assert quantity.half_width > quantity.value
+    assert not any("First-stage F" in item.sentence for item in quantity.reasons)
+    low, high = quantity.interval
+    assert result.quantities["time_constant"].interval == (1.0 / high, 1.0 / low)
+    narrow = result.interval(COEFFICIENT, 0.9)
+    assert result.interval(COEFFICIENT) == quantity.interval
+    assert low < narrow[0] < narrow[1] < high
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
+    result = ev.identify_flight(gusty, method="extended_iv")
+    assert result.fit.sets == {}
+    assert json.loads(result.to_json())["parameters"][COEFFICIENT]["sets"] is None
+    whitened = ev.identify_flight(gusty)
+    problem, estimate = whitened.fit.problem, whitened.fit.estimate
+    with pytest.raises(UsageError, match="viscous_friction, input_gain"):
+        ProfileSets(problem, estimate).of_parameter("actuator_lag")
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.calibration
+def test_sets_cover_and_tell_where_instruments_are_weak():
+    logs = [
+        log
+        for first in range(2)
+        for log in flown(10, seconds=30.0, gust=3.0, amplitude=0.7, seed=900 + first, hertz=(0.3, 0.35))
+    ]
+    results = [ev.identify_flight(log) for log in logs]
+    weak = [result for result in results if min(result.fit.checks.first_stage.values()) < STRONG_FIRST_STAGE]
+    assert len(weak) >= 10
+    robust = [result.fit.sets[COEFFICIENT].robust for result in weak]
+    covered = sum(item.contains(FRICTION) for item in robust)
+    assert covered >= scipy.stats.binom.ppf(1e-3, len(robust), 0.95)
+    selected = [item.is_bounded and item.hull[0] > 0.0 for item in robust]
+    assert np.mean(selected) >= 0.3
+    assert np.mean([result.fit.sets[COEFFICIENT].wald.hull[0] > 0.0 for result in weak]) < np.mean(selected)
+
+
+LATE = SystematicUncertainty(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
+BOTH = SystematicUncertainty(Counts.ADDED, 0.5, 0.5, "either way")
+LEAST = SystematicUncertainty(Counts.AT_LEAST, 2.0, 2.0, "at least")
+OWN = SystematicUncertainty(Counts.INDEPENDENT, 0.75, 2.4, "of its own")
+TWICE = SystematicUncertainty(Counts.FACTOR, 2.0, 2.0, "twice as long")
+
+
+@pytest.mark.parametrize(
+    ("parts", "wanted"),
+    [
+        ((), (9.0, 11.0)),
+        ((LATE,), (9.0, 11.25)),
+        ((LATE, BOTH), (8.5, 11.75)),
+        ((LEAST,), (8.0, 12.0)),
+        ((LEAST, BOTH, LATE), (8.0, 12.0)),  # a least width is not added to what widens
+        ((TWICE,), (8.0, 12.0)),
+        ((TWICE, BOTH), (7.5, 12.5)),  # a factor comes first
+        ((OWN,), (8.75, 12.6)),  # squares add up: 1, .75 and 1.25, 1, 2.4 and 2.6
+        ((BOTH, OWN), (8.25, 13.1)),
+    ],
+)
+def test_intervals_with_their_systematic_parts(parts, wanted):
+    assert widened((9.0, 11.0), 10.0, parts) == wanted
+    assert widened((9.0, 11.0), NAN, parts) == (9.0, 11.0)
+
+
+def test_what_follows_from_a_headline_follows_it_when_it_widens():
+    quantities = {
+        "viscous_friction": QuantityEstimate(0.5, "1/s", 0.05, (0.4, 0.6)),
+        "hover_input": QuantityEstimate(10.0, "", 0.5, (9.0, 11.0)),
+        "time_constant": QuantityEstimate(2.0, "s", 0.2, (1.6, 2.6)),
+    }
+    same = with_systematic_uncertainties(
+        Vertical(), quantities, {"viscous_friction": (), "hover_input": (LEAST,)}
+    )
+    assert same["time_constant"] == quantities["time_constant"]
+    assert same["hover_input"].interval == (8.0, 12.0)
+    part = SystematicUncertainty(Counts.ADDED, 0.15, 0.4, "more")
+    wider = with_systematic_uncertainties(Vertical(), quantities, {"viscous_friction": (part,)})
+    assert wider["viscous_friction"].interval == pytest.approx((0.25, 1.0))
+    assert wider["time_constant"].interval == pytest.approx((1.0, 4.0))

@@ -5,17 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError, ShapeError, UsageError
 from eivor.flights.motion import of_vehicle
 from eivor.flights.result import FlightEstimate
+from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.dynamics import (
+    body_derivative,
+    coefficients_of,
+    effective_parameters,
+    specific_force,
+)
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
+from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document
@@ -219,3 +228,377 @@ def test_roll_and_pitch_manoeuvres_tell_inertias_and_nothing_is_called_identifie
     (yaw,) = [number for number in flight.implications.numbers if number.name == "inertia_zz"]
     assert yaw.value is None
     assert "do not identify Izz" in yaw.sentence
+
+
+# Physical parameters: back to a vehicle's own numbers, honest intervals, and what is said without them.
+
+AXES = "xyz"
+TURNING = ("roll", "pitch", "yaw")
+
+
+def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
+    """What a flight shows: commands in units of so many rad/s, positions in units of so many metres."""
+    parameters = effective_parameters(vehicle)
+    alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in parameters.torque_gains)
+    return {
+        "roll_gain": alpha_p * arm,
+        "pitch_gain": alpha_q * arm,
+        "yaw_gain": alpha_r,
+        # p' has alpha_p sum (y - y_c) phi, and q' has -alpha_q sum (x - x_c) phi
+        "roll_offset": -alpha_p * offset[1],
+        "pitch_offset": alpha_q * offset[0],
+        "thrust_gain": parameters.thrust_gain * command**2,
+        "rotor_reaction": parameters.rotor_reaction * command,
+        "translational_lift": parameters.translational_lift,
+        **{
+            f"{name}_coupling": gyroscopic_ratio
+            for name, gyroscopic_ratio in zip(TURNING, parameters.gyroscopic_ratios, strict=True)
+        },
+        **{f"{name}_damping": item for name, item in zip(TURNING, parameters.rate_damping, strict=True)},
+        **{f"drag_{name}": item for name, item in zip(AXES, parameters.drag, strict=True)},
+        **{
+            f"quadratic_drag_{name}": item for name, item in zip(AXES, parameters.quadratic_drag, strict=True)
+        },
+    }
+
+
+def of_values(values, covariance):
+    joint = JointCovariance((CovariancePart("given", covariance),))
+    return Combinations(tuple(values), JointEstimate(np.array(list(values.values()), dtype=float), joint))
+
+
+def exact(values):
+    return of_values(values, np.zeros((len(values), len(values))))
+
+
+def with_errors(values, relative=0.01, **specific):
+    errors = np.array([specific.get(name, relative * abs(value)) for name, value in values.items()])
+    return of_values(values, np.diag(errors**2))
+
+
+def known_of(vehicle, **given):
+    rotors = vehicle.rotors
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    usual = {
+        "arm_scale": KnownNumber(1.0),
+        "mass": KnownNumber(vehicle.mass),
+        "speed_scale": KnownNumber(1.0),
+    }
+    return KnownVehicle("it", positions, rotors.spins, **(usual | given))
+
+
+VEHICLES = {name: shipped_rigid_body_flight(name).vehicle for name in ("crazyflie", "quadrotor")}
+QUADROTOR = VEHICLES["quadrotor"]
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+@pytest.mark.parametrize(("command", "arm"), [(1.0, 1.0), (1000.0, 1.0), (0.05, 0.8)])
+def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
+    """Whatever the unit of the commands, and for positions in metres or in arms of a known length."""
+    offset = (0.004, -0.002)
+    result = exact(combinations_of(vehicle, offset, command, arm))
+    known = known_of(vehicle, arm_scale=KnownNumber(arm), speed_scale=KnownNumber(command))
+    parameters = physical_parameters(result, known)
+    rotors, hover = vehicle.rotors, vehicle.hover_speed
+    ixx, iyy, izz = vehicle.inertia
+    forward, left = (sum(position[axis] ** 2 for position in rotors.positions) for axis in (0, 1))
+    truth = {
+        "inertia_xx": ixx,
+        "inertia_yy": iyy,
+        "inertia_zz": izz,
+        "thrust_quadratic": rotors.thrust_quadratic,
+        "torque_ratio": rotors.torque_ratio,
+        "centre_of_mass_forward": offset[0],
+        "centre_of_mass_left": offset[1],
+        "drag_x": 4.0 * rotors.drag * hover + vehicle.drag.linear[0],
+        "drag_y": 4.0 * rotors.drag * hover + vehicle.drag.linear[1],
+        "drag_z": 4.0 * rotors.inflow * hover + vehicle.drag.linear[2],
+        **{f"quadratic_drag_{name}": item for name, item in zip(AXES, vehicle.drag.quadratic, strict=True)},
+        "translational_lift": 4.0 * rotors.translational_lift,
+        "roll_drag": rotors.inflow * hover * left,
+        "pitch_drag": rotors.inflow * hover * forward,
+        "yaw_drag": rotors.drag * hover * (forward + left),
+        "rotor_inertia": rotors.inertia,
+    }
+    assert {row.name for row in parameters.rows} == set(truth)
+    for row in parameters.rows:
+        assert row.estimate is not None, row.sentence
+        assert row.estimate.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
+    assert parameters.contradictions == ()
+
+
+SHORT = {"roll_coupling": 0.4, "pitch_coupling": 0.4}
+RATIO = QUADROTOR.rotors.torque_ratio
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("left_out", "name", "symbol", "remedy"),
+    [  # a row of the table of what is supplied and what is identified for each
+        (("mass",), "inertia_xx", "Ixx/m", "Supply the mass."),
+        (("arm_scale",), "inertia_yy", "Iyy/(m l)", "Supply the arm length."),
+        (("mass", "arm_scale"), "inertia_xx", "Ixx/(m l)", "Supply the mass and the arm length."),
+        (("mass",), "inertia_zz", "Izz/m", "Supply the mass."),
+        (("mass", "arm_scale"), "inertia_zz", "Izz/Ixx", "Supply the mass and the arm length."),
+        (("mass",), "thrust_quadratic", "k/m", "Supply the mass."),
+        (("speed_scale",), "thrust_quadratic", "k", "Supply the rotor speed per unit of command."),
+        (("arm_scale",), "torque_ratio", "kappa/l", "Supply the arm length."),
+        (("arm_scale",), "centre_of_mass_left", "y_c/l", "Supply the arm length."),
+        (("mass",), "drag_z", "D_z/m", "Supply the mass."),
+        (("mass",), "quadratic_drag_x", "C_x/m", "Supply the mass."),
+        (("mass",), "translational_lift", "H/m", "Supply the mass."),
+        (("mass",), "pitch_drag", "B_y/m", "Supply the mass."),
+        (("arm_scale",), "roll_drag", "B_x/Ixx", "Supply the arm length."),
+        (("speed_scale",), "rotor_inertia", "J/Izz", "Supply the rotor speed per unit of command."),
+    ],
+)
+def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remedy):
+    known = known_of(QUADROTOR, **dict.fromkeys(left_out))
+    row = physical_parameters(exact(combinations_of(QUADROTOR)), known)[name]
+    assert row.estimate is None
+    assert row.instead is not None
+    assert row.instead.symbol == symbol
+    assert row.sentence.startswith(f"{symbol} = ")
+    assert row.sentence.endswith(f"is all that the flight gives without {remedy[len('Supply ') :]} {remedy}")
+
+
+def test_what_is_left_is_right():
+    ixx, _, izz = QUADROTOR.inertia
+    result = exact(combinations_of(QUADROTOR))
+    log_only = physical_parameters(result, known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None))
+    assert all(row.estimate is None for row in log_only.rows)
+    assert log_only["inertia_xx"].instead.value == pytest.approx(ixx / QUADROTOR.mass)
+    assert log_only["inertia_zz"].instead.value == pytest.approx(izz / ixx)
+    assert log_only["torque_ratio"].instead.value == pytest.approx(RATIO)
+    assert log_only["drag_x"].instead.value == pytest.approx(combinations_of(QUADROTOR)["drag_x"])
+
+
+def test_izz_by_the_torque_ratio():
+    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
+    known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.1 * RATIO))
+    parameters = physical_parameters(errors, known)
+    izz = parameters["inertia_zz"].estimate
+    assert izz.value == pytest.approx(QUADROTOR.inertia[2])
+    assert izz.std_error == pytest.approx(0.1 * izz.value, rel=0.05)
+    assert "It rests on the torque ratio that was supplied." in parameters["inertia_zz"].sentence
+    assert parameters["torque_ratio"].estimate is None, "what was supplied is not found again"
+    assert parameters["yaw_drag"].estimate is not None
+    assert parameters["rotor_inertia"].estimate.value == pytest.approx(QUADROTOR.rotors.inertia)
+
+
+def test_izz_by_an_assumption_says_so():
+    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
+    ixx, iyy, izz = QUADROTOR.inertia
+    known = known_of(QUADROTOR, yaw_inertia_ratio=KnownNumber(izz / (0.5 * (ixx + iyy))))
+    parameters = physical_parameters(errors, known)
+    assert parameters["inertia_zz"].estimate.value == pytest.approx(izz)
+    assert "that was supplied, not on the flight" in parameters["inertia_zz"].sentence
+    assert parameters["torque_ratio"].estimate.value == pytest.approx(RATIO)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("change", "error", "name", "told"),
+    [
+        ("roll_gain", None, "inertia_xx", "The flight identifies no roll_gain."),
+        ("drag_x", None, "drag_x", "The flight identifies no drag_x."),
+        ("thrust_gain", None, "inertia_zz", "The flight identifies no thrust_gain."),
+        ("roll_gain", 0.6, "inertia_xx", "The flight does not distinguish roll_gain from zero."),
+        (
+            "pitch_gain",
+            0.6,
+            "centre_of_mass_forward",
+            "The flight does not distinguish pitch_gain from zero.",
+        ),
+        ("roll_gain", -1.0, "inertia_xx", "roll_gain is below zero: positions, order or spins"),
+    ],
+)
+def test_no_number_of_what_is_not_told(change, error, name, told):
+    values = combinations_of(QUADROTOR)
+    errors = {}
+    if error is None:
+        del values[change]
+    elif error > 0.0:
+        errors[change] = error * values[change]
+    else:
+        values[change] *= error
+    row = physical_parameters(with_errors(values, **errors), known_of(QUADROTOR))[name]
+    assert row.estimate is None
+    assert row.sentence.startswith(told)
+
+
+@pytest.mark.parametrize("error", [np.inf, np.nan])
+def test_no_number_of_what_has_no_finite_variance(error):
+    values = combinations_of(QUADROTOR)
+    errors = with_errors(values, drag_x=error, roll_coupling=error, pitch_coupling=error)
+    parameters = physical_parameters(errors, known_of(QUADROTOR))
+    assert parameters["drag_x"].sentence == "The flight identifies no drag_x."
+    assert parameters["inertia_zz"].estimate is None
+    assert parameters["inertia_xx"].estimate is not None
+
+
+def test_drag_below_zero_is_none():
+    values = combinations_of(QUADROTOR)
+    values["roll_damping"] = -2.5
+    row = physical_parameters(exact(values), known_of(QUADROTOR))["roll_drag"]
+    assert row.estimate.value < 0.0
+    assert "not the air's drag" in row.sentence
+
+
+def _contradictions(change=(), yaw_error=0.001, **given):
+    values = combinations_of(QUADROTOR) | dict(change)
+    return " ".join(
+        physical_parameters(
+            with_errors(values, 0.001, yaw_coupling=yaw_error), known_of(QUADROTOR, **given)
+        ).contradictions
+    )
+
+
+@pytest.mark.thorough
+def test_contradictions_are_said():
+    assert "no body has one beyond -1 or 1" in _contradictions({"roll_coupling": -1.5, "pitch_coupling": 1.5})
+    assert "in place of 0" in _contradictions({"yaw_coupling": 0.3})
+    assert "in place of 0" not in _contradictions({"yaw_coupling": 0.3}, yaw_error=0.2)
+    wrong = KnownNumber(10.0 * RATIO)
+    without = {"roll_coupling": 0.0, "pitch_coupling": 0.0}
+    errors = with_errors(combinations_of(QUADROTOR) | without, 0.001, roll_coupling=1.0, pitch_coupling=1.0)
+    contradictions = physical_parameters(errors, known_of(QUADROTOR, torque_ratio=wrong)).contradictions
+    assert any("Izz is more than Ixx and Iyy together" in contradiction for contradiction in contradictions)
+    assert "% off that by" in _contradictions(torque_ratio=KnownNumber(1.2 * RATIO))
+
+
+@pytest.mark.parametrize("times", [500.0, 0.001])
+def test_a_mass_in_another_unit_is_noticed(times):
+    mass = KnownNumber(times * QUADROTOR.mass)
+    assert "the weight over the square of an arm would be" in _contradictions(mass=mass)
+
+
+def test_lengths_in_another_unit_are_told():
+    """Positions in millimetres, which a caller of Python can give."""
+    known = known_of(QUADROTOR)
+    wrong = KnownVehicle(
+        "it", tuple((1e3 * x, 1e3 * y) for x, y in known.positions), known.spins, KnownNumber(1.0), known.mass
+    )
+    values = combinations_of(QUADROTOR)
+    values |= {name: 1e-3 * values[name] for name in ("roll_gain", "pitch_gain")}
+    contradictions = physical_parameters(exact(values), wrong).contradictions
+    assert any("Check their unit" in contradiction for contradiction in contradictions)
+
+
+@pytest.mark.thorough
+def test_thrust_maps_have_constants_of_their_own():
+    values = exact(combinations_of(QUADROTOR, command=1000.0))
+    scale, mass = KnownNumber(1000.0), QUADROTOR.mass
+    gain = QUADROTOR.rotors.thrust_quadratic * 1e6 / mass
+    for thrust_map, constants in (
+        ("linear", {"thrust_linear": (mass * gain / 1e3, "N/(rad/s)")}),
+        ("power:1.5", {"thrust_constant": (mass * gain / 1e3**1.5, "N/(rad/s)^1.5")}),
+        (
+            "mixed:0.25",
+            {
+                "thrust_quadratic": (0.25 * mass * gain / 1e6, "N/(rad/s)^2"),
+                "thrust_linear": (0.75 * mass * gain / 1e3, "N/(rad/s)"),
+            },
+        ),
+    ):
+        parameters = physical_parameters(
+            values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map)
+        )
+        names = {row.name for row in parameters.rows if row.name.startswith("thrust_")}
+        assert names == set(constants)
+        for name, (value, unit) in constants.items():
+            assert parameters[name].estimate.value == pytest.approx(value)
+            assert parameters[name].estimate.unit == unit
+
+
+def test_wrong_calls_are_told():
+    with pytest.raises(ShapeError, match="of 2 combinations"):
+        of_values({"a": 1.0, "b": 2.0}, np.eye(3))
+    with pytest.raises(UsageError, match="level"):
+        physical_parameters(exact(combinations_of(QUADROTOR)), known_of(QUADROTOR), level=2.0)
+
+
+def _coverage(seeds, relative):
+    """Share of intervals that hold the truth, by parameter: drawn combinations, drawn supplied numbers."""
+    values = combinations_of(QUADROTOR, (0.004, -0.002)) | {"translational_lift": 1e-3}
+    vector = np.array(list(values.values()))
+    errors = relative * np.abs(vector)
+    correlations = 0.5 * (np.eye(vector.size) + 1.0)
+    root, covariance = np.linalg.cholesky(correlations), correlations * np.outer(errors, errors)
+    truth = physical_parameters(exact(values), known_of(QUADROTOR))
+    supplied = {"arm_scale": (1.0, 0.01), "mass": (QUADROTOR.mass, 0.02), "speed_scale": (1.0, 0.02)}
+    held = {row.name: 0 for row in truth.rows}
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        drawn = dict(zip(values, vector + errors * (root @ rng.standard_normal(vector.size)), strict=True))
+        given = {
+            name: KnownNumber(value * (1.0 + share * rng.standard_normal()), value * share)
+            for name, (value, share) in supplied.items()
+        }
+        parameters = physical_parameters(of_values(drawn, covariance), known_of(QUADROTOR, **given))
+        for row in parameters.rows:
+            low, high = row.estimate.interval
+            held[row.name] += low <= truth[row.name].estimate.value <= high
+    return {name: count / seeds for name, count in held.items()}
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_intervals_include_what_is_supplied():
+    """Without the errors of mass, arm and scale most of them would hold the truth far less often."""
+    coverage = _coverage(25, 0.004)
+    assert all(share >= 0.8 for share in coverage.values()), coverage
+
+
+ROTORS = Rotors(
+    positions=((0.1, 0.12, 0.0), (0.1, -0.12, 0.0), (-0.1, -0.12, 0.0), (-0.1, 0.12, 0.0)),
+    spins=(1, -1, 1, -1),
+    highest_speed=1000.0,
+    thrust_quadratic=1e-5,
+    thrust_linear=1e-3,
+    torque_ratio=0.02,
+    lag_up=0.05,
+    lag_down=0.06,
+    inertia=1e-5,
+    delay=0.004,
+    drag=1e-4,
+    inflow=2e-4,
+)
+DRAGGED_VEHICLE = Vehicle(
+    1.0,
+    (0.01, 0.012, 0.02),
+    ROTORS,
+    BodyDrag(linear=(0.1, 0.2, 0.3), quadratic=(0.01, 0.02, 0.03), rotational=(1e-3, 2e-3, 3e-3)),
+)
+
+
+@pytest.mark.parametrize(
+    "thrust", [{}, {"thrust_linear": 0.0}, {"thrust_quadratic": 0.0, "thrust_linear": 0.01}]
+)
+def test_equations_hold_at_hover(thrust):
+    """The equations of the module's docstring at hover speeds, term by term."""
+    vehicle = replace(DRAGGED_VEHICLE, rotors=replace(ROTORS, **thrust))
+    parameters, rotors = effective_parameters(vehicle), vehicle.rotors
+    hover = vehicle.hover_speed
+    change = np.array([300.0, -200.0, 100.0, 50.0])
+    p, q, r, vx, vy, vz = 0.3, -0.2, 0.4, 1.0, -2.0, 0.5
+    coefficients, still = coefficients_of(vehicle), (0.0, 0.0, 0.0)
+    body = [0.0, 0.0, 0.0, vx, vy, vz, 1.0, 0.0, 0.0, 0.0, p, q, r]
+    slope = body_derivative(coefficients, body, [hover] * 4, change.tolist(), still, still)
+    phi = (
+        hover
+        if rotors.thrust_quadratic == 0.0
+        else hover**2 + rotors.thrust_linear / rotors.thrust_quadratic * hover
+    )
+    first, second, third = parameters.gyroscopic_ratios
+    # Equal rotors: neither the shear of the flow nor their own momentum leaves a torque.
+    assert slope[10] == pytest.approx(first * q * r - parameters.rate_damping[0] * p, rel=1e-9)
+    assert slope[11] == pytest.approx(second * p * r - parameters.rate_damping[1] * q, rel=1e-9)
+    reaction = parameters.rotor_reaction * (change @ rotors.spins)
+    assert slope[12] == pytest.approx(third * p * q - parameters.rate_damping[2] * r + reaction, rel=1e-9)
+    speed = np.sqrt(vx**2 + vy**2 + vz**2)
+    force = specific_force(coefficients, body, [hover] * 4, still)
+    for axis, v in enumerate((vx, vy, vz)):
+        thrust_part = parameters.thrust_gain * 4.0 * phi if axis == 2 else 0.0
+        expected = thrust_part - parameters.drag[axis] * v - parameters.quadratic_drag[axis] * speed * v
+        assert force[axis] == pytest.approx(expected, rel=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,15 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from matplotlib.figure import Figure
+from scipy.signal import lfilter
 
 import eivor as ev
 import shape_checks
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EstimationError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.methods import least_squares
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
+from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.figure_panels import estimates_figure, pair_figure
+from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, save_figure, signals_figure
 from eivor.report.flight_figures import flight_figure
 
@@ -223,3 +229,185 @@ def test_without_an_estimate_the_flight_is_drawn_by_its_names(still):
         flight_figure(still, {"zzz": axes[0]})
     with pytest.raises(EstimationError):
         still.plot(axes=axes)
+
+
+# Figures of intervals, ellipses, residuals, signals, noises and studies.
+
+TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
+
+
+def words(figure):
+    return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    random, count = np.random.default_rng(1), 600
+    u = lfilter([0.3], [1.0, -0.9], random.normal(size=count))
+    v = lfilter([0.2], [1.0, -0.95], u)
+    force = 0.8 * u - 0.3 * v + lfilter([0.1], [1.0, -0.7], random.normal(size=count))
+    channels = {"velocity_z": v, "specific_force_z": force, "input": u}
+    problem = ev.VerticalMotion(intercept=False).regression(ev.Signals(5.0, channels))
+    return ev.identify(problem, ev.methods.least_squares())
+
+
+def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate):
+    rows = estimate.rows
+    replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=40)
+    figure = estimates_figure({"least squares": estimate, "its bootstrap": replicates}, truth=TRUTH)
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        "viscous friction K [1/s]",
+        "input gain K_u [m/s²]",
+    ]
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [
+        "least squares",
+        "its bootstrap",
+    ]
+    assert figure.axes[1].lines[-1].get_xdata()[0] == 0.8
+    ends = {x for line in figure.axes[0].lines for x in line.get_xdata()}
+    assert set(estimate.interval("viscous_friction")) <= ends
+    assert set(replicates.interval("viscous_friction")) <= ends
+    assert inside(figure)
+
+
+def test_ends_without_bound_are_arrows():
+    rows = [
+        PlottedInterval("$both_", 0.3, ((-math.inf, math.inf),)),
+        PlottedInterval("bounded", 0.3, ((0.2, 0.4),)),
+        PlottedInterval("none", math.nan, ()),
+    ]
+    axes = Figure(layout="constrained").add_subplot()
+    draw_forest(axes, rows, "a_b [m]")
+    markers = [line.get_marker() for line in axes.lines]
+    assert markers.count("<") == 1
+    assert markers.count(">") == 1
+    assert axes.get_xlabel() == "a_b [m]"
+
+
+def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate):
+    replicates = ev.bootstrap(estimate.rows, ev.methods.least_squares(), runs=40)
+    figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
+    axes = figure.axes[0]
+    assert axes.get_xlabel() == "viscous friction K [1/s]"
+    assert axes.get_ylabel() == "input gain K_u [m/s²]"
+    assert words(figure) == ["40 replicates", "joint 95 % ellipse", "intervals one by one", "truth"]
+    outline = estimate.ellipse("viscous_friction", "input_gain").outline()
+    np.testing.assert_array_equal(axes.lines[1].get_xydata(), outline)
+    assert inside(figure)
+
+
+def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label():
+    rows = [
+        CoverageRow(label, group, hits, 1000)
+        for group in ("a: K", "b: K")
+        for label, hits in (("one", 950), ("two", 700))
+    ]
+    rows.append(CoverageRow("never run", "a: K", 0, 0))
+    figure = coverage_figure(rows, band=(0.92, 0.985), title="N = 500")
+    axes = figure.axes[0]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["a: K", "b: K"]
+    assert [text.get_text() for text in figure.legends[0].texts] == [
+        "asked for",
+        "nominal, 95 %",
+        "one",
+        "two",
+    ]
+    first, second = axes.containers
+    assert first.lines[0].get_xdata().tolist() == [95.0, 95.0]
+    assert second.lines[0].get_xdata().tolist() == [70.0, 70.0]
+    spans = second.lines[2][0].get_segments()
+    assert spans[0][:, 0] == pytest.approx([67.1, 72.8], abs=0.1)  # Wilson's
+    assert axes.get_xlim()[0] < 67.0
+    assert inside(figure)
+
+
+def finished(folder, name, *, intervals=True, level=0.95):
+    experiment = VerticalExperiment(ev.Scenario(0.3, 0.8))
+    choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
+    study = Study(name, experiment, choices, runs=3, intervals=intervals, level=level)
+    columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
+    for label in ("least_squares", "generalized_iv"):
+        columns[f"{label}.status"] = ["identified", "failed", "weak"]
+        for parameter, truth in TRUTH.items():
+            columns[f"{label}.{parameter}"] = [truth, math.nan, truth]
+            columns[f"{label}.{parameter}.low"] = [truth - 0.1, math.nan, truth + 0.1]
+            columns[f"{label}.{parameter}.high"] = [truth + 0.1, math.nan, truth + 0.2]
+    return StudyResult(study, folder, pl.DataFrame(columns))
+
+
+def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path):
+    alone = study_coverage_figure(finished(tmp_path, "one", level=0.9))
+    assert [text.get_text() for text in alone.axes[0].get_yticklabels()] == ["K", "K_u"]
+    assert next(text.get_text() for text in alone.legends[0].texts) == "nominal, 90 %"
+    assert alone.axes[0].containers[0].lines[0].get_xdata().tolist() == [50.0, 50.0]
+    assert inside(alone)
+
+
+def labels(figure):
+    return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
+
+
+def test_each_channel_has_a_panel_with_its_unit():
+    channels = {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z", "specific_force_z")}
+    figure = signals_figure(ev.Signals(5.0, channels, start_s=3.0), title="$a_b")
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "input u [-]",
+        "velocity z' [m/s]",
+        "specific force z'' + g [m/s²]",
+    ]
+    assert figure.axes[-1].get_xlabel() == "time t [s]"
+    assert figure.axes[0].lines[0].get_xdata()[0] == 3.0
+    assert inside(figure)
+
+
+def test_what_is_not_valid_is_a_gap():
+    valid = np.arange(10) != 4
+    figure = signals_figure(ev.Signals(5.0, {"velocity_z": np.arange(10.0)}, valid=valid))
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert np.isnan(drawn[4])
+    assert not np.isnan(np.delete(drawn, 4)).any()
+
+
+def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
+    values = np.linspace(1.0, 2.0, 20)
+    for mean, drawn in ((2.5, True), (187.2, False)):
+        figure = nrmse_figure({"a": {"together": values}}, printed={"a": {"together": Spread(mean, 0.5)}})
+        assert any("off this axis" in label for label in labels(figure)) is not drawn
+        low, high = figure.axes[0].get_xlim()
+        assert bool(low < mean < high) is drawn
+
+
+def test_no_estimate_is_said():
+    figure = nrmse_figure({"a": {"together": np.full(4, np.nan)}})
+    assert "no estimate" in figure.axes[0].texts[0].get_text()
+    with pytest.raises(UsageError, match="scores to draw"):
+        nrmse_figure({})
+
+
+@pytest.mark.parametrize(
+    ("draw", "error", "message"),
+    [
+        (lambda: estimates_figure({}), UsageError, "intervals to draw"),
+        (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
+        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
+        (lambda: study_coverage_figure(finished(Path(), "one", intervals=False)), UsageError, "one without"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(draw, error, message):
+    with pytest.raises(error, match=message):
+        draw()
+
+
+def test_long_residuals_are_drawn_by_their_range():
+    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
+    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
+    assert figure.axes[0].collections
+
+
+def test_a_long_tail_is_logarithmic_and_loses_no_trial():
+    values = np.concatenate([np.full(50, 1.0), [1e-9, 500.0]])
+    axes = nrmse_figure({"a": {"together": values}}).axes[0]
+    assert axes.get_xscale() == "log"
+    assert sum(patch.get_height() for patch in axes.patches) == 52

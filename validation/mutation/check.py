@@ -159,7 +159,7 @@ class Workspace:
         command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
         start_s = time.perf_counter()
         done = subprocess.run(
-            [*command, "--tb=no", "--no-header", "-m", "", *tests],
+            [*command, "--hypothesis-profile=mutation", "--tb=no", "--no-header", "-m", "", *tests],
             capture_output=True,
             encoding="utf-8",
             check=False,

@@ -1,0 +1,675 @@
+"""What a log that holds every fourth command leaves open of gains and lag."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.estimation.methods import by_name, identify
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Counts, QuantityEstimate, SimpleModel
+from eivor.flights.verdict import VerdictInputs, systematic_uncertainties
+from eivor.inference.verdict import Status
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
+from eivor.motions.identify import identify_flight
+from eivor.motions.rates.motion import AXES
+from eivor.motions.rigid_body import verdict as module
+from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band, refuse_other_turns
+from eivor.motions.rigid_body.regression import (
+    FORCE_BAND_HZ,
+    TURNING_BAND_HZ,
+    OnboardFilter,
+    as_logged,
+    body_velocity,
+    mean_over_step,
+)
+from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, PITCH_EQUATION, TERMS, THRUST
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
+from eivor.motions.rigid_body.verdict import (
+    FILTERS,
+    FiltersNotPassed,
+    LagConsistencyTest,
+    RigidBodyChecks,
+    filter_early_s,
+    lag_consistency_test,
+    steady_wind,
+)
+from eivor.motions.rigid_body.verdict import PARTS as TABLE
+from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.terminal import on_terminal
+from eivor.report.validation import validation_document
+from eivor.signals.filters import low_passed
+from eivor.signals.noise import WhiteNoise
+from eivor.signals.recording import Recording
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Logged, Sensors, TorqueDisturbance
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
+ROTORS = SPEC.vehicle.rotors
+VEHICLE = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
+MOTION = RigidBody(VEHICLE)
+TOLD = {
+    "roll_gain": QuantityEstimate(200.0, "rad/s^2/m", 1.0, (198.0, 202.0)),
+    "drag_z": QuantityEstimate(0.3, "1/s", 0.01, (0.28, 0.32)),
+    "effective_lag": QuantityEstimate(0.05, "s", 1e-4, (0.0498, 0.0502)),
+}
+
+
+def prepared(command_hz: float):
+    spec = replace(SPEC, logged=Logged(rotor_command_hz=command_hz))
+    (flight,) = simulate_rigid_body_flights([spec])
+    return prepare(flight.recording, MOTION, FlightOptions())
+
+
+def open_parts(flight, cutoff_hz=None):
+    """Systematic parts of a flight with the filter of a gyroscope."""
+    checks = RigidBodyChecks(filter_early_s=filter_early_s(cutoff_hz, flight.rates_hz["roll"]))
+    of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=TOLD)
+    return systematic_uncertainties(TABLE, of_flight)
+
+
+def test_every_fourth_command_may_be_another_throughout():
+    """How often commands were issued is not told: one millisecond is assumed of at most two."""
+    flight = prepared(125.0)
+    assert flight.unlogged_step_s == pytest.approx(0.001)
+    allowances = open_parts(flight)
+    (gain,) = allowances["roll_gain"]
+    share = 0.701e-3 / 0.05
+    assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
+    assert "1.4 % larger or smaller" in gain.sentence
+    by_stamps, by_loops = allowances["effective_lag"]
+    assert (by_stamps.counts, by_stamps.above) == (Counts.INDEPENDENT, flight.command_slack_s)
+    assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(0.701e-3))
+    assert "drag_z" not in allowances
+
+
+def test_where_stamps_tell_how_often_only_the_point_is_open():
+    reported = replace(prepared(125.0), command_slack_s=0.0)
+    (gain,) = open_parts(reported)["roll_gain"]
+    assert gain.above == pytest.approx(200.0 * 0.5e-3 / 0.05)
+    (late,) = open_parts(reported)["effective_lag"]
+    assert late.above == pytest.approx(0.5e-3)
+
+
+def test_a_log_of_every_command_leaves_nothing_open():
+    assert not open_parts(prepared(0.0))
+
+
+REFUSED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
+REFUSED_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+PARTS = [f"attitude_{part}" for part in "wxyz"]
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    (flight,) = simulate_rigid_body_flights([REFUSED_SPEC])
+    return flight.recording
+
+
+def with_values(log: Recording, **values: np.ndarray) -> Recording:
+    changed = {name: replace(log.channel(name), values=value) for name, value in values.items()}
+    return replace(log, channels={**log.channels, **changed})
+
+
+def attitude(log: Recording) -> np.ndarray:
+    return np.stack([log.channel(name).values for name in PARTS])
+
+
+def prepared_refused(log: Recording):
+    return prepare(log, REFUSED_MOTION, FlightOptions())
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "read_as"),
+    [
+        ((1, 2, 3, 0), (1, 1, 1, 1), "only when it is read as x, y, z, w."),
+        ((0, 1, 2, 3), (1, -1, -1, -1), "only when it is read as w, x, y, z from world to body"),
+        ((1, 2, 3, 0), (-1, -1, -1, 1), "only when it is read as x, y, z, w from world to body"),
+    ],
+)
+def test_another_order_is_named(log, order, signs, read_as):
+    parts = attitude(log)
+    wrong = {name: s * parts[item] for name, item, s in zip(PARTS, order, signs, strict=True)}
+    with pytest.raises(InputError) as refused:
+        prepared_refused(with_values(log, **wrong))
+    assert read_as in str(refused.value)
+
+
+def test_opposite_quaternions_are_the_same_attitude(log):
+    signs = np.where(np.arange(attitude(log).shape[1]) % 7 < 3, 1.0, -1.0)
+    flipped = with_values(log, **dict(zip(PARTS, signs * attitude(log), strict=True)))
+    result, expected = (body_velocity(prepared_refused(item).signals) for item in (flipped, log))
+    np.testing.assert_allclose(result, expected, atol=1e-9)
+
+
+def test_rates_in_degrees_are_told_by_the_attitude(log):
+    rates = [log.channel(f"angular_rate_{axis}") for axis in "xyz"]
+    parts = [log.channel(name) for name in PARTS]
+    refuse_other_turns(parts, rates, log.name)
+    degrees = [replace(rate, values=np.rad2deg(rate.values)) for rate in rates]
+    with pytest.raises(InputError, match="57 times as fast as the attitude"):
+        refuse_other_turns(parts, degrees, log.name)
+
+
+def test_rotors_that_never_differ_are_refused_with_the_axes_that_they_do_not_turn(log):
+    names = [f"rotor_command_{number}" for number in (1, 2, 3, 4)]
+    values = np.stack([log.channel(name).values for name in names])
+    equal = dict.fromkeys(names, values.mean(axis=0))
+    with pytest.raises(InputError, match="never turn it about roll, pitch, yaw"):
+        prepared_refused(with_values(log, **equal))
+    spins = np.array(ROTORS.spins)[:, None]
+    unturned = dict(zip(names, values - spins * (spins * values).mean(axis=0), strict=True))
+    with pytest.raises(InputError, match="never turn it about yaw"):
+        prepared_refused(with_values(log, **unturned))
+
+
+WIND_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
+WIND_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+AT = {"actuator_lag": ROTORS.lag_up, "delay": ROTORS.delay}
+WIND = (2.0, -1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def log_wind():
+    """Of a flight in a steady wind."""
+    (flight,) = simulate_rigid_body_flights([replace(WIND_SPEC, wind=replace(WIND_SPEC.wind, steady=WIND))])
+    return flight.recording
+
+
+def through_the_air(log_wind):
+    """The same log with velocities through the air: a flight in calm."""
+    channels = dict(log_wind.channels)
+    for axis, speed in zip("xyz", WIND, strict=True):
+        channel = channels[f"velocity_{axis}"]
+        channels[channel.name] = replace(channel, values=channel.values - speed)
+    return replace(log_wind, channels=channels)
+
+
+def told(log_wind):
+    flight = prepare(log_wind, WIND_MOTION, FlightOptions())
+    return steady_wind(WIND_MOTION.problem((flight,), NoInstruments()), AT, (flight,))
+
+
+def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
+    assert told(through_the_air(log_wind)) is None
+    windy = told(log_wind)
+    assert (windy.x, windy.y) == pytest.approx(WIND[:2], abs=0.5)
+
+
+def test_without_velocity_nothing_is_said_of_the_wind(log_wind):
+    kept = {name: channel for name, channel in log_wind.channels.items() if not name.startswith("velocity")}
+    assert told(replace(log_wind, channels=kept)) is None
+
+
+@pytest.mark.thorough
+def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
+    flight = identify_flight(log_wind, model=WIND_MOTION)
+    reasons = {
+        name: [reason.sentence for reason in quantity.reasons] for name, quantity in flight.quantities.items()
+    }
+    for name in ("drag_x", "drag_y"):
+        assert any("A steady wind of about 2." in reason for reason in reasons[name])
+        assert flight.quantities[name].verdict.value != "identified"
+    assert not any("wind of about" in reason for reason in reasons["roll_gain"])
+    assert flight.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)
+
+
+BASE = shipped_rigid_body_flight("crazyflie")
+MEASURED_ROTORS = BASE.vehicle.rotors
+MEASURED_MOTION = RigidBody(
+    KnownVehicle("x", tuple((x, y) for x, y, _ in MEASURED_ROTORS.positions), MEASURED_ROTORS.spins)
+)
+SPEED_STD = 0.005 * BASE.vehicle.hover_speed
+NOISE = {"rotor_speed": SPEED_STD, "velocity_x": 0.05, "velocity_y": 0.05, "velocity_z": 0.05}
+NOISE |= {f"angular_rate_{axis}": 0.02 for axis in "xyz"}
+NAMES = ("roll_gain", "pitch_gain")
+NOISE |= {f"specific_force_body_{axis}": 0.5 for axis in "xyz"}
+
+
+def flown(seconds: float, seed: int):
+    sensors = replace(BASE.sensors, rotor_speed=Sensor(WhiteNoise(SPEED_STD)))
+    spec = replace(BASE, duration=seconds, seed=seed, sensors=sensors)
+    (flight,) = simulate_rigid_body_flights([spec])
+    return flight
+
+
+@pytest.mark.thorough
+def test_noise_of_speeds_goes_through_the_map_of_thrust():
+    log = flown(5.0, 3).recording
+    flight = prepare(log, MEASURED_MOTION, FlightOptions(input="rotor_speed", noise=NOISE)).shortened
+    problem = MEASURED_MOTION.problem((flight,), NoInstruments())
+    names = [parameter.name for parameter in problem.parameters]
+    rows = problem.rows({"actuator_lag": 0.0, "delay": 0.0})
+    noise = rows.regressor_noise_covariance()
+    thrust = names.index("thrust_gain")
+    speeds = flight.signals.family("rotor_speed")[flight.used]
+    std = flight.signals.noise["rotor_speed_1"].std
+    # one row of six is of the force along z; n^2 has 2 n times the noise of n
+    expected = 4.0 * std**2 * float(np.mean((speeds**2).sum(axis=1))) / 6.0
+    assert noise[thrust, thrust] == pytest.approx(expected, rel=0.1)
+    arms = names.index("roll_gain"), names.index("roll_offset")
+    assert abs(noise[arms]) < 0.2 * np.sqrt(noise[arms[0], arms[0]] * noise[arms[1], arms[1]])
+    again = problem.rows({"actuator_lag": 0.0, "delay": 0.0}).regressor_noise_covariance()
+    np.testing.assert_array_equal(noise, again)
+
+
+def test_without_declared_noises_nothing_is_known_of_columns():
+    log = flown(5.0, 3).recording
+    flight = prepare(log, MEASURED_MOTION, FlightOptions(input="rotor_speed")).shortened
+    assert MEASURED_MOTION.problem((flight,), NoInstruments()).noisier is None
+
+
+@pytest.mark.thorough
+def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
+    flight = flown(20.0, 7)
+    log, truth = flight.recording, flight.truth.parameters.torque_gains
+
+    def errors(method: str, **options):
+        result = identify_flight(log, model=MEASURED_MOTION, method=method, input="rotor_speed", **options)
+        return [result.quantities[name].value / true - 1.0 for name, true in zip(NAMES, truth, strict=False)]
+
+    plain = errors("whitened_least_squares")
+    known = errors("total_least_squares", noise=NOISE)
+    assert all(error < -0.03 for error in plain)
+    assert all(abs(error) < 0.5 * abs(other) for error, other in zip(known, plain, strict=True))
+
+
+# Logs that have not passed the filters of the vehicle file, and logs that have.
+
+FILTERED_BASE = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0, seed=2)
+CUTOFF_HZ = 80.0
+
+
+@pytest.mark.parametrize(
+    ("without", "said"),
+    [
+        ({"gyro_cutoff_hz": 40.0}, "the gyroscope's filter of the vehicle file: without it"),
+        (dict.fromkeys(FILTERS, 40.0), "the gyroscope's and the accelerometer's filters of the vehicle file"),
+    ],
+)
+def test_they_are_told_by_the_numbers_of_a_result(without, said):
+    filters_not_passed = FiltersNotPassed(281.2, without)
+    assert said in filters_not_passed.sentence
+    assert "instead of 281" in filters_not_passed.sentence
+    assert all(key in filters_not_passed.remedy for key in without)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("passed", [False, True])
+def test_a_filter_that_was_not_passed_is_told(passed):
+    filtered = replace(FILTERED_BASE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ)
+    spec = (
+        replace(FILTERED_BASE, sensors=replace(FILTERED_BASE.sensors, angular_rate=filtered))
+        if passed
+        else FILTERED_BASE
+    )
+    (flight,) = simulate_rigid_body_flights([spec])
+    rotors = FILTERED_BASE.vehicle.rotors
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    vehicle = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    result = identify_flight(flight.recording, model=RigidBody(vehicle))
+    reasons = result.verdict.reasons
+    reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
+    assert len(reasons_kept) == (0 if passed else 1)
+    assert all(reason.status is Status.WEAK for reason in reasons_kept)
+
+
+STEP_S, ONBOARD_CUTOFF_HZ = 0.002, 30.0
+OWN_S = np.sqrt(2.0) / (2.0 * np.pi * ONBOARD_CUTOFF_HZ)
+TIME = STEP_S * np.arange(2000)
+INNER = slice(200, -200)
+
+
+def sine(frequency_hz: float, late_s: float = 0.0) -> np.ndarray:
+    return np.sin(2.0 * np.pi * frequency_hz * (TIME - late_s))
+
+
+@pytest.mark.parametrize(
+    ("taken_s", "left_s"), [(0.0, OWN_S), (OWN_S, 0.0), (OWN_S + 0.02, 0.0), (0.002, OWN_S - 0.002)]
+)
+def test_a_delay_that_was_taken_off_the_stamps_is_not_applied_again(taken_s, left_s):
+    onboard_filter = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, taken_s)(sine(1.0))
+    np.testing.assert_allclose(onboard_filter[INNER], sine(1.0, left_s)[INNER], atol=2e-4)
+
+
+def test_what_is_more_than_a_delay_is_left():
+    result = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
+    amplitude = np.sqrt(2.0 * np.mean(result**2))
+    assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / ONBOARD_CUTOFF_HZ) ** 4), rel=0.01)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
+    sensor = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
+    late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
+    terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in TERMS}
+    for parameter in (GAIN[PITCH_EQUATION], OFFSET[PITCH_EQUATION], DRAG[2]):
+        np.testing.assert_allclose(as_logged(terms[parameter], sine(5.0), sensor), late)
+    damping = as_logged(terms[DAMPING[PITCH_EQUATION]], sine(5.0), sensor)
+    np.testing.assert_allclose(damping, mean_over_step(sine(5.0)))
+    np.testing.assert_allclose(as_logged(terms[THRUST], sine(5.0), None), sine(5.0))
+
+
+FILTERED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=5.0, seed=2)
+FILTERED_ROTORS = FILTERED_SPEC.vehicle.rotors
+FILTERED_MOTION = RigidBody(
+    KnownVehicle("x", tuple((x, y) for x, y, _ in FILTERED_ROTORS.positions), FILTERED_ROTORS.spins)
+)
+DIRECT = "whitened_least_squares"
+
+
+def log_of(spec):
+    """The log of a flight."""
+    (flight,) = simulate_rigid_body_flights([spec])
+    return flight.recording
+
+
+def problem_of(log):
+    """The equations of a flight."""
+    return FILTERED_MOTION.problem(
+        (prepare(log, FILTERED_MOTION, FlightOptions()).shortened,), NoInstruments()
+    )
+
+
+def test_rows_of_turning_reach_up_and_those_of_forces_stay():
+    problem = problem_of(log_of(FILTERED_SPEC))
+    whole = in_full_band(problem)
+    assert [column.band_hz for column in whole.columns[:3]] == [(TURNING_BAND_HZ[0], FULL_BAND_HZ)] * 3
+    assert {column.band_hz for column in whole.columns[3:]} == {FORCE_BAND_HZ}
+    assert in_full_band(whole) is whole
+    index = {"actuator_lag": FILTERED_ROTORS.lag_up, "delay": 0.0}
+    assert len(whole.bins(index).responses) > 1.5 * len(problem.bins(index).responses)
+
+
+def test_commands_that_the_log_does_not_hold_end_it():
+    slow = problem_of(log_of(replace(FILTERED_SPEC, logged=Logged(rotor_command_hz=125.0))))
+    assert in_full_band(slow) is slow
+
+
+@pytest.mark.thorough
+def test_what_comes_back_through_the_controller_cancels_in_it():
+    """Torques of the air make the lag of the lower band too short, and that of the whole one hardly."""
+    air = OrnsteinUhlenbeck(4.0, 0.3)
+    spec = replace(FILTERED_SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0)
+    lower, whole = [], []
+    for (flight,) in (simulate_rigid_body_flights([replace(spec, seed=seed)]) for seed in (10, 11, 12, 13)):
+        alone = identify(problem_of(flight.recording), by_name(DIRECT))
+        assert lag_consistency_test(alone) is not None
+        lower.append(alone.parameters["actuator_lag"] + alone.parameters["delay"] - FILTERED_ROTORS.lag_up)
+        result = identify_flight(flight.recording, model=FILTERED_MOTION, method=DIRECT)
+        assert result.fit.problem.band_hz(0)[1] == FULL_BAND_HZ
+        assert "The axes disagree about the lag" in " ".join(result.verdict.sentences)
+        whole.append(result.quantities["effective_lag"].value - FILTERED_ROTORS.lag_up)
+    assert np.mean(lower) < -0.001
+    assert abs(np.mean(whole)) < 0.3 * abs(np.mean(lower))
+
+
+LAGS_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
+KNOWN = KnownVehicle("x", tuple((x, y) for x, y, _ in FILTERED_ROTORS.positions), FILTERED_ROTORS.spins)
+
+
+@pytest.fixture(scope="module")
+def calm():
+    """What is told of a flight in calm air."""
+    return identify_flight(log_of(LAGS_SPEC), model=RigidBody(KNOWN), method=DIRECT)
+
+
+def test_axes_agree_in_calm_air(calm, monkeypatch):
+    assert lag_consistency_test(calm.fit.estimate) is None
+    assert calm.fit.motion_checks.lags is None
+    monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
+    result = lag_consistency_test(calm.fit.estimate)
+    assert result.p_value > 0.01
+    assert list(result.changes_s) == ["roll", "pitch", "yaw", "thrust"]
+    lag = calm.quantities["effective_lag"]
+    assert result.lag_s == pytest.approx(lag.value)
+    assert abs(result.changes_s["roll"]) < 4.0 * lag.std_error
+
+
+@pytest.mark.thorough
+def test_a_delay_that_was_given_wrong_is_said():
+    late = replace(
+        LAGS_SPEC,
+        vehicle=replace(LAGS_SPEC.vehicle, rotors=replace(FILTERED_ROTORS, delay=0.01)),
+        duration=30.0,
+    )
+    vehicle = replace(KNOWN, delay=KnownNumber(0.0))
+    flight = identify_flight(log_of(late), model=RigidBody(vehicle), method=DIRECT)
+    numbers = flight.fit.motion_checks.lags
+    assert numbers.p_value < 1e-3
+    assert numbers.sentence in " ".join(flight.verdict.sentences)
+    assert flight.verdict.status is Status.PROVISIONAL
+    flight = identify_flight(log_of(late), model=RigidBody(KNOWN), method=DIRECT)
+    assert flight.fit.motion_checks.lags is None
+
+
+def test_numbers_and_sentences():
+    reported = LagConsistencyTest(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
+    assert reported.sentence == (
+        "The axes disagree about the lag (p-value 1e-12). For all of them it is 50 ms; by itself "
+        "roll asks for 52 ms, yaw for a much shorter one, thrust for a much longer one."
+    )
+
+
+# Flights under torques from outside: what exogenous signals predict, and what instruments of it tell.
+
+EXACT_BASE = shipped_rigid_body_flight("crazyflie")
+#: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.
+GYRO_HZ, FORCE_HZ, DELAY_S = 80.0, 30.0, 0.004
+
+
+def motion(**known: float) -> RigidBody:
+    rotors = EXACT_BASE.vehicle.rotors
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    return RigidBody(KnownVehicle("simulated", positions, rotors.spins, **known))
+
+
+EXACT_SPEC = replace(
+    shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5)
+)
+EXACT_ROTORS = EXACT_SPEC.vehicle.rotors
+EXACT_KNOWN = KnownVehicle(
+    "simulated",
+    tuple((x, y) for x, y, _ in EXACT_ROTORS.positions),
+    EXACT_ROTORS.spins,
+)
+EXACT_MOTION = RigidBody(EXACT_KNOWN)
+QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "position"]
+
+
+@pytest.fixture(scope="module")
+def flown_ahead() -> RigidBodyFlight:
+    return next(iter(simulate_rigid_body_flights([EXACT_SPEC])))
+
+
+@pytest.fixture(scope="module")
+def flight(flown_ahead: RigidBodyFlight) -> PreparedFlight:
+    return prepare(flown_ahead.recording, EXACT_MOTION, FlightOptions()).shortened
+
+
+@pytest.fixture(scope="module")
+def truth(flown_ahead: RigidBodyFlight) -> dict[str, float]:
+    parameters = flown_ahead.truth.parameters
+    return {
+        **{
+            f"{axis.name}_gain": torque_gain
+            for axis, torque_gain in zip(AXES, parameters.torque_gains, strict=True)
+        },
+        **{
+            f"{axis.name}_coupling": gyroscopic_ratio
+            for axis, gyroscopic_ratio in zip(AXES, parameters.gyroscopic_ratios, strict=True)
+        },
+        **{f"{axis.name}_damping": item for axis, item in zip(AXES, parameters.rate_damping, strict=True)},
+        **{f"drag_{axis}": item for axis, item in zip("xyz", parameters.drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain,
+        "actuator_lag": parameters.lag_up,
+        "delay": parameters.delay,
+    }
+
+
+def models(values: dict[str, float]) -> dict[str, SimpleModel]:
+    without = {**values, "actuator_lag": 0.0}
+    return {"fit": SimpleModel("the fit", values), "least_squares": SimpleModel("without lag", without)}
+
+
+def without(log: Recording, *excluded: str) -> Recording:
+    return replace(
+        log, channels={name: channel for name, channel in log.channels.items() if name not in excluded}
+    )
+
+
+def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
+    flight = prepare(log, motion, FlightOptions()).shortened
+    prediction = motion.abilities.prediction.multi_step((flight,), models(values), frozenset(refused))
+    return [item[0].quantity for item in prediction.by_quantity]
+
+
+@pytest.mark.thorough
+def test_true_numbers_predict_every_quantity(flight, truth):
+    prediction = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset())
+    assert [item[0].quantity for item in prediction.by_quantity] == QUANTITIES
+    # of a flight without noise next to nothing is left half a second ahead
+    allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
+    for entry, lagless, unchanged in prediction.by_quantity:
+        assert entry.rms[-1] < allowed[entry.quantity]
+        assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
+        assert entry.rms[-1] < 0.08 * lagless.rms[-1]
+    assert prediction.predicts
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("refused", "left"),
+    [
+        (("roll_gain",), ["pitch rate", "yaw rate"]),
+        (("yaw_gain",), ["roll rate", "pitch rate", "velocity", "position"]),
+        (("thrust_gain",), QUANTITIES[:4]),
+        (("effective_lag",), []),
+        (("drag_x", "roll_coupling"), QUANTITIES),
+    ],
+)
+def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
+    prediction = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset(refused))
+    assert [item[0].quantity for item in prediction.by_quantity] == left
+    text = " ".join(prediction.omitted)
+    assert ("Not predicted" in text) == (left != QUANTITIES)
+    assert ("Counted as zero, since the fit does not identify it: roll coupling, drag x." in text) == (
+        "drag_x" in refused
+    )
+
+
+def test_a_refused_drag_counts_as_zero(flight, truth):
+    wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
+    result = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(wild), frozenset({"drag_x"}))
+    velocity = {error.model: error for error in result.errors if error.quantity == "velocity"}
+    assert velocity["fit"].rms[-1] < 0.3
+    assert velocity["least_squares"].rms[-1] > 1.0
+
+
+@pytest.mark.thorough
+def test_what_the_log_lacks_is_left_out(flown_ahead, truth):
+    log = flown_ahead.recording
+    assert (
+        quantities(EXACT_MOTION, without(log, "position_x", "position_y", "position_z"), truth)
+        == QUANTITIES[:5]
+    )
+    assert quantities(EXACT_MOTION, without(log, "position_x", "position_y"), truth)[-1] == "height"
+    assert quantities(EXACT_MOTION, without(log, "velocity_y"), truth) == QUANTITIES[:4]
+    assert quantities(EXACT_MOTION, without(log, "attitude_w"), truth) == QUANTITIES[:3]
+    no_force = without(log, *(f"specific_force_body_{axis}" for axis in "xyz"))
+    assert quantities(EXACT_MOTION, no_force, truth) == QUANTITIES
+
+
+def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
+    """A result of such numbers, as `eivor identify --json` writes it; what matters here of it."""
+    nuisances = {name: values[name] for name in ("actuator_lag", "delay")}
+    quantity = {"unit": "", "std_error": 0.1, "interval": [0.0, 1.0], "verdict": "identified"}
+    best = {
+        "at": nuisances,
+        "best": True,
+        "values": list(values.values()),
+        "parts": [{"name": "given", "matrix": np.eye(len(values)).tolist(), "degrees": None, "share": 1.0}],
+    }
+    document = {
+        "schema": "eivor.identify/1",
+        "model": {"name": "rigid_body"},
+        "verdict": "identified",
+        "reasons": [],
+        "parameters": {name: {"value": value, **quantity} for name, value in values.items()},
+        "derived": {},
+        "covariance": {"names": list(values), "candidates": [best]},
+        "prediction": {
+            "input": "rotor_command",
+            "input_map": "square",
+            "at": nuisances,
+            "limits": {"max_tilt_deg": 25.8},
+            "beside": {"least_squares": {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}},
+            "input_level": 1700.0,
+            "vehicle": json.loads(json.dumps(asdict(EXACT_KNOWN))),
+            **changed,
+        },
+        "provenance": {"logs": [{"name": "first.csv", "sha256": None}], "options": {}},
+    }
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(document))
+    return load_fit(path)
+
+
+def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
+    validate = ev.validate(saved(truth, tmp_path), flown_ahead.recording, window=(0.0, 7.0))
+    assert validate.predicts
+    assert "in the mean" in validate.sentence
+    document = json.loads(validate.to_json())
+    assert document["predictions"] == []
+    assert document["ahead"]["horizons"] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert document["ahead"]["starts"] == validate.multi_step_prediction.start_s.size > 100
+    first = document["ahead"]["errors"][0]
+    assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
+    assert "position" in validate.summary()
+    assert "position" in validate._repr_html_()
+    assert on_terminal(validation_document(validate)).renderables
+    figure = validate.plot()
+    assert len(figure.axes) == 12
+    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
+
+
+def test_what_cannot_be_validated_is_said(flown_ahead, truth, tmp_path):
+    log = flown_ahead.recording
+    with pytest.raises(InputError, match="says what flies"):
+        ev.validate(saved(truth, tmp_path, vehicle=None), log)
+    with pytest.raises(InputError, match="commands in the same unit"):
+        ev.validate(saved(truth, tmp_path, input_level=0.6), log)
+    with pytest.raises(InputError, match="4 rotors"):
+        ev.validate(saved(truth, tmp_path), without(log, "rotor_command_4"))
+    with pytest.raises(MissingChannelError, match="angular_rate_y"):
+        ev.validate(saved(truth, tmp_path), without(log, "angular_rate_y"))
+    nothing = {name: item for name, item in truth.items() if not name.endswith("gain")}
+    with pytest.raises(UsageError, match="does not identify the roll gain"):
+        ev.validate(saved(nothing, tmp_path), log)
+
+
+def test_a_vehicle_comes_back_from_a_result():
+    vehicle = replace(
+        EXACT_KNOWN,
+        mass=KnownNumber(0.03, 0.001),
+        arm_scale=KnownNumber(1.0),
+        thrust_map="linear",
+    )
+    assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
+    for wrong in (
+        {},
+        {**asdict(vehicle), "mass": {"value": -1.0, "std": 0.0}},
+        {**asdict(vehicle), "wings": 2},
+    ):
+        with pytest.raises(InputError, match="says what flies"):
+            vehicle_from_record(wrong)
