@@ -176,6 +176,7 @@ REFUSALS = (
     ("inspect LOG --json none/x.json", 1, "does not exist"),
     *((f"identify LOG --lag={text}", 2, "a lag MS:STD") for text in ("70", "70:", ":15", "x:15", "70:0")),
     *((f"identify LOG --lag={text}", 2, "a lag MS:STD") for text in ("-70:15", "nan:15", "70:15:3", "no")),
+    ("identify LOG --lag=typical:6in", 2, "nano, 5in, multirotor; received '6in'. Did you mean '5in'?"),
     *((f"identify LOG --lag={text}", 2, "a lag MS:STD") for text in ("90..70", "-5..10", "5..", "..5")),
     *((f"identify LOG --lag={text}", 2, "Give 70:15 or 50..90") for text in ("5..nan", "5...7..9")),
 )

@@ -77,9 +77,10 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     lag: Annotated[
         str,
         option(
-            "MS:STD|LOW..HIGH|none",
+            "MS:STD|LOW..HIGH|typical:CLASS|none",
             "Lag and delay of the actuators together, known from elsewhere. 70:15 is 70 ms with a standard "
-            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay. typical:CLASS is "
+            "what was published of nano, 5in or multirotor.",
             panel=LAG,
         ),
     ] = ""

@@ -17,7 +17,7 @@ from eivor.cli.options import FlightWords, LogWords, parse_pair
 from eivor.cli.outputs import step
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
 from eivor.estimation.methods import by_name
-from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
+from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, TYPICAL_LAGS
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
 from eivor.flights.prepare import check_options
@@ -70,10 +70,22 @@ def parse_window(text: str) -> Window:
     return start, end
 
 
+#: What a class of vehicles stands behind.
+TYPICAL = "typical:"
+
+
 def parse_lag(text: str) -> Prior | Bounds:
-    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH`` or ``none``."""
+    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH``, ``typical:CLASS`` or ``none``."""
     if text.strip().lower() == "none":
         return NO_LAG
+    if text.startswith(TYPICAL):
+        name = text.removeprefix(TYPICAL)
+        if name in TYPICAL_LAGS:
+            return TYPICAL_LAGS[name]
+        expected = f"a class of vehicles out of {', '.join(TYPICAL_LAGS)}"
+        raise UsageError(
+            expected, f"'{name}'", did_you_mean(name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
+        )
     between = ".." in text
     pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
     first, second = (1e-3 * number for number in pair)
@@ -83,7 +95,7 @@ def parse_lag(text: str) -> Prior | Bounds:
         return Prior(first, second)
     raise UsageError(
         "a lag MS:STD, mean and standard deviation in milliseconds, both above zero; or bounds LOW..HIGH; or "
-        "none",
+        "typical:CLASS; or none",
         f"'{text}'",
         "Give 70:15 or 50..90, for example.",
     )

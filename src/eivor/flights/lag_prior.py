@@ -107,6 +107,14 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
 
 #: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)
+#: Lags of rotors by class of vehicle, as published, for `--lag typical:CLASS`.
+TYPICAL_LAGS: dict[str, Prior | Bounds] = {
+    "nano": Prior(0.072, 0.015),  # 71.6 ms, a Crazyflie of 27 g (Eschmann et al. 2024, arXiv:2404.07837)
+    "5in": Bounds(
+        0.010, 0.100
+    ),  # racers with propellers of 3 and 5 inches (Ferede et al. 2025, arXiv:2504.21586)
+    "multirotor": Bounds(0.030, 0.100),  # from 20 g to 5 kg (Eschmann et al. 2025, arXiv:2509.11481)
+}
 NO_LAG_OF_ITS_OWN = QuantityEstimate(NAN, "s", NAN, NO_INTERVAL)
 #: Standard error of a lag that is known exactly [s].
 EXACT_S = 1e-4

@@ -63,6 +63,21 @@ class Track:
         """Those after which it was another one."""
         return tuple(moment for moment in self.moments if moment.change)
 
+    def change_at(self, change: Moment) -> tuple[float, float] | None:
+        """Change from the memory before a detected one to the memory after it, see `relative_change`."""
+        # a change may be as old as the memory: values before that, and within the memory after it
+        since = [(moment.time_s - change.time_s, moment) for moment in self.precise_moments]
+        before = [moment for seconds, moment in since if seconds < -self.memory_s]
+        after = [moment for seconds, moment in since if 0.25 * self.memory_s < seconds < self.memory_s]
+        return relative_change(before[-1], after[-1]) if before and after else None
+
+
+def relative_change(before: Moment, after: Moment) -> tuple[float, float]:
+    """Change between two moments as a share of the first, and half its 95 % interval."""
+    ratio = after.value / before.value
+    half = abs(ratio) * math.hypot(after.half_width / after.value, before.half_width / before.value)
+    return ratio - 1.0, half
+
 
 def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
     """Follow a parameter over a flight that was identified."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eivor.flights.result import FlightEstimate
-from eivor.flights.track import HELD, TOLD, Moment, Track
+from eivor.flights.track import HELD, TOLD, Moment, Track, relative_change
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
@@ -71,17 +71,22 @@ def _called(track: Track) -> str:
 def report_changes(track: Track) -> Iterator[str]:
     """Return a sentence about each change; one where there is none."""
     for change in track.changes:
-        # a change may be as old as the memory: values before that, and within the memory after it
-        since = [(moment.time_s - change.time_s, moment.value) for moment in track.precise_moments]
-        before = [value for seconds, value in since if seconds < -track.memory_s]
-        after = [value for seconds, value in since if 0.25 * track.memory_s < seconds < track.memory_s]
-        share = f" by {abs(100.0 * (after[-1] / before[-1] - 1.0)):.0f} %" if before and after else ""
+        by = track.change_at(change)
         yield (
             f"Identified at {change.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
-            f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}{share}."
+            f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}"
+            f"{'' if by is None else f' by {_share(abs(by[0]), by[1])}'}."
         )
-    if track.precise_moments and not track.changes:
-        yield "None: what moved, moved slowly or within its band."
+    precise = track.precise_moments
+    if precise and not track.changes:
+        first, last = precise[0], precise[-1]
+        moved = _share(*relative_change(first, last), "+")
+        over = f" From {first.time_s:.1f} to {last.time_s:.1f} s it changed by {moved}."
+        yield f"None: what moved, moved slowly or within its band.{over if len(precise) > 1 else ''}"
+
+
+def _share(share: float, half: float, sign: str = "") -> str:
+    return f"{100.0 * share:{sign}.1f} ± {100.0 * half:.1f} %"
 
 
 def untold(track: Track) -> Iterator[str]:
@@ -182,7 +187,11 @@ def track_json(track: Track) -> dict[str, Json]:
             }
             for moment in track.moments
         ],
-        changes=[{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
+        changes=[
+            {"time_s": change.time_s, "upwards": change.change > 0, "share": share, "half_width": half}
+            for change in track.changes
+            for share, half in (track.change_at(change) or (None, None),)
+        ],
         not_told=list(untold(track)),
         verdict_of_the_flight=track.result.verdict.status,
         findings=track.result.findings,

@@ -293,9 +293,14 @@ def tracked_gain(
     if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
         friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
         source = "as the whole flight identifies it"
-    bias, intercept = options.accelerometer_bias, None
+    bias, found, intercept = options.accelerometer_bias, quantities["intercept"], None
     level = "Nothing is known of the intercept: only movement identifies the gain."
-    if math.isfinite(bias):
+    if quantities["input_gain"].verdict is not Status.REFUSED and 0.0 < found.half_width < math.inf:
+        intercept = Prior(found.value - GRAVITY, 0.5 * found.half_width)
+        level = (
+            f"Intercept {found.value:.2g} ± {found.half_width:.2g} m/s², as the whole flight identifies it."
+        )
+    elif math.isfinite(bias):
         intercept = Prior(-GRAVITY, bias)
         level = (
             f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias "
