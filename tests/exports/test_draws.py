@@ -127,11 +127,12 @@ def test_fields_of_mujoco_fit_its_model(tmp_path):
     assert spread(fields["actuator_gainprm"] / fields["body_mass"]) == pytest.approx(GAIN_SPREAD, rel=0.1)
     row = int(np.argmax(fields["body_mass"]))
     model.body_mass[1], model.body_inertia[1] = fields["body_mass"][row], fields["body_inertia"][row]
-    model.actuator_gainprm[:, 0] = fields["actuator_gainprm"][row]
-    model.actuator_dynprm[:, 0] = fields["actuator_dynprm"][row]
-    model.actuator_gear[:, 5] = [-fields["actuator_gear"][row], fields["actuator_gear"][row]] * 2
-    model.dof_damping[:3] = fields["dof_damping"][row]
-    model.site_pos *= fields["site_pos"][row]
+    model.body_ipos[1] = fields["body_ipos"][row]
+    model.actuator_gainprm[:4, 0] = fields["actuator_gainprm"][row]
+    model.actuator_dynprm[:4, 0] = fields["actuator_dynprm"][row]
+    model.actuator_gear[:4, 5] = [-fields["actuator_gear"][row], fields["actuator_gear"][row]] * 2
+    model.actuator_biasprm[4:, 2] = fields["actuator_biasprm"][row]
+    model.site_pos[:] = fields["site_pos"][row]
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -165,7 +166,7 @@ def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path):
     fields = {
         name: np.array(load) for name, load in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()
     }
-    ratio = fields["body_inertia"][:, 0] / (fields["body_mass"] * fields["site_pos"])
+    ratio = fields["body_inertia"][:, 0] / (fields["body_mass"] * fields["site_pos"][:, 1, 0])
     assert spread(ratio) < 0.004
     assert spread(fields["body_inertia"][:, 0]) > 0.012
     assert np.all(fields["body_inertia"][:, 2] <= fields["body_inertia"][:, :2].sum(axis=1))
@@ -180,6 +181,6 @@ def test_no_name_breaks_out_of_draws(to, tmp_path):
     assert text.isascii()
     assert "drag_z is not written: viscous_friction is refused. a" in text
     if to == "mujoco":
-        assert not np.any(json.loads(text)["fields"]["dof_damping"])
+        assert not np.any(json.loads(text)["fields"]["actuator_biasprm"])
     else:
         assert "linear_damping" not in python_file(to, tmp_path, record=reported).get("draws", {})

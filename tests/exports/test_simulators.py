@@ -154,7 +154,7 @@ def test_gym_pybullet_drones_finds_its_numbers(tmp_path):
     # Betaflight's rotors turn the other way in each quarter.
     other = xml_tree(exported("pybullet", tmp_path))
     assert properties["km"] == pytest.approx(float(other[0].attributes["km"]))
-    lag = "gym-pybullet-drones has no lag of the rotors: 0.072 s is not in this file."
+    lag = "gym-pybullet-drones has no lag of the rotors, and actuator_lag 0.072 not in this file: a manoeuvre"
     assert lag in exported("pybullet", tmp_path)
 
 
@@ -230,7 +230,9 @@ def test_what_no_vehicle_has_is_refused(name, tmp_path):
     with pytest.raises(UsageError, match=f"a {name} above zero"):
         exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
     reported = refused(of_speeds(), "viscous_friction")
-    assert 'axis="0 0 1" damping="0.0"' in exported("mujoco", tmp_path, reported, viscous_friction=(0.0, 0.1))
+    assert 'gear="0 0 1 0 0 0" gainprm="0" biastype="affine" biasprm="0 0 0.0"' in exported(
+        "mujoco", tmp_path, reported, viscous_friction=(0.0, 0.1)
+    )
 
 
 def test_moments_of_inertia_are_those_of_a_body(tmp_path):
@@ -354,7 +356,7 @@ def test_motors_are_those_of_the_flight(tmp_path):
     lift = 4 * motors[0].numbers("motorConstant")[0] * HOVER**2
     assert lift == pytest.approx(0.03 * 9.8)
     assert motors[0].numbers("motorConstant")[0] == pytest.approx(0.03 * GAIN / 4 * 9.8 / GRAVITY)
-    assert "drag along z is not in this file" in text
+    assert "Gazebo has no drag along the rotors' axes, and drag_z" in text
 
 
 def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path):

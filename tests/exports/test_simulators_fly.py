@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from exports.documents import GAIN, GRAVITY, HOVER, LAG, climb, quad_params, saved
+import eivor as ev
+from eivor.cli.main import app
+from eivor.errors import NotIdentifiedError, UsageError
+from eivor.exports.fitted import Supplied
+from eivor.exports.simulators import WITH_LARGEST
+from eivor.exports.vehicle import REPLAY_SPEED, REPLAY_STEP_S, describe, manoeuvre, replayed, rotors_of
+from eivor.motions.rigid_body.vehicle import KnownNumber
+from exports.documents import (
+    COMBINATIONS,
+    GAIN,
+    GRAVITY,
+    HOVER,
+    KNOWN_VEHICLE,
+    LAG,
+    climb,
+    of_rigid_body,
+    quad_params,
+    saved,
+    written,
+)
 
 STEP, SECONDS = 1.02, 1.0
 
@@ -50,11 +71,11 @@ def test_mujoco_climbs_as_the_flight_did(tmp_path):
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data, 500)
     np.testing.assert_allclose(data.qvel, 0.0, atol=1e-9)
-    data.ctrl[:] = STEP**2
+    data.ctrl[:4] = STEP**2
     mujoco.mj_step(model, data, round(SECONDS / model.opt.timestep))
     assert data.qvel[2] == pytest.approx(climb(STEP, SECONDS, lagged="thrust"), rel=0.002)
     assert data.qvel[2] == pytest.approx(climb(STEP, SECONDS), rel=0.01)
-    data.ctrl[:] = [1.0, 1.0, 1.02, 1.02]  # the rotors on the left
+    data.ctrl[:4] = [1.0, 1.0, 1.02, 1.02]  # the rotors on the left
     mujoco.mj_step(model, data, 50)
     assert data.qvel[3] > 0.1  # rolls to the right, about the axis that points forward
     np.testing.assert_allclose(data.qvel[[4, 5]], 0.0, atol=1e-3)
@@ -96,4 +117,114 @@ def test_drone_models_accelerate_as_the_flight_says(tmp_path):
     assert speeds[0] / 60.0 * 2.0 * np.pi == pytest.approx(0.02 * HOVER / LAG, rel=1e-6)
 
 
-LOG_STEP_S, FLIGHT_S = 0.01, 40.0
+#: What a flight of a lopsided vehicle in fast flight identifies beside `COMBINATIONS`.
+BESIDE = {
+    "roll_damping": (0.35, 0.01),
+    "pitch_damping": (0.35, 0.01),
+    "yaw_damping": (0.5, 0.01),
+    "roll_offset": (3.2e-6, 1e-8),
+    "pitch_offset": (6.4e-6, 1e-8),
+    "quadratic_drag_x": (0.065, 0.002),
+    "quadratic_drag_y": (0.069, 0.002),
+    "quadratic_drag_z": (0.13, 0.005),
+    "rotor_reaction": (1e-3, 1e-5),
+}
+
+
+@pytest.fixture(name="lopsided")
+def of_lopsided(tmp_path, monkeypatch):
+    """Saved result of that vehicle, and its description with commands and states of a manoeuvre."""
+    monkeypatch.setattr("exports.documents.COMBINATIONS", COMBINATIONS | BESIDE)
+    fit = ev.load_fit(written(of_rigid_body(KNOWN_VEHICLE), tmp_path))
+    supplied = Supplied(priors={"largest_command": KnownNumber(2500.0)})
+    made = describe(fit.fitted, supplied, "all", WITH_LARGEST)
+    commands = manoeuvre(made, 20.0)
+    return fit, made, commands, replayed(made, commands)
+
+
+def off(states, attitudes):
+    """Root mean square error of attitudes w, x, y, z [deg]."""
+    cosine = np.abs((states[:, 6:10] * attitudes).sum(axis=1)).clip(max=1.0)
+    return np.degrees(np.sqrt(np.mean((2.0 * np.arccos(cosine)) ** 2)))
+
+
+def test_what_a_target_cannot_hold_is_said_with_the_error_that_it_makes(lopsided):
+    fit, made, _, states = lopsided
+    assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
+    lost = {
+        to: fit.exported(to, Supplied(priors={"largest_command": KnownNumber(2500.0)}), None, 0).lost
+        for to in ("mujoco", "rotorpy", "pybullet", "gazebo", "drone-models", "sih")
+    }
+    assert [text.partition(",")[0] for text in lost["mujoco"]] == ["MuJoCo has no rotor inertia"]
+    (centre,) = [text for text in lost["sih"] if "centre of mass" in text]
+    degrees = float(centre.partition("errs by ")[2].split()[0])
+    assert degrees > 50.0
+    assert any("quadratic drag" in text for text in lost["gazebo"])
+    assert not any("quadratic drag" in text for text in lost["rotorpy"])
+    centres = made.values["centre_of_mass_forward"][0], made.values["centre_of_mass_left"][0]
+    np.testing.assert_allclose(centres, (6.4e-6 / (2.3e-8 / 1.45e-5), -3.2e-6 / (2.3e-8 / 1.43e-5)))
+
+
+@pytest.mark.thorough  # of the extra `simulators`
+def test_mujoco_turns_as_the_result_predicts(lopsided, tmp_path):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    fit, made, commands, states = lopsided
+    (tmp_path / "v.xml").write_text(fit.export("mujoco"), encoding="utf-8")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "v.xml"))
+    data, hover = mujoco.MjData(model), rotors_of(made)["hover_speed"][0]
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    model.opt.timestep = 0.001
+    data.qvel[:2], data.act[:] = REPLAY_SPEED, (manoeuvre(made, 0.0)[0] / hover) ** 2
+    attitudes = []
+    for command in commands:
+        data.ctrl[:4] = (command / hover) ** 2
+        mujoco.mj_step(model, data, 5)
+        attitudes.append(data.qpos[3:7].copy())
+    assert off(states, np.array(attitudes)) < 0.4
+    assert model.actuator_ctrlrange[0, 0] == 0.0
+
+
+@pytest.mark.thorough
+def test_rotorpy_turns_as_the_result_predicts(lopsided, tmp_path):
+    multirotor = pytest.importorskip("rotorpy.vehicles.multirotor", reason="RotorPy is not installed")
+    fit, made, commands, states = lopsided
+    (tmp_path / "v.py").write_text(fit.export("rotorpy", priors={"largest_command": (2500.0, 0.0)}))
+    parameters = runpy.run_path(str(tmp_path / "v.py"))["quad_params"]
+    state = {name: np.zeros(3) for name in ("x", "w", "wind")}
+    state |= {"v": np.array([REPLAY_SPEED, REPLAY_SPEED, 0.0]), "q": np.array([0.0, 0.0, 0.0, 1.0])}
+    state["rotor_speeds"] = manoeuvre(made, 0.0)[0]
+    vehicle = multirotor.Multirotor(parameters, state, "cmd_motor_speeds", integrator_kwargs={"rtol": 1e-8})
+    attitudes = []
+    for command in commands:
+        state = vehicle.step(state, {"cmd_motor_speeds": command}, REPLAY_STEP_S)
+        attitudes.append(state["q"][[3, 0, 1, 2]])
+    assert off(states, np.array(attitudes)) < 0.4
+
+
+def test_accepted_verdicts_are_written_and_marked(tmp_path):
+    reported = of_rigid_body(KNOWN_VEHICLE)
+    for name in ("roll_gain", "pitch_gain", "drag_x"):
+        reported["parameters"][name] |= {"verdict": "weak", "reasons": ["The interval is wide."]}
+    fit = ev.load_fit(written(reported, tmp_path))
+    with pytest.raises(NotIdentifiedError) as refusal:
+        fit.export("mujoco")
+    assert str(refusal.value).count("The interval is wide.") == 1
+    assert "roll_gain, pitch_gain are weak" in str(refusal.value)
+    text = fit.export("mujoco", accept="weak")
+    assert "WEAK, not identified" in text
+    with pytest.raises(UsageError, match="weak"):
+        fit.export("mujoco", accept="wek")
+
+
+def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
+    path = written(of_rigid_body(KNOWN_VEHICLE), tmp_path)
+    run = CliRunner().invoke(
+        app,
+        ["export", str(path), "--to", "all", "--prior", "largest_command=2500", "-o", str(tmp_path / "all")],
+    )
+    assert run.exit_code == 0, run.output
+    names = {item.name for item in (tmp_path / "all").iterdir()}
+    assert {"README.md", "mujoco.xml", "rotorpy.py", "gazebo.sdf"} <= names
+    page = (tmp_path / "all" / "README.md").read_text(encoding="utf-8")
+    assert "## px4: not written" in page
+    assert "errs by" in page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -26,10 +26,13 @@ from eivor.cli.outputs import (
     writing,
 )
 from eivor.errors import NotIdentifiedError, UsageError
-from eivor.exports.fitted import Supplied, known_number
+from eivor.exports.fitted import Supplied, Target, known_number, one_line
+from eivor.exports.targets import TARGETS
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.report.saved_fit import SavedFit, draws_table, load_fit
 
+#: Word for every target, and the page of their folder.
+ALL, PAGE = "all", "README.md"
 EXPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
     "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
@@ -37,7 +40,7 @@ EXPORT_EXIT_CODES = (
     "or written.\n\n"
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
     "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
-    "gazebo (SDF), drone-models (TOML)."
+    "gazebo (SDF), drone-models (TOML). all writes those that the result supports into a folder, with a page."
 )
 
 
@@ -83,9 +86,23 @@ def export(
         ),
         Reads(),
     ] = "",
+    accept: Annotated[
+        str,
+        option(
+            "VERDICT",
+            "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
+            show_default=True,
+        ),
+    ] = "identified",
     output: Annotated[
         str,
-        option("FILE", "Where to; without it on standard output.", "-o", "--output", show_default=True),
+        option(
+            "FILE",
+            "Where to; without it on standard output. Of --to all a folder.",
+            "-o",
+            "--output",
+            show_default=True,
+        ),
         Writes(),
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
@@ -95,21 +112,69 @@ def export(
     given = supplied(mass, prior, vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
+    if to == ALL and (output == STANDARD_OUTPUT or draws is not None):
+        raise UsageError("a folder for --to all, and no draws", "another", "Add -o FOLDER.")
     result = load_fit(fit)
+    notes: tuple[str, ...] = ()
     try:
-        if draws is None or to:
-            made = result.exported(to, given, draws, seed)
+        if to == ALL:
+            omitted = _every_target(result, given, accept, Path(output))
+        elif draws is None or to:
+            made = result.exported(to, given, draws, seed, accept)
             write_out(made.text, output)
             if output != STANDARD_OUTPUT:
                 write(f"{output}: {to}\n")
-            omitted = made.omitted
+            omitted, notes = made.omitted, made.lost
         else:
             omitted = _draw_vehicles(result, draws, seed, given, Path(output))
     except NotIdentifiedError as error:
         omitted = (str(error),)
-    if omitted:
-        complain(*omitted)
+    if omitted or notes:
+        complain(*omitted, *notes)
     return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
+
+
+def _every_target(result: SavedFit, given: Supplied, accept: str, folder: Path) -> tuple[str, ...]:
+    """Write every target that the result supports, and a page that says what each holds."""
+    sections: list[tuple[Target, str, tuple[str, ...]]] = []
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for target in TARGETS.values():
+        try:
+            try:
+                made = result.exported(target.name, given, None, 0, accept)
+            except UsageError:  # what is given is for other targets
+                made = result.exported(target.name, Supplied(), None, 0, accept)
+        except (NotIdentifiedError, UsageError) as error:
+            sections.append((target, "", (str(error),)))
+            continue
+        name = f"{target.name}{target.ending}"
+        with writing(folder / name):
+            write_atomically(folder / name, made.text.encode())
+        write(f"{folder / name}: {target.words}\n")
+        sections.append((target, name, (*made.omitted, *made.lost)))
+    page = "\n".join(_page(result, sections))
+    with writing(folder / PAGE):
+        write_atomically(folder / PAGE, page.encode())
+    if any(name for _, name, _ in sections):
+        return ()
+    raise NotIdentifiedError(
+        "a result that one target supports", "none", f"{folder / PAGE} says what each target needs."
+    )
+
+
+def _page(result: SavedFit, sections: Sequence[tuple[Target, str, tuple[str, ...]]]) -> Iterator[str]:
+    yield from (
+        "# Exports of a result",
+        "",
+        *(f"    {one_line(line)}" for line in result.fitted.origin()),
+        "",
+    )
+    for target, name, notes in sections:
+        yield f"## {target.name}: {name or 'not written'}"
+        yield from ("", f"For {target.words}.", "")
+        yield from (f"    {one_line(note)}" for note in notes)
+        yield ""
 
 
 def _draw_vehicles(

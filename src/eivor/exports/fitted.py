@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from eivor.errors import NotIdentifiedError, UsageError
+from eivor.errors import NotIdentifiedError, UsageError, did_you_mean
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.verdict import Status
@@ -38,7 +38,25 @@ def xml_comments(lines: Iterable[str]) -> list[str]:
     return [f"<!-- {one_line(line).replace('--', '- -').rstrip('-')} -->" for line in lines]
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names with their verb."""
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+
+
 # -- Fitted --
+
+#: Verdicts that an export may accept, the worst first.
+ACCEPTABLE = (Status.PROVISIONAL, Status.WEAK)
+
+
+def accepted_verdicts(word: str) -> frozenset[Status]:
+    """Verdicts that are written: up to the one of this word."""
+    words = {Status.IDENTIFIED.value: 0, Status.WEAK.value: 1, Status.PROVISIONAL.value: 2}
+    if word not in words:
+        remedy = did_you_mean(word, words, "A refused number is never written.")
+        raise UsageError(f"--accept {', '.join(words)}", f"'{word}'", remedy)
+    return frozenset(ACCEPTABLE[len(ACCEPTABLE) - words[word] :])
+
 
 #: Name in documents of the motion that exports are made of.
 VERTICAL = "vertical_motion"
@@ -115,6 +133,7 @@ class Fitted:
     vehicle: KnownVehicle | None = None
     names: tuple[str, ...] = ()
     joint: JointEstimate | None = None
+    accepted: frozenset[Status] = frozenset()  # Verdicts beside identified that are written
 
     @property
     def input_map(self) -> InputMap:
@@ -139,22 +158,35 @@ class Fitted:
             )
 
     def is_identified(self, name: str) -> bool:
-        """Whether there is such a quantity, and it is identified."""
-        return name in self.quantities and self.quantities[name].verdict is Status.IDENTIFIED
+        """Whether there is such a quantity, and it is identified, or its verdict is accepted."""
+        verdicts = {Status.IDENTIFIED, *self.accepted}
+        return name in self.quantities and self.quantities[name].verdict in verdicts
+
+    def source(self, *names: str) -> str:
+        """Worst verdict of quantities, as it stands beside a number that is made of them."""
+        verdicts = {self.quantities[name].verdict for name in names if name in self.quantities}
+        worst = next((item for item in ACCEPTABLE if item in verdicts), Status.IDENTIFIED)
+        return worst.value if worst is Status.IDENTIFIED else f"{worst.value.upper()}, not identified"
 
     def identified_number(self, name: str) -> Number | None:
         """A quantity that is identified; None for any other."""
         if not self.is_identified(name) or not math.isfinite(self.quantities[name].value):
             return None
-        return Number(self.quantities[name].value, self.quantities[name].interval)
+        return Number(self.quantities[name].value, self.quantities[name].interval, self.source(name))
 
-    def why_not(self, name: str) -> str:
-        """Why a quantity is not written."""
+    def reason(self, name: str) -> str:
+        """Verdict and reasons of a quantity that is not written."""
         item = self.quantities.get(name)
         if item is None:
-            return f"{name} was not estimated."
-        reasons = " ".join(reason.sentence for reason in item.reasons)
-        return f"{name} is {item.verdict.value}. {reasons}".rstrip()
+            return "not estimated."
+        return f"{item.verdict.value}. {' '.join(reason.sentence for reason in item.reasons)}".rstrip()
+
+    def why_not(self, *names: str) -> str:
+        """Why quantities are not written; a reason that several share stands once."""
+        shared: dict[str, list[str]] = {}
+        for name in names:
+            shared.setdefault(self.reason(name), []).append(name)
+        return " ".join(f"{listed(items)} {why}" for why, items in shared.items())
 
     def needed(self, name: str, supplied: Supplied, target: str) -> Number:
         """A quantity that a target cannot do without: identified, or else given."""
@@ -176,7 +208,8 @@ class Exported:
     """A file's content."""
 
     text: str
-    omitted: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()  # What is not identified
+    lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
 
 
 # -- Target --

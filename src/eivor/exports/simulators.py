@@ -13,19 +13,28 @@ import numpy as np
 from eivor.exports.autopilots import PX4, qgroundcontrol
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
 from eivor.exports.vehicle import (
+    BESIDE_ROTORS,
     BODY,
+    CENTRE,
     DRAGS,
     INERTIAS,
     JOINT,
+    LEVER,
+    QUADRATIC,
     QUARTERS,
+    TORQUES,
+    TURNING,
     Columns,
     Randomisation,
     VehicleDescription,
     by_quarters,
     delay_comments,
     describe,
+    drag_centre,
+    first,
     mapped_hover,
     mean_distances,
+    places,
     rotors_of,
     speed_comments,
 )
@@ -56,40 +65,42 @@ def _templates() -> Environment:
 
 
 def _filled(file: str, made: VehicleDescription, comments: Iterable[str], **values: object) -> Exported:
-    """A template with what all of them take: the first row, and the rotors' places and spins."""
-    arm = float(made.values["arm_scale"][0])
+    """A template with what all of them take: the first row, the rotors' places and spins, and the centre."""
+    value = first(made.values)
+    arm = value["arm_scale"]
     values = {
         "comments": list(comments),
-        "value": _first(made.values),
+        "value": value,
+        "centre": [value.get(name, 0.0) for name in CENTRE],
+        "dragged": drag_centre(made),
         "positions": [(arm * x, arm * y) for x, y in made.vehicle.positions],
         "spins": list(made.vehicle.spins),
     } | values
-    return Exported(_templates().get_template(file).render(values), made.omitted)
-
-
-def _first(columns: Columns) -> dict[str, float]:
-    return {name: float(column[0]) for name, column in columns.items()}
+    return Exported(_templates().get_template(file).render(values), made.omitted, made.lost)
 
 
 def _first_rotor(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, float]:
-    return _first(rotors_of(made, gravity))
+    return first(rotors_of(made, gravity))
 
 
 # -- Drone models --
 
 DRONE_MODELS_REMARKS = (
-    "pwm and motor voltages are not of the flight, and not in this file. Rotors count as without inertia.",
+    "pwm and motor voltages are not of the flight, and not in this file.",
+    "The centre of mass is in mixing_matrix. drone-models turns the gyroscopic torque about x the wrong way.",
 )
+DRONE_MODELS_LACK = (TURNING, LEVER, "quadratic drag", "translational lift")
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
-    made = describe(fitted, supplied, "drone-models", BODY)
-    value, rotor = _first(made.values), _first_rotor(made)
-    rate, arm = 1.0 / value["actuator_lag"], made.vehicle.arm
+    made = describe(fitted, supplied, "drone-models", BODY, lacks=DRONE_MODELS_LACK)
+    value, rotor = first(made.values), _first_rotor(made)
+    rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * made.vehicle.arm
+    at = places(made)[0]
     rows: dict[str, object] = {
         "gravity_vec": [0.0, 0.0, -GRAVITY],
         "mass": value["mass"],
-        "L": value["arm_scale"] * arm,
+        "L": arm,
         "J": np.diag([value[name] for name in INERTIAS]).tolist(),
         "rpm2thrust": [0.0, 0.0, rotor["thrust_constant"] * PER_MINUTE**2],
         "rpm2torque": [0.0, 0.0, rotor["torque_constant"] * PER_MINUTE**2],
@@ -98,18 +109,18 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
         "rotor_dyn_coef_simple": rate,
         "thrust_dyn_coef": rate,
         "mixing_matrix": [
-            [y / arm for _, y in made.vehicle.positions],
-            [0.0 - x / arm for x, _ in made.vehicle.positions],
+            (at[:, 1] / arm).tolist(),
+            (0.0 - at[:, 0] / arm).tolist(),
             [float(spin) for spin in made.vehicle.spins],
         ],
         "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in DRAGS]).tolist(),
-        "prop_inertia": 0.0,
+        "prop_inertia": value.get("rotor_inertia", 0.0),
     }
     if "largest_command" in value:
         rows |= {"thrust_min": 0.0, "thrust_max": rotor["thrust_constant"] * rotor["largest_speed"] ** 2}
     comments = (*made.comments, *speed_comments(made, "drone-models"), *DRONE_MODELS_REMARKS)
     lines = [*hash_comments(comments), "[vehicle]", *(f"{name} = {item}" for name, item in rows.items())]
-    return Exported("\n".join(lines) + "\n", made.omitted)
+    return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
 
 
 # -- Gazebo --
@@ -120,24 +131,32 @@ GAZEBO_REMARKS = (
     "One lag was identified: it stands for speeding up and for slowing down.",
     "Of the mass each rotor has half a percent; body and rotors together have mass and inertia as above.",
 )
-NO_DRAG_ALONG = "The motor model has no drag along the rotors' axis: drag along z is not in this file."
+GAZEBO_LACKS = (
+    "drag along the rotors' axes",
+    TURNING,
+    "quadratic drag",
+    "translational lift",
+)
+#: What joints are slower than rotors; the inertia of a rotor is larger by as much.
+SLOWDOWN = 10.0
 
 
 def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Commands are rotor speeds on the topic command/motor_speed."""
-    made = describe(fitted, supplied, "Gazebo", WITH_LARGEST)
+    made = describe(fitted, supplied, "Gazebo", WITH_LARGEST, lacks=GAZEBO_LACKS)
     comments = [*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *GAZEBO_REMARKS]
-    comments += [NO_DRAG_ALONG] if "drag_z" in made.values else []
-    value = _first(made.values)
+    value = first(made.values)
     mass, arm = value["mass"], value["arm_scale"]
     each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
     radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
     disc = each * radius**2 * np.diag([0.25, 0.25, 0.5])
+    if "rotor_inertia" in value:
+        disc[2, 2] = SLOWDOWN * value["rotor_inertia"]
     # the body without its rotors, about its own centre of mass
-    positions = [(arm * x, arm * y) for x, y in made.vehicle.positions]
-    centre = [0.0 - each * sum(position[axis] for position in positions) / rest for axis in (0, 1)]
+    whole, at = np.array([value.get(name, 0.0) for name in CENTRE]), places(made)[0]
+    centre = 0.0 - each * at.sum(axis=0) / rest
     inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(*centre)
-    inertia -= sum(disc + each * _of_point(*position) for position in positions)
+    inertia -= sum(disc + each * _of_point(x, y) for x, y in at)
     return _filled(
         "gazebo.sdf",
         made,
@@ -145,7 +164,8 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
         rotor=_first_rotor(made, GAZEBO_GRAVITY),
         rest=rest,
         each=each,
-        centre=centre,
+        centre=(whole + centre).tolist(),
+        slowdown=SLOWDOWN,
         disc=disc.tolist(),
         inertia=inertia.tolist(),
     )
@@ -160,6 +180,7 @@ def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
 
 #: Quantiles that the ranges reach to.
 ISAAC_LAB_QUANTILES = (0.025, 0.975)
+ISAAC_LAB_LACKS = (*DRONE_MODELS_LACK, "drag across the rotors' axes", "rotor inertia")
 ISAAC_LAB_REMARKS = (
     "events are the parameters of a term of events beside its asset_cfg; thruster is what a ThrusterCfg "
     "takes beside dt and thruster_names_expr, with the lag as it is. The approximation that it has by itself "
@@ -172,7 +193,7 @@ ISAAC_LAB_REMARKS = (
 
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """``events``, ``thruster`` and ``draws``, as plain dictionaries."""
-    made = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST)
+    made = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, lacks=ISAAC_LAB_LACKS)
     drawn = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
     values, rotors = drawn.values, rotors_of(drawn, ISAAC_LAB_GRAVITY)
     columns = {
@@ -185,6 +206,9 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     }
     if "drag_z" in values:
         columns["linear_damping"] = values["drag_z"] / values["mass"]
+    columns |= {
+        f"com_{axis}": values[name] for axis, name in zip("xy", CENTRE, strict=True) if name in values
+    }
     speeds = speed_comments(made, "Isaac Lab", ISAAC_LAB_GRAVITY)
     return _filled(
         "isaaclab.txt",
@@ -202,54 +226,79 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
 
 MUJOCO_REMARKS = (
     "Controls are mapped commands over that at hover, which is 1; the lag is of them, not of the speed.",
-    "Drag is along the world's axes, not the body's.",
+    "Drag is along and about the body's axes: the last six controls are its, and do nothing.",
 )
+NO_LIMIT = "No largest command is known: controls are limited to 100 times that at hover."
+MUJOCO_LACKS = ("translational lift", "rotor inertia")
+#: Density of a fluid whose added mass is none [kg/m^3].
+THIN = 1e-6
 MUJOCO_DRAWS_SCHEMA = "eivor.draws.mujoco/1"
 
 
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     """Numbers stand where MuJoCo's fields have them, so that draws may take their places."""
-    made = describe(fitted, supplied, "MuJoCo", BODY)
-    value, rotor = _first(made.values), _first_rotor(made)
-    most = (rotor["largest_speed"] / rotor["hover_speed"]) ** 2
+    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
+    value, rotor = first(made.values), _first_rotor(made)
+    limited = "largest_command" in value
+    size, fluid = 0.5 * value["arm_scale"] * made.vehicle.arm, None
+    if all(name in value for name in QUADRATIC):
+        # the area that an ellipsoid has along an axis, times a coefficient, is the drag along it
+        drag = np.array([value[name] for name in QUADRATIC])
+        unit = drag.prod() ** (1.0 / 3.0) / size**2
+        fluid = (unit / (math.pi * THIN), (np.sqrt(drag.prod() / unit) / drag).tolist())
     return _filled(
         "mujoco.xml",
         made,
-        xml_comments((*made.comments, *MUJOCO_REMARKS, *delay_comments(made, "MuJoCo"))),
+        xml_comments(
+            (
+                *made.comments,
+                *MUJOCO_REMARKS,
+                *([] if limited else [NO_LIMIT]),
+                *delay_comments(made, "MuJoCo"),
+            )
+        ),
         gravity=GRAVITY,
-        size=0.5 * value["arm_scale"] * made.vehicle.arm,
+        size=size,
+        fluid=fluid,
+        thin=THIN,
         gain=value["mass"] * GRAVITY / made.vehicle.count,
-        limits=f' ctrlrange="0 {most}"' if "largest_command" in value else "",
+        most=(rotor["largest_speed"] / rotor["hover_speed"]) ** 2 if limited else 100.0,
+        drag=[value.get(name, 0.0) for name in (*DRAGS, *TORQUES)],
+        hover=" ".join([*["1"] * made.vehicle.count, *["0"] * 6]),
         ones=" ".join("1" * made.vehicle.count),
     )
 
 
 def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """Controls count as in the model: one hovers the vehicle of the estimates, not that of a row."""
-    made = describe(fitted, supplied, "MuJoCo", BODY)
+    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
     drawn = describe(fitted, supplied, "MuJoCo", BODY, draws, seed)
     values = drawn.values
     zero = np.zeros_like(values["mass"])
+    middle = np.tile([*drag_centre(made), 0.0], (zero.size, 1, 1))
+    rotors = np.pad(np.multiply.outer(values["arm_scale"], made.vehicle.positions), ((0, 0), (0, 0), (0, 1)))
     fields: Mapping[str, Float[np.ndarray, "n ..."]] = {  # gears are of a rotor that spins clockwise
         "body_mass": values["mass"],
         "body_inertia": np.stack([values[name] for name in INERTIAS], axis=1),
-        "dof_damping": np.stack([values.get(name, zero) for name in DRAGS], axis=1),
+        "body_ipos": np.stack([*(values.get(name, zero) for name in CENTRE), zero], axis=1),
+        "actuator_biasprm": np.stack([0.0 - values.get(name, zero) for name in (*DRAGS, *TORQUES)], axis=1),
         "actuator_gainprm": values["thrust"] * mapped_hover(made),
         "actuator_dynprm": values["actuator_lag"],
         "actuator_gear": values["torque_ratio"],
-        "site_pos": values["arm_scale"] / made.values["arm_scale"],
+        "site_pos": np.concatenate([middle, rotors], axis=1),
     }
     document = {
         "schema": MUJOCO_DRAWS_SCHEMA,
         "comments": [one_line(line) for line in (JOINT, *made.comments, *MUJOCO_REMARKS)],
         "fields": {name: column.tolist() for name, column in fields.items()},
     }
-    return Exported(json.dumps(document) + "\n", made.omitted)
+    return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
 
 
 # -- PyBullet --
 
 PYBULLET = "gym-pybullet-drones"
+PYBULLET_LACKS = (TURNING, "quadratic drag", "translational lift", "rotor inertia", "lag of the rotors")
 PYBULLET_REMARKS = (
     "Ground effect, downwash and largest speed are not of the flight: none, none, and 30 km/h.",
     "Plain pybullet takes the inertia with flags=pybullet.URDF_USE_INERTIA_FROM_FILE.",
@@ -259,9 +308,9 @@ PYBULLET_REMARKS = (
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     """Without the lag of the rotors, which gym-pybullet-drones does not have."""
     needs = tuple(name for name in WITH_LARGEST if name != "actuator_lag")
-    made = describe(fitted, supplied, PYBULLET, needs)
+    made = describe(fitted, supplied, PYBULLET, needs, lacks=PYBULLET_LACKS)
     order = by_quarters(made.vehicle, PYBULLET)
-    value, rotor = _first(made.values), _first_rotor(made, PYBULLET_GRAVITY)
+    value, rotor = first(made.values), _first_rotor(made, PYBULLET_GRAVITY)
     forward, sideways = mean_distances(made.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
     size, weight = arm * made.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
@@ -279,14 +328,11 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
         "dw_coeff_2": 0.0,
         "dw_coeff_3": 1.0,
     }
-    comments = [*made.comments, *speed_comments(made, PYBULLET, PYBULLET_GRAVITY)]
-    if "actuator_lag" in value:
-        lag = value["actuator_lag"]
-        comments.append(f"{PYBULLET} has no lag of the rotors: {lag:.4g} s is not in this file.")
+    speeds = speed_comments(made, PYBULLET, PYBULLET_GRAVITY)
     return _filled(
         "pybullet.urdf",
         made,
-        xml_comments((*comments, *PYBULLET_REMARKS)),
+        xml_comments((*made.comments, *speeds, *PYBULLET_REMARKS)),
         properties=properties,
         size=size,
         positions=[(arm * forward * x, arm * sideways * y) for x, y in QUARTERS],
@@ -295,25 +341,27 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
 
 # -- RotorPy --
 
+ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia")
+
 
 def _rotorpy(fitted: Fitted, supplied: Supplied) -> Exported:
-    return _rotorpy_file(describe(fitted, supplied, "RotorPy", WITH_LARGEST), ())
+    return _rotorpy_file(describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS), ())
 
 
 def _rotorpy_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """Takes ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
-    made = describe(fitted, supplied, "RotorPy", WITH_LARGEST)
+    made = describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS)
     drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
     columns = _rotorpy_columns(drawn)
     varying = {name: column for name, column in columns.items() if column.min() < column.max()}
-    arms = drawn.values["arm_scale"] / made.values["arm_scale"]
-    return _rotorpy_file(made, (JOINT,), draws=varying, arm_scale=arms.tolist())
+    return _rotorpy_file(made, (JOINT,), draws=varying, places=places(drawn).tolist())
 
 
 def _rotorpy_file(made: VehicleDescription, head: tuple[str, ...], **drawn: object) -> Exported:
     comments = (*head, *made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
-    row = _first(_rotorpy_columns(made))
-    return _filled("rotorpy.txt", made, hash_comments(comments), row=row, **drawn)
+    row = first(_rotorpy_columns(made))
+    at = places(made)[0].tolist()
+    return _filled("rotorpy.txt", made, hash_comments(comments), row=row, positions=at, **drawn)
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
@@ -322,12 +370,13 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
     return {
         "mass": values["mass"],
         **{f"I{name[-2:]}": values[name] for name in INERTIAS},
-        **dict.fromkeys(("Ixy", "Ixz", "Iyz", "c_Dx", "c_Dy", "c_Dz"), zero),
+        **dict.fromkeys(("Ixy", "Ixz", "Iyz"), zero),
+        **{f"c_D{name[-1]}": values.get(name, zero) for name in QUADRATIC},
         "k_eta": rotors["thrust_constant"],
         "k_m": rotors["torque_constant"],
         "k_d": rotors["drag_across"],
         "k_z": rotors["drag_along"],
-        "k_h": zero,
+        "k_h": values.get("translational_lift", zero) / made.vehicle.count,
         "k_flap": zero,
         "tau_m": values["actuator_lag"],
         "rotor_speed_min": zero,
@@ -338,17 +387,23 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
 
 # -- SIH --
 
+SIH_LACKS = (
+    "centre of mass beside the rotors' middle",
+    "quadratic drag",
+    "translational lift",
+    "rotor inertia",
+)
 SIH_REMARKS = (
     "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
-    "SIH drags in every direction as along z.",
+    "SIH drags in every direction as along z, and about every axis as about x.",
 )
 
 
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     """A file of QGroundControl for the simulation; not for the vehicle."""
-    made = describe(fitted, supplied, "SIH", WITH_LARGEST)
+    made = describe(fitted, supplied, "SIH", WITH_LARGEST, lacks=SIH_LACKS)
     by_quarters(made.vehicle, "SIH")
-    value = _first(made.values)
+    value = first(made.values)
     forward, sideways = mean_distances(made.vehicle)
     largest = value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
     values = {
@@ -361,6 +416,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
         **({"SIH_KDV": value["drag_z"]} if "drag_z" in value else {}),
+        **({"SIH_KDW": value["roll_drag"]} if "roll_drag" in value else {}),
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
@@ -370,7 +426,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
         values["MPC_THR_HOVER"] = hover
-    return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted)
+    return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted, made.lost)
 
 
 # -- Tables --

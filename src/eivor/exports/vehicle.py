@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
-from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, listed
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
+from eivor.motions.rigid_body.dynamics import Coefficients, elements
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
+from eivor.simulation.rigid_body_spec import HeldInputs, runge_kutta
 from eivor.tools import Float
 
 # -- Parts --
@@ -37,11 +40,43 @@ WORDS = {
     "inertia_zz": "inertia in yaw [kg m^2]",
     "torque_ratio": "reaction torque over thrust [m]",
     "arm_scale": "arms over the lengths in the vehicle's file",
+    "centre_of_mass_forward": "centre of mass, forward of the rotors' middle [m]",
+    "centre_of_mass_left": "centre of mass, left of the rotors' middle [m]",
+    "roll_drag": "torque against rolling [N m/(rad/s)]",
+    "pitch_drag": "torque against pitching [N m/(rad/s)]",
+    "yaw_drag": "torque against yawing [N m/(rad/s)]",
+    "quadratic_drag_x": "quadratic drag along x [N/(m/s)^2]",
+    "quadratic_drag_y": "quadratic drag along y [N/(m/s)^2]",
+    "quadratic_drag_z": "quadratic drag along z [N/(m/s)^2]",
+    "translational_lift": "thrust per squared speed across the rotors [N/(m/s)^2]",
+    "rotor_inertia": "inertia of a rotor [kg m^2]",
     "largest_command": "largest command",
     "speed_scale": "rotor speed per unit of command [rad/s]",
 }
 INERTIAS = ("inertia_xx", "inertia_yy", "inertia_zz")
 DRAGS = ("drag_x", "drag_y", "drag_z")
+CENTRE = ("centre_of_mass_forward", "centre_of_mass_left")
+TORQUES = ("roll_drag", "pitch_drag", "yaw_drag")
+QUADRATIC = ("quadratic_drag_x", "quadratic_drag_y", "quadratic_drag_z")
+BEYOND = ("translational_lift", "rotor_inertia")
+#: Of a simulator whose rotors drag where they are.
+TURNING = "torque against turning"
+BESIDE_ROTORS = f"{TURNING} beside that of its rotors' drag"
+#: Of a simulator whose drag acts in the centre of mass.
+LEVER = "drag beside the centre of mass"
+#: What not every simulator has, by the words for it.
+EFFECTS = {
+    "centre of mass beside the rotors' middle": CENTRE,
+    "drag across the rotors' axes": DRAGS[:2],
+    "drag along the rotors' axes": DRAGS[2:],
+    TURNING: TORQUES,
+    BESIDE_ROTORS: TORQUES,
+    LEVER: CENTRE,
+    "quadratic drag": QUADRATIC,
+    "translational lift": BEYOND[:1],
+    "rotor inertia": BEYOND[1:],
+    "lag of the rotors": ("actuator_lag",),
+}
 
 
 @dataclass(frozen=True)
@@ -116,7 +151,7 @@ MADE_OF = {
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
 #: Simulators divide by the lag, and fly off with a drag below zero.
-LEAST = {"actuator_lag": 1e-3} | dict.fromkeys(DRAGS, 0.0)
+LEAST = {"actuator_lag": 1e-3} | dict.fromkeys((*DRAGS, *TORQUES, *QUADRATIC, *BEYOND), 0.0)
 #: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
 GIVEN_STREAM = 2
 #: Least value of a draw of what is given, as a share of it.
@@ -131,7 +166,8 @@ class VehicleDescription:
     thrust_map: InputMap
     values: Columns  # shape (n,)
     comments: tuple[str, ...]
-    omitted: tuple[str, ...]
+    omitted: tuple[str, ...]  # What the flight does not identify
+    lost: tuple[str, ...] = ()  # What the simulator cannot hold
 
 
 def describe(
@@ -141,8 +177,9 @@ def describe(
     needs: tuple[str, ...],
     draws: Columns | None = None,
     seed: int = 0,
+    lacks: tuple[str, ...] = (),
 ) -> VehicleDescription:
-    """Vehicle of a result."""
+    """Vehicle of a result for a simulator that lacks some of the `EFFECTS`."""
     if fitted.model not in MADE_OF:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
@@ -153,7 +190,7 @@ def describe(
     _check_signs(supplied)
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
-    parts, missing = _parts(fitted, given, vehicle)
+    parts, missing, bounds = _parts(fitted, given, vehicle)
     selected = {
         **{name: SimulatorNumber(item, itemgetter(name)) for name, item in given.items() if name in WORDS},
         **parts,
@@ -165,10 +202,12 @@ def describe(
     values, changed = realisable_inertia(
         {name: np.maximum(item.column(columns), LEAST.get(name, -np.inf)) for name, item in selected.items()}
     )
-    gone = {name: f"{name} is not written: {why}" for name, why in missing.items() if name not in selected}
+    gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
-    comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
-    return VehicleDescription(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
+    comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
+    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
+    lost = tuple(_lost(made, target, lacks)) if draws is None else ()
+    return replace(made, comments=(*comments, *lost), lost=lost)
 
 
 def _check_signs(supplied: Supplied) -> None:
@@ -219,16 +258,35 @@ def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
     return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
 
 
-def _lacks(
-    lacking: Iterable[str], missing: Mapping[str, str], fitted: Fitted, target: str
-) -> NotIdentifiedError:
-    reasons = " ".join(missing.get(name, f"No flight of this kind determines {name}.") for name in lacking)
+#: Why a number is missing: the quantities that the flight does not identify, or a sentence.
+Missing = Mapping[str, tuple[str, ...] | str]
+
+
+def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
+    """A sentence for each reason."""
+    shared: dict[str, tuple[list[str], list[str]]] = {}
+    for name, why in missing.items():
+        roots = [] if isinstance(why, str) else list(why)
+        reasons = " ".join(dict.fromkeys(map(fitted.reason, roots))) if roots else str(why)
+        names, together = shared.setdefault(reasons, ([], []))
+        names.append(name)
+        together.extend(roots)
+    return tuple(
+        f"{listed(names)} not written: {fitted.why_not(*dict.fromkeys(roots)) or reasons}"
+        for reasons, (names, roots) in shared.items()
+    )
+
+
+def _lacks(lacking: Iterable[str], missing: Missing, fitted: Fitted, target: str) -> NotIdentifiedError:
+    whys = [missing.get(name, f"No flight of this kind determines {name}.") for name in lacking]
+    roots = dict.fromkeys(root for why in whys if not isinstance(why, str) for root in why)
+    reasons = " ".join([fitted.why_not(*roots), *dict.fromkeys(why for why in whys if isinstance(why, str))])
     formulas = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {formulas.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
         f"{words}: identified, or given, since {target} cannot do without",
-        reasons.rstrip("."),
+        reasons.strip().rstrip("."),
         f"Give what is known: {priors}",
     )
 
@@ -260,37 +318,47 @@ def _std(number: Number) -> float:
 # -- Parts of a vehicle --
 
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
+#: Left out where a flight does not distinguish them from zero; a centre of mass may lie on any side.
+FURTHER = (*CENTRE, *TORQUES, *QUADRATIC, *BEYOND)
 LEVEL = 0.95
 
 
 def _parts(
     fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle
-) -> tuple[dict[str, SimulatorNumber], dict[str, str]]:
-    """What a flight identifies of a vehicle, and why it does not identify the rest."""
+) -> tuple[dict[str, SimulatorNumber], dict[str, tuple[str, ...] | str], tuple[str, ...]]:
+    """What a flight identifies of a vehicle, why it does not identify the rest, and bounds."""
     parts: dict[str, SimulatorNumber] = {}
-    missing: dict[str, str] = {}
+    missing: dict[str, tuple[str, ...] | str] = {}
+    bounds = []
     if fitted.model == RIGID_BODY:
-        known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
+        mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
+        known = replace(vehicle, mass=mass, speed_scale=speed)
         identified = _identified(fitted)
         rows = physical_parameters(identified, known, LEVEL)
-        for name in PHYSICAL:
+        for name in (*PHYSICAL, *FURTHER):
             row = rows[name]
-            if row.estimate is not None and row.estimate.value > 0.0:
-                number = Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}")
+            low = -math.inf if row.estimate is None else row.estimate.interval[0]
+            if row.estimate is not None and (
+                name in CENTRE or (row.estimate.value > 0.0 and (name in PHYSICAL or low > 0.0))
+            ):
+                source = f"{fitted.source(*row.formula.needed)}. {row.sentence}"
+                number = Number(row.estimate.value, row.estimate.interval, source)
                 parts[name] = SimulatorNumber(number, row.formula.expression.evaluate)
-            else:
+            elif name in FURTHER and row.estimate is not None:
+                bounds.append(f"{WORDS[name]}: below {max(row.estimate.interval[1], 0.0):.3g}, left out")
+            elif name in PHYSICAL:
                 lacking = (item for item in row.formula.needed if not fitted.is_identified(item))
-                missing[name] = " ".join(map(fitted.why_not, lacking)) or row.sentence
+                missing[name] = tuple(lacking) or row.sentence
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
         if root_number is None:
-            missing[name] = fitted.why_not(root)
+            missing[name] = (root,)
         elif name in {"thrust", "drag_z"}:
             share = 1.0 / vehicle.count if root == "input_gain" else 1.0
             parts[name] = per_mass(given["mass"], root_number, root, share)
         else:
             parts[name] = SimulatorNumber(root_number, itemgetter(root))
-    return parts, missing
+    return parts, missing, tuple(bounds)
 
 
 def _identified(fitted: Fitted) -> Combinations:
@@ -329,6 +397,131 @@ def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
     """Mean distance of the rotors forward or behind, and to a side [m]."""
     forward, sideways = np.abs(vehicle.positions).mean(axis=0).tolist()
     return forward, sideways
+
+
+# -- Replay --
+
+REPLAY_S, REPLAY_STEP_S = 0.5, 0.005
+#: What the replay reaches, and the speed along both axes that it starts with [m/s].
+REPLAY_TILT, REPLAY_SPEED = math.radians(30.0), 2.0
+
+
+def first(columns: Columns) -> dict[str, float]:
+    """The first row."""
+    return {name: float(column[0]) for name, column in columns.items()}
+
+
+def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
+    """Where the rotors are from the centre of mass, forward and left, of each vehicle [m]."""
+    values, zero = made.values, np.zeros_like(made.values["mass"])
+    centre = np.stack([values.get(name, zero) for name in CENTRE], axis=-1)
+    return values["arm_scale"][:, None, None] * np.array(made.vehicle.positions) - centre[:, None, :]
+
+
+def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
+    """Equations of motion of the first vehicle; its rotors drag where they are, or in the centre of mass."""
+    value, rotor = first(made.values), first(rotors_of(made))
+    inertia, at = np.diag([value[name] for name in INERTIAS]), places(made)[0]
+    drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
+    across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
+    x, y = (rotor["hover_speed"] * np.sum(at**2, axis=0)).tolist()
+    if any(name in value for name in TORQUES):
+        torque -= (along * y, along * x, across * (x + y))
+    of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
+    spins = map(float, made.vehicle.spins)
+    rate = 1.0 / value.get("actuator_lag", LEAST["actuator_lag"])
+    return Coefficients(
+        rotors=made.vehicle.count,
+        gyroscopic="rotor_inertia" in value,
+        weight_acceleration=GRAVITY,
+        mass=value["mass"],
+        inertia=elements(inertia),
+        inverse_inertia=elements(np.linalg.inv(inertia)),
+        places=tuple((x, y, 0.0, spin) for (x, y), spin in zip(at.tolist(), spins, strict=True)),
+        thrust_linear=0.0,
+        thrust_quadratic=rotor["thrust_constant"],
+        torque_ratio=value["torque_ratio"],
+        rotor_inertia=value.get("rotor_inertia", 0.0),
+        rate_up=rate,
+        rate_down=rate,
+        drag=across,
+        inflow=along,
+        translational_lift=value.get("translational_lift", 0.0) / made.vehicle.count,
+        flapping=0.0,
+        body_linear=tuple((drag - of_rotors).tolist()),
+        body_quadratic=tuple(value.get(name, 0.0) for name in QUADRATIC),
+        body_rotational=tuple(torque.tolist()),
+    )
+
+
+def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray, "steps rotors"]:
+    """Rotor speeds that roll and pitch a vehicle to and fro, from hover [rad/s]."""
+    value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
+    turns = np.stack(
+        [np.ones(len(at)), at[:, 1], -at[:, 0], value["torque_ratio"] * np.array(made.vehicle.spins)]
+    )
+    phase = np.arange(0.0, REPLAY_S, REPLAY_STEP_S) / REPLAY_S
+    roll = np.select([phase < 0.3, phase < 0.6], [1.0, -1.0])
+    pitch = np.select([phase < 0.2, phase < 0.5, phase < 0.8], [0.0, -1.0, 1.0])
+    wanted = np.stack(
+        [
+            np.full_like(phase, value["mass"] * GRAVITY),
+            value["inertia_xx"] * acceleration * roll,
+            value["inertia_yy"] * acceleration * pitch,
+            0.0 * phase,
+        ]
+    )
+    thrust = np.linalg.pinv(turns) @ wanted
+    return np.sqrt(np.maximum(thrust, 0.0).T / rotor["thrust_constant"])
+
+
+def drag_centre(made: VehicleDescription) -> list[float]:
+    """Where the rotors' drag acts in hover, forward and left of their middle [m]."""
+    value, speeds = first(made.values), manoeuvre(made, 0.0)[0]
+    place: list[float] = (speeds @ places(made)[0] / speeds.sum()).tolist()
+    return [value.get(name, 0.0) + item for name, item in zip(CENTRE, place, strict=True)]
+
+
+def replayed(
+    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], *, lever: bool = True
+) -> Float[np.ndarray, "steps 13"]:
+    """States of the body under commands, from hover speeds of the rotors."""
+    step = runge_kutta(coefficients(made, lever=lever), REPLAY_STEP_S)
+    body: Any = [0.0, 0.0, 0.0, REPLAY_SPEED, REPLAY_SPEED, 0.0, 1.0, *[0.0] * 6]
+    speeds: Any = manoeuvre(made, 0.0)[0].tolist()
+    states = []
+    for command in commands.tolist():
+        body, speeds = step(body, speeds, HeldInputs(command))
+        states.append(body)
+    return np.array(states)
+
+
+def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
+    """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
+    flown = None
+    for effect in lacks:
+        names = [name for name in EFFECTS[effect] if made.values.get(name, np.zeros(1))[0]]
+        if not names:
+            continue
+        if flown is None:
+            commands = manoeuvre(made, 20.0)
+            tilt = np.arccos(1.0 - 2.0 * np.square(replayed(made, commands)[:, 7:9]).sum(axis=1)).max()
+            commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
+            flown = replayed(made, commands)
+        rest = {name: column for name, column in made.values.items() if name not in names}
+        if effect == TURNING:
+            rest |= dict.fromkeys(names, np.zeros(1))
+        kept = made if effect == LEVER else replace(made, values=rest)
+        without = replayed(kept, commands, lever=effect != LEVER)
+        cosine = np.abs((flown[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
+        angle = math.degrees(2.0 * np.arccos(cosine).max())
+        speed = float(np.linalg.norm(flown[:, 3:6] - without[:, 3:6], axis=1).max())
+        values = ", ".join(f"{name} {made.values[name][0]:.4g}" for name in names)
+        left_out = "" if effect == LEVER else f", and {values} not in this file"
+        yield (
+            f"{target} has no {effect}{left_out}: a manoeuvre of {REPLAY_S:g} s to "
+            f"{math.degrees(REPLAY_TILT):.0f} degrees errs by {angle:.2g} degrees and {speed:.2g} m/s."
+        )
 
 
 # -- Randomisation --

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError, did_you_mean
 from eivor.exports.autopilots import StateSpace, state_space
-from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
+from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
@@ -200,6 +200,7 @@ class SavedFit:
         vehicle: str | Path | None = None,
         draws: int | None = None,
         seed: int = 0,
+        accept: str = "identified",
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, as ``eivor export`` writes it.
 
@@ -218,6 +219,9 @@ class SavedFit:
             For "rotorpy", "mujoco" and "isaaclab": in place of one vehicle as many joint draws of it.
         seed : int
             Of the draws.
+        accept : str
+            "weak" writes weak numbers as well, "provisional" these and provisional ones, each with its
+            verdict beside it.
 
         Returns
         -------
@@ -238,13 +242,16 @@ class SavedFit:
             {name: _known_pair(name, prior) for name, prior in (priors or {}).items()},
             None if vehicle is None else load_vehicle(vehicle),
         )
-        return self.exported(to, supplied, draws, seed).text
+        return self.exported(to, supplied, draws, seed, accept).text
 
-    def exported(self, to: str, supplied: Supplied, draws: int | None, seed: int) -> Exported:
+    def exported(
+        self, to: str, supplied: Supplied, draws: int | None, seed: int, accept: str = "identified"
+    ) -> Exported:
         """What `export` returns, with what is left out of it."""
+        fitted = replace(self.fitted, accepted=accepted_verdicts(accept))
         if draws is None:
-            return target_by_name(to).export(self.fitted, supplied)
-        return randomisation_by_name(to).export(self.fitted, supplied, self.sample(draws, seed), seed)
+            return target_by_name(to).export(fitted, supplied)
+        return randomisation_by_name(to).export(fitted, supplied, self.sample(draws, seed), seed)
 
     @property
     def fitted(self) -> Fitted:

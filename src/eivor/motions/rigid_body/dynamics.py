@@ -57,8 +57,8 @@ def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
         gyroscopic=rotors.inertia > 0.0,
         weight_acceleration=gravity,
         mass=vehicle.mass,
-        inertia=_elements(matrix),
-        inverse_inertia=_elements(inverse),
+        inertia=elements(matrix),
+        inverse_inertia=elements(inverse),
         places=tuple(
             (x, y, z, float(spin)) for (x, y, z), spin in zip(rotors.positions, rotors.spins, strict=True)
         ),
@@ -101,7 +101,8 @@ _STACKED = tuple(
 )
 
 
-def _elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
+def elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
+    """Elements of a symmetric matrix: xx, yy, zz, xy, xz, yz."""
     return tuple(float(matrix[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
