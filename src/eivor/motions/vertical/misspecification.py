@@ -49,10 +49,21 @@ MISSED, DOUBTFUL = 0.005, 0.05
 CURVATURE = "thrust_curvature"
 #: Name of the test of clocks that drift apart: a lag that grows through a flight.
 CLOCK_DRIFT = "clock_drift"
+#: Name of the test of rotors whose rate is limited: quick changes come later than slow ones.
+SLEW = "slew_limit"
 #: Terms whose coefficients are reported as shares of the gain.
-SHARES = (CURVATURE, SUPPLY, CLOCK_DRIFT)
+SHARES = (CURVATURE, SUPPLY, CLOCK_DRIFT, SLEW)
 #: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST_TERM = {SUPPLY: 0.02}
+#: Sentences of what moves the lag, and the factors to their units.
+_OF_TIME = {
+    CLOCK_DRIFT: ("the clocks of command and motion drift apart by {:.0f} ± {:.0f} ppm", 1e6),
+    SLEW: (
+        "thrust follows quick changes of the command {:+.2g} ± {:.2g} ms later than slow ones, as with a "
+        "limit of its rate",
+        1e3,
+    ),
+}
 #: No clock runs faster or slower by a larger share; and what an unknown one may be off by.
 LARGEST_DRIFT, UNKNOWN_DRIFT = 1e-3, 5e-4
 #: Heights below this count as this [m].
@@ -67,7 +78,13 @@ _TERMS: dict[str, Callable[[TermIngredients, float], TermColumn | None]] = {
     SUPPLY: lambda of, _: VOLTAGE_TERM.column(of),
     # K_u U(t - r t) is K_u (U - r t U') nearly
     CLOCK_DRIFT: lambda of, _: None if of.time is None else -of.time * np.gradient(of.lift, of.time),
+    SLEW: lambda of, _: None if of.time is None else _slew_column(np.gradient(of.lift, of.time)),
 }
+
+
+def _slew_column(rate: TermColumn) -> TermColumn:
+    """What a lag that grows with the rate leaves over; its coefficient is what is added at the rms rate."""
+    return -rate * np.abs(rate) / (float(np.sqrt(np.mean(rate**2))) or 1.0)
 
 
 def omitted_variable_tests(
@@ -174,6 +191,11 @@ class OmittedTerms:
         known = min(self._there(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
         return known * self.clock_reach_s, unknown * self.clock_reach_s * several
 
+    @property
+    def slewed_s(self) -> float:
+        """What the lag grows by at the usual rate of the input; zero where nothing says so [s]."""
+        return self._there(SLEW, DOUBTFUL)
+
     def _there(self, name: str, p_value: float) -> float:
         """Size of a coefficient that is there by its test; zero for none."""
         difference = self.differences.get(name)
@@ -235,8 +257,9 @@ class OmittedTerms:
                 f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
                 f"{abs(value * changed):.0%} (± {half * changed:.0%})"
             )
-        if name == CLOCK_DRIFT:
-            return f"the clocks of command and motion drift apart by {1e6 * value:.0f} ± {1e6 * half:.0f} ppm"
+        if name in _OF_TIME:
+            words, times = _OF_TIME[name]
+            return words.format(times * value, times * half)
         moved = "rose" if value > 0.0 else "fell"
         share = f"{abs(value):.0%} (± {half:.0%})"
         return f"the thrust of one command {moved} by {share} with the supply or the time"

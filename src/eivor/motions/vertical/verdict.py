@@ -37,6 +37,7 @@ from eivor.motions.vertical.misspecification import (
     OFFSET,
     OTHER_UNIT_TIMES,
     SCALE,
+    SLEW,
     TILTS,
     OmittedTerms,
     Sensitivities,
@@ -226,6 +227,11 @@ def _several_clocks(flight: PreparedFlight) -> bool:
     return not same and flight.recording.format not in ONE_CLOCK
 
 
+def _slew_sentence(inputs: VerdictInputs) -> str:
+    later = inputs.checks.omitted.sentence(SLEW)
+    return f"{later[0].upper()}{later[1:]}."
+
+
 def _drift_sentence(inputs: VerdictInputs) -> str:
     apart, size = inputs.checks.omitted.sentence(CLOCK_DRIFT), 1e3 * _clocks_apart_s(inputs)[0]
     return f"{apart[0].upper()}{apart[1:]}: up to {size:.2g} ms in this flight."
@@ -338,6 +344,13 @@ PARTS = (
         Counts.ADDED,
         lambda inputs, name: _by_offset(inputs, name, _clocks_apart_s(inputs)[0]),
         _drift_sentence,
+    ),
+    SystematicPart(SEARCHED, Counts.ADDED, lambda inputs, _: inputs.checks.omitted.slewed_s, _slew_sentence),
+    SystematicPart(
+        (FRICTION, GAIN),
+        Counts.ADDED,
+        lambda inputs, name: _by_offset(inputs, name, inputs.checks.omitted.slewed_s),
+        _slew_sentence,
     ),
     SystematicPart(
         SEARCHED,
