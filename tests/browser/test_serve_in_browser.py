@@ -14,7 +14,8 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.report.flight import brief_rows, flight_document
+from eivor.report.card import result_card
+from eivor.report.flight import brief_rows
 from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
@@ -102,14 +103,14 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
     looks_right(page)
     drop(page, (log.name, log.read_bytes()))
     done(page)
-    flight = flight_document(result)
-    said = page.locator("#verdict .said").text_content()
-    assert said == f"{result.verdict.status.value}: {flight.about}"
+    card = result_card((result,))
+    assert page.locator("#verdict .said").text_content() == card.title
     readings = [
-        tuple(item.locator(part).text_content() for part in (".value", ".interval", ".badge"))
+        tuple(item.locator(part).text_content() for part in (".value", ".interval"))
         for item in page.locator(".reading").all()
     ]
-    assert readings == [(*row.texts, row.quantity.verdict.value) for row in brief_rows(result)]
+    lines = [line for group in card.groups for line in group.lines if line.quantity]
+    assert readings == [(line.text, line.interval) for line in lines]
     page.evaluate(UNFOLD)
     page.locator('.files [data-refused="true"]').first.wait_for(timeout=A_WHILE)
     reasons = page.locator('.files [data-refused="true"] .why').all_text_contents()
@@ -156,7 +157,8 @@ def test_keys_alone_fit_another_window_again(served, server, log):
     assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
     assert page.locator(".panel > details").get_attribute("open") is None
     window = ev.identify_flight(ev.read_log(log), window=(3.0, 14.99))
-    displayed = [row.texts[0] for row in brief_rows(window)]
+    lines = [line for group in result_card((window,)).groups for line in group.lines]
+    displayed = [line.text for line in lines if line.quantity]
     assert page.locator(".reading .value").all_text_contents() == displayed
     nothing_went_wrong(page, server)
 

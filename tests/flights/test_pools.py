@@ -42,7 +42,8 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
-from eivor.report.flight import checks, summary
+from eivor.report.card import result_card
+from eivor.report.flight import checks
 from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Recording
@@ -178,7 +179,7 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
         assert bool(pool.verdict.reasons) == (pool.verdict.status is not Status.IDENTIFIED)
     assert {row.verdict for row in one_sine.by_flight} == {Status.IDENTIFIED}
     assert one_sine.quantities[K].verdict is not Status.IDENTIFIED
-    assert "viscous friction" in summary(one_sine)
+    assert "Viscous friction" in result_card((one_sine,)).groups[-1].lines[0].words
 
 
 def logs(pool, count, gusts=0.3):

@@ -29,19 +29,22 @@ from eivor.tools import printable
 def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureRequest) -> None:
     result: FlightEstimate = request.getfixturevalue(name)
     document, json = flight_document(result), json_document(result)
-    assert document.status is Status(json["verdict"])
     sections = {section.heading: section.parts for section in document.sections}
-    why = sections["Why"][0] if "Why" in sections else Bullets(())
-    remedies = " ".join(sections["What to do"][0].sentences) if "What to do" in sections else ""
-    assert isinstance(why, Bullets)
-    for sentence, reason in zip(why.sentences, json["reasons"], strict=True):
-        assert reason.startswith(sentence)
-        assert reason.removeprefix(sentence).strip() in remedies
-    table = sections[""][1]
-    assert isinstance(table, TableOf)
-    reported = json["parameters"] | json["derived"]
-    displayed = [reported[key]["verdict"] for key in result.motion.quantities if key in reported]
-    assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in displayed]
+    assert document.card is not None
+    assert document.card.title == json["summary"]
+    lines = [line for group in document.card.groups for line in group.lines]
+    parts = [part for title in ("Why", "What to do") for part in sections.get(title, ())]
+    texts = " ".join(sentence for part in parts if isinstance(part, Bullets) for sentence in part.sentences)
+    texts += " ".join(f" {line.text} {line.remark}" for line in lines)
+    assert all(reason.split(". ")[0].rstrip(".") in texts for reason in json["reasons"])
+    tables = [part for part in sections[""] if isinstance(part, TableOf)]
+    in_table = {row[0].text: row[-1].status for table in tables for row in table.rows}
+    in_card = {line.quantity: group.look.value for group in document.card.groups for line in group.lines}
+    for key, reported in (json["parameters"] | json["derived"]).items():
+        words = result.motion.quantities[key].words
+        if reported["value"] is not None:
+            assert (words in in_table) != (key in in_card)
+            assert reported["verdict"] in (in_card.get(key), getattr(in_table.get(words), "value", ""))
     rows = [Status(row["verdict"]).shown for row in (*json["flights"], *json["comparisons"])]
     tables = [
         sections[title][0] for title in ("Flights one by one", "Methods side by side") if title in sections
@@ -89,9 +92,11 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
     assert all(any(piece in line for line in text.splitlines()) for piece in pieces)
 
 
-def test_the_verdict_is_in_words_and_in_colour(fit: FlightEstimate) -> None:
-    assert "IDENTIFIED" in _text(on_terminal(flight_document(fit)), 80)
-    assert "\x1b[1;32mIDENTIFIED" in _text(on_terminal(flight_document(fit)), 80, colour=True)
+def test_the_card_comes_first_in_words_and_in_colour(fit: FlightEstimate) -> None:
+    first = _text(on_terminal(flight_document(fit)), 80).splitlines()[:5]
+    assert first[1] == "Viscous friction 0.186 [0.132, 0.210] 1/s"
+    assert first[3] == "Identified"
+    assert "\x1b[1;32mIdentified" in _text(on_terminal(flight_document(fit)), 80, colour=True)
 
 
 def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimate) -> None:
@@ -173,4 +178,5 @@ def test_nothing_that_acts_on_a_terminal_passes(text: str, shown: str) -> None:
 def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     reason = still.verdict.reasons[0].sentence
     document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
-    assert str(document.sections).count(reason) == 1
+    assert str(document.sections).count(reason) == 0
+    assert str(document.card).count(reason.removesuffix(".")) == 1

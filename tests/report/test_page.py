@@ -20,6 +20,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
+from eivor.report.card import result_card
 from eivor.report.document import Cell, Document, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
@@ -83,10 +84,7 @@ def test_the_page_is_told_in_order(pages, name):
     result, _, page = pages[name]
     (main,) = page.all("main")
     (sentence,) = main.all("p", class_="said")
-    assert (
-        sentence.text
-        == f"{result.verdict.status.shown}: {result.motion.words.meaning(result.verdict.status)}"
-    )
+    assert sentence.text == result_card((result,)).title
     assert main.children[0].classes[0] == "verdict"
     headings = [item.text for item in page.all("h2")]
     wanted = [
@@ -101,7 +99,6 @@ def test_the_page_is_told_in_order(pages, name):
     wanted = [item for item in wanted if item in headings]
     assert [heading for heading in headings if heading in wanted] == wanted
     assert {"Pictures", "Provenance"} <= set(headings)
-    assert ("Why" in headings) == bool(result.verdict.reasons)
     assert len(page.all("h1")) == 1
 
 
@@ -132,8 +129,10 @@ def test_numbers_are_those_of_the_json(pages, name):
     known = {**reported["parameters"], **reported["derived"]}
     by_words = {words.words: key for key, words in result.motion.quantities.items()}
     rows = [row for row in page.all("tr") if row.all("th") and row.all("th")[0].text in by_words]
-    assert {by_words[row.all("th")[0].text] for row in rows} >= set(known)
-    for row in rows[: len(known)]:
+    in_card = {item.attributes["data-quantity"] for item in page.all("div", class_="reading")}
+    numbers = {key for key, item in known.items() if item["value"] is not None}
+    assert {by_words[row.all("th")[0].text] for row in rows} | in_card >= numbers
+    for row in rows[: len(known) - len(in_card)]:
         key = by_words[row.all("th")[0].text]
         cells = [child.text for child in row.children if isinstance(child, Element)]
         check(known[key], result.motion.quantities[key].scale, cells[2], cells[3])
@@ -162,21 +161,21 @@ def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
     _, _, page = pages[name]
     verdict = data_of(page, "verdict")
     (box,) = page.all("div", class_="verdict")
-    (texts, *more) = [child.text for child in box.children if child.tag == "p" and child.classes != ["note"]]
-    assert texts == f"{Status(verdict['status']).shown}: {verdict['about']}"
-    assert more == verdict["more"]
+    (title,) = box.all("p", class_="said")
+    assert title.text == verdict["card"]["title"]
+    assert box.classes == ["verdict", verdict["status"]]
     displayed = [
-        {
-            "name": item.attributes["data-quantity"],
-            "shown": [item.all(class_="value")[0].text, item.all(class_="interval")[0].text],
-            "status": item.all(class_="badge")[0].text,
-        }
+        (
+            item.attributes["data-quantity"],
+            item.all(class_="value")[0].text,
+            item.all(class_="interval")[0].text,
+        )
         for item in box.all("div", class_="reading")
     ]
-    assert displayed == [
-        {"name": item["name"], "shown": item["shown"], "status": Status(item["status"]).shown}
-        for item in verdict["readings"]
-    ]
+    lines = [line for group in verdict["card"]["groups"] for line in group["lines"]]
+    assert displayed == [(x["quantity"], x["text"], x["interval"]) for x in lines if x["quantity"]]
+    reasons = [f"{line['words']}: {line['text']}{line['remark']}" for line in lines if not line["quantity"]]
+    assert [item.text for item in box.all("li")] == reasons
     for entry in verdict["readings"]:
         numbers = numbers_in(" ".join(entry["shown"]))
         drawn = [number for number in (entry["at"], *entry["interval"]) if number is not None]
@@ -299,6 +298,6 @@ def test_a_series_without_a_range_is_packed_too(values):
 
 def test_text_and_attributes_are_escaped():
     made = table(["name"], [[Cell("<i>&amp;\u202e", link='"><b>')]])
-    document = Document("", None, "", (Section("", (made,)),))
+    document = Document("", "", (Section("", (made,)),))
     page = rendered("fleet.html", title="", motions=[(document, "", {})])
     assert '<a href="&#34;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;\\u202e</a>' in page

@@ -11,7 +11,17 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from eivor.errors import MissingReaderError, UsageError
-from eivor.exports.fitted import Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
+from eivor.exports.fitted import (
+    VERTICAL,
+    Exported,
+    Fitted,
+    Number,
+    Supplied,
+    Target,
+    hash_comments,
+    one_line,
+)
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import (
     DECLARE,
     MOT_THST_EXPO,
@@ -24,6 +34,9 @@ from eivor.signals.channels import CurveSide
 from eivor.tools import Float
 
 # -- Autopilot parameters --
+
+#: Quantities that parameters are made of, and what parameters of the first are.
+HOVER, CURVE, HOVER_WORDS = "hover_input", "thrust_curve", "hover throttle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +79,7 @@ def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
 
 
 def _check_shares(fitted: Fitted) -> None:
-    value = fitted.quantities["hover_input"].value if "hover_input" in fitted.quantities else float("nan")
+    value = fitted.quantities[HOVER].value if HOVER in fitted.quantities else float("nan")
     if fitted.input_measured or value >= 1.0:
         raise UsageError(
             "a command that is a share of the largest, from 0 to 1",
@@ -78,7 +91,7 @@ def _check_shares(fitted: Fitted) -> None:
 
 def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     """Curve and hover together, hover alone where the curve in force stays, or neither."""
-    hover, curve = fitted.identified_number("hover_input"), fitted.identified_number("thrust_curve")
+    hover, curve = fitted.identified_number(HOVER), fitted.identified_number(CURVE)
     names = autopilot.hover.name, autopilot.curve.name
     if fitted.curve_side is CurveSide.UNKNOWN:
         reason = (
@@ -87,7 +100,7 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
         )
         return {}, dict.fromkeys(names, reason)
     if hover is None:
-        return {}, dict.fromkeys(names, fitted.why_not("hover_input"))
+        return {}, dict.fromkeys(names, fitted.why_not(HOVER))
     before = fitted.curve_side is CurveSide.BEFORE
     reasons = list(_against(fitted, autopilot, curve))
     if curve is not None and not reasons:
@@ -115,8 +128,8 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
 def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
     """Why no curve can be proposed, whatever its value."""
     if curve is None:
-        yield fitted.why_not("thrust_curve")
-        if "thrust_curve" not in fitted.quantities:
+        yield fitted.why_not(CURVE)
+        if CURVE not in fitted.quantities:
             yield "Identify with --input-map fit."
     elif fitted.curve_side is CurveSide.BEFORE:
         in_force = fitted.curve_in_force.get(autopilot.curve.name)
@@ -128,7 +141,12 @@ def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iter
 
 # -- PX4 --
 
-PX4 = Autopilot("PX4", AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8), THR_MDL_FAC, ("dataflash",))
+PX4 = Autopilot(
+    "PX4",
+    AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS),
+    THR_MDL_FAC,
+    ("dataflash",),
+)
 #: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
 REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
@@ -156,7 +174,10 @@ def single(value: float) -> str:
 
 #: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
 ARDUPILOT = Autopilot(
-    "ArduPilot", AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875), MOT_THST_EXPO, ("ulog",)
+    "ArduPilot",
+    AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875, HOVER_WORDS),
+    MOT_THST_EXPO,
+    ("ulog",),
 )
 
 
@@ -168,11 +189,47 @@ def _ardupilot(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported("\n".join([*hash_comments(comments), *rows]) + "\n", omitted)
 
 
+# -- Parameter changes --
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterChange:
+    """A parameter that a log has, beside what a result says of it."""
+
+    parameter: AutopilotParameter
+    quantity: str  # What it is made of
+    old: float
+    new: Number | None  # What an export would set; None of what is not identified
+    flown: Number | None  # What the vehicle has in the parameter's own terms, rough or not
+    missing: str  # Why there is no new value, when that of the quantity is identified
+
+
+def parameter_changes(fitted: Fitted, logged: Mapping[str, float]) -> tuple[ParameterChange, ...]:
+    """Parameters of hover and thrust curve that a log of an autopilot has, old and new."""
+    hover = fitted.quantities.get(HOVER)
+    if fitted.model != VERTICAL or fitted.input_measured or hover is None or not 0.0 < hover.value < 1.0:
+        return ()
+    changes = []
+    for autopilot in (PX4, ARDUPILOT):
+        if set(fitted.formats) & set(autopilot.not_of):
+            continue
+        numbers, reasons = _proposed(fitted, autopilot)
+        before = fitted.curve_side is CurveSide.BEFORE and hover.verdict in (Status.IDENTIFIED, Status.WEAK)
+        for parameter, quantity in ((autopilot.hover, HOVER), (autopilot.curve, CURVE)):
+            name = parameter.name
+            if name in logged and quantity in fitted.quantities:
+                new = numbers.get(name)
+                flown = Number(hover.value, hover.interval) if before and quantity == HOVER else new
+                missing = reasons.get(name, "") if fitted.is_identified(quantity) else ""
+                changes.append(ParameterChange(parameter, quantity, logged[name], new, flown, missing))
+    return tuple(changes)
+
+
 # -- State space --
 
 SCHEMA = "eivor.statespace/1"
 #: What the arrays are made of.
-NEEDED = ("viscous_friction", "input_gain", "hover_input")
+NEEDED = ("viscous_friction", "input_gain", HOVER)
 LAGS = ("actuator_lag", "delay")
 
 

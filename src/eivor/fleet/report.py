@@ -230,7 +230,7 @@ FOREST, LINES = "forest", "lines"
 
 def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> Document:
     """Document of a fleet's report."""
-    return Document(title, None, about_fleet(report), tuple(_sections(report, links)))
+    return Document(title, about_fleet(report), tuple(_sections(report, links)))
 
 
 def about_fleet(report: FleetReport) -> str:

@@ -232,6 +232,7 @@ class Words:
     another_log: str = "Give a log of a flight."  # What to do when it never does
     #: What to fly and to log, by the name of a log format
     advice: Callable[[str], tuple[CardSection, ...]] = lambda _format: ()
+    planned: tuple[str, ...] = ()  # Quantities that flights of `eivor plan` are made for
     provisional: str = "no instrument: the numbers may be biased more than the intervals say."
     weak: str = "the numbers are indications; something keeps the intervals from being trusted."
 

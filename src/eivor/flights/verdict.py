@@ -15,7 +15,7 @@ from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.distributions import chi_square_quantile
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Cause, Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG
 
 # -- Inputs --
@@ -265,11 +265,12 @@ class Rule:
     status: Status  # The best that it allows
     sentence: Callable[[VerdictInputs], str]
     remedy: Callable[[VerdictInputs], str] | str = ""
+    cause: Cause = Cause.OTHER
 
     def reason(self, inputs: VerdictInputs) -> Reason:
         """The reason that it gives."""
         remedy = self.remedy if isinstance(self.remedy, str) else self.remedy(inputs)
-        return Reason(self.status, self.sentence(inputs), remedy)
+        return Reason(self.status, self.sentence(inputs), remedy, self.cause)
 
 
 def reasons_by_quantity(
@@ -287,7 +288,8 @@ def reasons_by_quantity(
         if unbounded and not any(reason.status is Status.REFUSED for reason in reasons):
             sentence = f"The {wording[name].words} has no interval with two ends: these data fit numbers "
             remedy = "Fly larger and quicker movements, or longer."
-            results[name] = (*reasons, Reason(Status.REFUSED, f"{sentence}however far away.", remedy))
+            reason = Reason(Status.REFUSED, f"{sentence}however far away.", remedy, Cause.WIDE)
+            results[name] = (*reasons, reason)
     return results
 
 
@@ -348,7 +350,10 @@ class Limit:
             return sentence
 
         def row(at: int, status: Status, sentence: Callable[[VerdictInputs], str], remedy: str) -> Rule:
-            return Rule((name, *following), lambda inputs: level(inputs) == at, status, sentence, remedy)
+            cause = Cause.ZERO if at == 3 else Cause.WIDE
+            return Rule(
+                (name, *following), lambda inputs: level(inputs) == at, status, sentence, remedy, cause
+            )
 
         rows = (
             row(1, Status.WEAK, width(1, "identified needs"), self.narrower),
@@ -394,6 +399,7 @@ def below_zero_rule(name: str, came_out: str, status: Status, why: str, remedy: 
         status,
         lambda inputs: f"The {came_out.format(inputs.quantities[name].value)}, below zero: {why}.",
         remedy,
+        Cause.CONTRADICTION,
     )
 
 
@@ -455,9 +461,10 @@ def flight_rules(
             Status.REFUSED,
             lambda inputs: f"The reference never moved ({inputs.missing_reference}).{inputs.moved}",
             words.fly,
+            Cause.EXCITATION,
         ),
         direct_rule(words, quantities),
-        Rule(quantities, unidentified, Status.REFUSED, weakness, fly),
+        Rule(quantities, unidentified, Status.REFUSED, weakness, fly, Cause.EXCITATION),
         Rule(
             quantities,
             lambda inputs: inputs.past_inputs,
@@ -467,6 +474,7 @@ def flight_rules(
                 "the numbers."
             ),
             words.log_reference,
+            Cause.INSTRUMENT,
         ),
         Rule(
             quantities,
@@ -523,6 +531,7 @@ def direct_rule(words: FlightWords, quantities: tuple[str, ...]) -> Rule:
         Status.PROVISIONAL,
         sentence,
         remedy,
+        Cause.INSTRUMENT,
     )
 
 

@@ -28,6 +28,17 @@ _SHOWN = {
 }
 
 
+class Cause(Enum):
+    """What a reason is about, in words that quantities share; without words the sentence says it."""
+
+    OTHER = ""
+    CONTRADICTION = "contradiction"  # No longer interval mends it, nor another flight
+    ZERO = "not distinguished from zero"
+    WIDE = "the interval is too wide"
+    EXCITATION = "the references moved too little"
+    INSTRUMENT = "no instrument, so that disturbances bias it"
+
+
 @dataclass(frozen=True, slots=True)
 class Reason:
     """A reason for a verdict."""
@@ -35,6 +46,7 @@ class Reason:
     status: Status  # The best that it allows
     sentence: str
     remedy: str = ""  # What to fly or log instead
+    cause: Cause = Cause.OTHER
 
 
 @dataclass(frozen=True, slots=True)

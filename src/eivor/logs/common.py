@@ -425,6 +425,7 @@ class LogFormat:
     takes_map: bool = False
     advice: Callable[[str], tuple[str, ...]] = lambda _channel: ()  # What to log, of all or of a channel
     setpoints: str = ""  # Sentence that names the setpoints and commands to log
+    sweeps: str = ""  # The autopilot's mode that injects sweeps, in words
     endings: tuple[str, ...] = ()
     parts: Callable[[Path], FolderParts] = lambda _folder: FolderParts()  # Of a folder; none of most formats
 

@@ -102,6 +102,53 @@ class Figure:
     name: str
 
 
+class Look(Enum):
+    """How the lines of a card look: green, amber, grey; red where data contradict themselves."""
+
+    IDENTIFIED = Status.IDENTIFIED.value
+    ROUGH = Status.WEAK.value
+    MISSING = Status.REFUSED.value
+    CONTRADICTED = "contradicted"
+
+
+@dataclass(frozen=True, slots=True)
+class CardLine:
+    """A quantity with its number, or quantities with the reason why they have none."""
+
+    words: str
+    text: str  # The number, or the reason
+    interval: str = ""
+    unit: str = ""
+    setting: str = ""  # The autopilot's parameter, old and new
+    remark: str = ""  # What is said of the setting, or what to do
+    command: str = ""  # That sets the parameter
+    quantity: str = ""  # Name of the one that has a number
+    symbol: str = ""
+
+    @property
+    def number(self) -> str:
+        """Number, interval and unit."""
+        return f"{self.text} {self.interval} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class CardGroup:
+    """Lines of one look."""
+
+    look: Look
+    heading: str
+    lines: tuple[CardLine, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What comes first: the most useful number, and what else is and is not identified."""
+
+    title: str
+    look: Look
+    groups: tuple[CardGroup, ...]
+
+
 Part: TypeAlias = Facts | TableOf | Bullets | Statement | Figure
 
 
@@ -115,10 +162,9 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """What is identified, from its verdict to its details."""
+    """What is identified, from its card to its details."""
 
     title: str
-    status: Status | None
     about: str
     sections: tuple[Section, ...]
-    details: tuple[str, ...] = ()  # What a page says below the verdict
+    card: Card | None = None

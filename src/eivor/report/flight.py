@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite
 from typing import Any
@@ -16,8 +17,9 @@ from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import outcome_word
 from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Cause, Reason, Status
 from eivor.logs.read import log_format
+from eivor.report.card import answered_reasons, quantities_with_number, result_card
 from eivor.report.document import (
     Bullets,
     Cell,
@@ -28,7 +30,6 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
-    capitalised,
     table,
 )
 from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows
@@ -39,7 +40,7 @@ from eivor.tools import Bool, Float
 # -- Card --
 
 
-def flight_card(result: FlightEstimate) -> tuple[CardSection, ...]:
+def flight_steps(result: FlightEstimate) -> tuple[CardSection, ...]:
     """What to fly and log instead; empty when the flight is identified."""
     if result.verdict.status is Status.IDENTIFIED:
         return ()
@@ -251,14 +252,10 @@ def _tail(p_value: float) -> str:
 
 # -- Parts of a result --
 
+#: Ends of sentences.
+_SENTENCES = re.compile(r"(?<=\.) (?=[A-Z])")
 #: Findings that only an inspection shows: they bear on no number.
 QUIET_FINDINGS = ("epoch_time",)
-#: Words of the summary for the verdicts of quantities.
-SUMMARY = (
-    ((Status.IDENTIFIED,), "identified"),
-    ((Status.WEAK, Status.PROVISIONAL), "roughly identified"),
-    ((Status.REFUSED,), "not identified"),
-)
 
 
 def row_quantities(row: FlightRow, motion: Motion[Any]) -> tuple[QuantityRow, ...]:
@@ -279,28 +276,6 @@ def brief_rows(result: FlightEstimate) -> tuple[QuantityRow, ...]:
     return tuple(row for row in reported_rows(result) if row.name in result.motion.quantities.rows)
 
 
-def summary(result: FlightEstimate) -> str:
-    """What is identified, what is identified weakly, and what is not and why; empty without numbers."""
-    rows = brief_rows(result)
-    if len({row.quantity.verdict for row in rows}) < 2:
-        return ""
-    parts = []
-    for statuses, words in SUMMARY:
-        names = [row.wording.words for row in rows if row.quantity.verdict in statuses]
-        if names:
-            *others, last = names
-            text = f"{', '.join(others)} and {last} are" if others else f"{last} is"
-            parts.append(f"{text} {words}")
-    text = capitalised("; ".join(parts))
-    refused = next((row.quantity for row in rows if row.quantity.verdict is Status.REFUSED), None)
-    if refused is None or not refused.reasons:
-        return f"{text}."
-    why = refused.reasons[0].sentence.split(". ", 1)[0].removesuffix(".")
-    if why.split(" ", 1)[0] in {"The", "A", "An", "No", "Every", "Its"}:
-        why = f"{why[0].lower()}{why[1:]}"
-    return f"{text}, because {why}."
-
-
 def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
     """Reasons against single quantities that are not reasons of the verdict, with the symbols of these."""
     known = {reason.sentence for reason in result.verdict.reasons}
@@ -312,10 +287,37 @@ def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
     return against
 
 
+def reasons(result: FlightEstimate) -> tuple[str, ...]:
+    """Why no further, with the quantities; what reasons have in common is said once."""
+    answered, said, texts = answered_reasons(result), set[str](), []
+    of_verdict = ((reason, "") for reason in result.verdict.reasons)
+    single = ((reason, f"{', '.join(names)}: ") for reason, names in further_reasons(result).items())
+    for reason, names in (*of_verdict, *single):
+        if reason in answered and reason.cause is Cause.OTHER and ". " not in reason.sentence:
+            continue
+        first, *others = _SENTENCES.split(reason.sentence)
+        if others and others[-1] in said:
+            others.pop()
+        said.update(others)
+        texts.append(names + " ".join((first, *others)))
+    return tuple(texts)
+
+
+def systematic_sentences(result: FlightEstimate) -> tuple[str, ...]:
+    """Systematic parts of intervals, each with the symbols of the quantities that have it."""
+    symbols: dict[str, list[str]] = {}
+    for row in reported_rows(result):
+        if row.quantity.verdict is not Status.REFUSED:
+            for part in row.quantity.systematic_uncertainties:
+                symbols.setdefault(part.sentence, []).append(row.wording.symbol)
+    return tuple(f"{', '.join(names)}: {sentence}" for sentence, names in symbols.items())
+
+
 def remedies(result: FlightEstimate) -> tuple[str, ...]:
-    """What would change it, each remedy once."""
-    reasons = (*result.verdict.reasons, *further_reasons(result))
-    texts = dict.fromkeys(reason.remedy for reason in reasons if reason.remedy)
+    """What would change it, each remedy once, but for those that the card has."""
+    answered = answered_reasons(result)
+    every = (*result.verdict.reasons, *further_reasons(result))
+    texts = dict.fromkeys(reason.remedy for reason in every if reason.remedy and reason not in answered)
     return tuple(item for item in texts if not any(item != more and more.startswith(item) for more in texts))
 
 
@@ -350,44 +352,33 @@ NUMBER_COLUMNS = (
 
 
 def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
-    """Document of a result, with or without an estimate."""
-    status, text = result.verdict.status, summary(result)
-    details: tuple[str, ...] = (text,) if text else ()
-    if not text and status is not Status.IDENTIFIED:
-        details = tuple(reason.sentence for reason in result.verdict.reasons[:1])
+    """Document of a result, with or without an estimate, and with the flight card when that is wanted."""
     return Document(
         ", ".join(flight.recording.name for flight in result.prepared),
-        status,
-        result.motion.words.meaning(status),
-        tuple(_sections(result, text, card=card)),
-        details,
+        "",
+        tuple(_sections(result, flight_card=card)),
+        result_card((result,)),
     )
 
 
-def _sections(result: FlightEstimate, summary: str, *, card: bool) -> Iterator[Section]:
+def _sections(result: FlightEstimate, *, flight_card: bool) -> Iterator[Section]:
     motion = result.motion
-    yield Section("", (_facts(result, summary), _quantity_table(reported_rows(result))))
+    numbers = quantities_with_number(result)
+    others = tuple(
+        row for row in reported_rows(result) if row.name not in numbers and math.isfinite(row.quantity.value)
+    )
+    yield Section("", (_facts(result), *((_quantity_table(others),) if others else ())))
     if result.implications.numbers:
         yield Section("What follows for the vehicle", tuple(_implied(result.implications)))
-    further = (
-        f"{', '.join(symbols)}: {reason.sentence}" for reason, symbols in further_reasons(result).items()
-    )
-    reasons = (reason.sentence for reason in result.verdict.reasons)
-    yield from section("Why", Bullets, (*reasons, *further))
-    steps = flight_card(result)
-    where = () if card or not steps else (WHERE_THE_CARD_IS,)
+    yield from section("Why", Bullets, reasons(result))
+    steps = flight_steps(result)
+    where = () if flight_card or not steps else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*remedies(result), *where))
     yield from section("Checks", Facts, checks(result))
     if result.multi_step_prediction is not None:
         prediction_section = (*prediction_parts(result.multi_step_prediction), Figure("ahead"))
         yield Section("Predicted ahead, from many starts of this flight", prediction_section)
-    systematic = (
-        (row.wording.words, part.sentence)
-        for row in reported_rows(result)
-        if row.quantity.verdict is not Status.REFUSED
-        for part in row.quantity.systematic_uncertainties
-    )
-    yield from section("Systematic parts", Facts, systematic)
+    yield from section("Systematic parts", Bullets, systematic_sentences(result))
     if result.by_flight:
         yield Section("What belongs to each flight of the pool", (_flight_table(result),))
     if result.flights:
@@ -401,7 +392,7 @@ def _sections(result: FlightEstimate, summary: str, *, card: bool) -> Iterator[S
         yield Section("Methods side by side", (table, Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(result.prepared) > 1 else 'log'}"
     yield from section(noticed, Bullets, reported_findings(result))
-    if card:
+    if flight_card:
         yield from card_section(steps)
     yield Section("Figure", (Figure("flight"),))
 
@@ -419,11 +410,10 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
     yield from section("Flight card", Facts, facts)
 
 
-def _facts(result: FlightEstimate, summary: str) -> Facts:
+def _facts(result: FlightEstimate) -> Facts:
     with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
     return Facts(
         (
-            *((("summary", summary),) if summary else ()),
             ("model", result.motion.equation[0].replace(" - ", " − ")),
             ("", result.motion.view(result.prepared[0]).symbols),
             ("method", f"{result.method}; {with_what}"),

@@ -19,6 +19,7 @@ from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.report.card import result_card
 from eivor.report.document import (
     Bullets,
     Cell,
@@ -314,7 +315,7 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 
 def flight_page(result: FlightEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
-    document, tree = flight_document(result, card=True), fit_document(result)
+    document, card, tree = flight_document(result, card=True), result_card((result,)), fit_document(result)
     readings, prediction = brief_rows(result), result.multi_step_prediction
     over_time = list(flights_over_time(result))
     charts = [item.drawn for group in over_time for item in group.pictures if isinstance(item.drawn, Chart)]
@@ -337,13 +338,11 @@ def flight_page(result: FlightEstimate) -> str:
     if len(logs) > NAMED:
         title = f"{len(logs)} flights: {title}, …"
     title = title if len(title) <= LONGEST_TITLE else f"{title[: LONGEST_TITLE - 1]}…"
-    status = result.verdict.status
     body = rendered(
         "flight.html",
         title=title,
         about=result.motion.words.title,
-        document=document,
-        readings=readings,
+        card=card,
         sections=[
             ("-".join(re.findall(r"[^\W_]+", words.lower())), words, section)
             for section, words in (*sections, (provenance, provenance.heading))
@@ -354,14 +353,13 @@ def flight_page(result: FlightEstimate) -> str:
         figures={name: figures.html(group) for name, group in groups.items()},
     )
     verdict = {
-        "status": status.value,
-        "about": printable(document.about),
-        "more": [printable(detail) for detail in document.details],
+        "status": card.look.value,
+        "card": plain(card),
         "logs": [printable(log) for log in logs],
         "readings": [_reading(row) for row in readings],
     }
     data = {"result": plain(tree), "charts": figures.charts, "verdict": verdict}
-    return whole_page(f"{title}: {status.shown}", body, data)
+    return whole_page(f"{title}: {card.title}", body, data)
 
 
 def _reading(row: QuantityRow) -> dict[str, object]:
@@ -379,11 +377,7 @@ def _reading(row: QuantityRow) -> dict[str, object]:
 
 
 def _displayed(section: Section, result: FlightEstimate) -> Section:
-    """Section as a page has it: without what the verdict above has said, and what is not drawn."""
-    if not section.heading:
-        kept = (fact for part in section.parts if isinstance(part, Facts) for fact in part.facts)
-        others = (part for part in section.parts if not isinstance(part, Facts))
-        return replace(section, parts=(Facts(tuple(fact for fact in kept if fact[0] != "summary")), *others))
+    """Section as a page has it: without what is not drawn."""
     if section.heading != "Figure":
         return section
     omitted = len(result.prepared) - MOST_FLIGHTS

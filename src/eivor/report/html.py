@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from eivor.inference.verdict import Status
+from eivor.report.document import Look
 from eivor.tools import printable
 
 if TYPE_CHECKING:
@@ -23,12 +24,13 @@ if TYPE_CHECKING:
 
 # -- Templates --
 
-#: A shape for each verdict, drawn in a square of 20: colour is never alone.
+#: A shape for each verdict and look, drawn in a square of 20: colour is never alone.
 SHAPES = {
-    Status.IDENTIFIED: "M4.5 10.5l3.6 3.8 7.4-8.6",
-    Status.WEAK: "M5 11.5c2-3.2 3.6-3.2 5-1.2s3 2 5-1.2",
-    Status.PROVISIONAL: "M10 5.2v5.4M10 14.2v.8",
-    Status.REFUSED: "M6 6l8 8M14 6l-8 8",
+    Status.IDENTIFIED.value: "M4.5 10.5l3.6 3.8 7.4-8.6",
+    Status.WEAK.value: "M5 11.5c2-3.2 3.6-3.2 5-1.2s3 2 5-1.2",
+    Status.PROVISIONAL.value: "M10 5.2v5.4M10 14.2v.8",
+    Status.REFUSED.value: "M5.5 10h9",
+    Look.CONTRADICTED.value: "M6 6l8 8M14 6l-8 8",
 }
 #: Numbers with a power of ten, which a browser would break after their hyphen.
 _POWERS = re.compile(r"(\[?-?[\d.]{1,20}e-\d{1,3}[\],]?)")

@@ -32,7 +32,7 @@ from eivor.report.document import (
 )
 from eivor.report.flight import (
     card_section,
-    flight_card,
+    flight_steps,
     logging_advice_for,
     missing_channels,
     section,
@@ -267,15 +267,15 @@ LISTED = 6
 
 def inspection_document(result: Inspection) -> Document:
     """Document of one log, with the flight card unless it is identified."""
-    card = () if result.result is None else card_section(flight_card(result.result))
+    card = () if result.result is None else card_section(flight_steps(result.result))
     return _document(result, (*_sections(result), *card))
 
 
 def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
     """A document of each log, and one of all together, which has the flight card."""
     verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
-    card = () if result.result is None else card_section(flight_card(result.result))
-    together = Document("", None, "", (verdict, *card))
+    card = () if result.result is None else card_section(flight_steps(result.result))
+    together = Document("", "", (verdict, *card))
     return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
 
 
@@ -284,7 +284,7 @@ def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
     first, last = log.span_s
     sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
     about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
-    return Document(log.name, None, about, sections)
+    return Document(log.name, about, sections)
 
 
 def _sections(result: Inspection) -> Iterator[Section]:

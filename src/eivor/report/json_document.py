@@ -20,7 +20,8 @@ from eivor.flights.quantity import Kind, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
-from eivor.report.flight import row_quantities, spans_of, summary
+from eivor.report.card import result_card
+from eivor.report.flight import row_quantities, spans_of
 from eivor.report.rows import QuantityRow, quantity_rows
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
@@ -281,7 +282,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
         samples=sum(log.samples for log in logs),
         rate_hz=rates.pop() if len(rates) == 1 else None,
         verdict=result.verdict.status,
-        summary=summary(result),
+        summary=result_card((result,)).title,
         reasons=result.verdict.sentences,
         parameters=parameters,
         derived=_quantities(rows, Kind.DERIVED),

@@ -58,7 +58,7 @@ def track_document(track: Track) -> Document:
         *section("Not identified", Bullets, untold(track)),
         *section("Taken as known", Bullets, (*_at(track), *track.known)),
     )
-    return Document(flight.recording.name, None, f"{_called(track)} over the flight: {texts}", sections)
+    return Document(flight.recording.name, f"{_called(track)} over the flight: {texts}", sections)
 
 
 def _called(track: Track) -> str:
@@ -270,7 +270,6 @@ def plan_document(made: FlightPlan) -> Document:
         rows.append((target.words, taken, f"± {item.half_width:.2g}", target.unit, text))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
-        None,
         made.sentence,
         (Section("", (_plan_facts(made), table(columns, rows))),),
     )

@@ -14,10 +14,13 @@ from rich.text import Text
 from eivor.inference.verdict import Status
 from eivor.report.document import (
     Bullets,
+    Card,
+    CardLine,
     Cell,
     Document,
     Facts,
     Figure,
+    Look,
     Part,
     Section,
     Statement,
@@ -27,11 +30,13 @@ from eivor.report.document import (
 )
 from eivor.tools import printable
 
+#: By the values of `Status` and of `Look`.
 COLOURS = {
-    Status.IDENTIFIED: "bold green",
-    Status.WEAK: "bold yellow",
-    Status.PROVISIONAL: "bold magenta",
-    Status.REFUSED: "bold red",
+    Status.IDENTIFIED.value: "bold green",
+    Status.WEAK.value: "bold yellow",
+    Status.PROVISIONAL.value: "bright_black",
+    Status.REFUSED.value: "bright_black",
+    Look.CONTRADICTED.value: "bold red",
 }
 TONES = {Tone.PLAIN: "", Tone.FAINT: "dim", Tone.WARNING: "yellow"}
 #: Labels and words up to this length stay whole.
@@ -54,19 +59,49 @@ def on_terminal(*documents: Document) -> Group:
 def _document(document: Document) -> Iterator[RenderableType]:
     if document.title:
         yield _head(document)
+    if document.card is not None:
+        yield from _card(document.card)
     for section in document.sections:
         yield from _section(section)
 
 
 def _head(document: Document) -> Text:
     head = Text(printable(document.title), style="bold", overflow="fold")
-    head.append("\n")
-    about = printable(document.about)
-    if document.status is not None:
-        head.append(document.status.shown.upper(), style=COLOURS[document.status])
-        about = f": {about}"
-    head.append(about, style="not bold")
-    return head
+    about = document.about if document.card is None else document.card.title
+    style = "not bold" if document.card is None else COLOURS[document.card.look.value]
+    return head.append("\n").append(printable(about), style=style)
+
+
+def _card(card: Card) -> Iterator[RenderableType]:
+    """Groups one below the other; numbers of all begin in one column."""
+    lines = [line for group in card.groups for line in group.lines if line.quantity]
+    width = max((_width(line.words) for line in lines), default=0)
+    symbols = max((_width(line.symbol) for line in lines), default=0)
+    yield Text()
+    for group in card.groups:
+        style = COLOURS[group.look.value]
+        yield Text(printable(group.heading), style=style)
+        grid = Table.grid(padding=(0, GAP, 0, 0))
+        grid.add_column(width=width, no_wrap=True)
+        grid.add_column(width=symbols, no_wrap=True, style="dim")
+        grid.add_column(overflow="fold")
+        for line in group.lines:
+            if line.quantity:
+                grid.add_row(Text(printable(line.words)), Text(printable(line.symbol)), _number(line))
+            else:
+                text = f"{printable(line.words)}: {printable(line.text)}"
+                yield Padding(Text(text, overflow="fold"), (0, 0, 0, GAP))
+                if line.remark:
+                    yield Padding(Text(printable(line.remark), style="dim"), (0, 0, 0, 2 * GAP))
+        if grid.row_count:
+            yield Padding(grid, (0, 0, 0, GAP))
+
+
+def _number(line: CardLine) -> Text:
+    text = Text(printable(line.number), style="bold")
+    if line.setting:
+        text.append("  ").append(printable(line.setting), style="bold" if line.command else "not bold")
+    return text.append(f"\n{printable(line.remark)}", style="not bold") if line.remark else text
 
 
 def _section(section: Section) -> Iterator[RenderableType]:
@@ -95,7 +130,7 @@ def _part(part: Part) -> RenderableType:
         case Bullets():
             return _bullets(part)
         case Statement():
-            sentence = (printable(part.text), COLOURS[part.status])
+            sentence = (printable(part.text), COLOURS[part.status.value])
             return Text.assemble(sentence, printable(part.more))
         case Figure():
             return Text()
@@ -174,7 +209,7 @@ def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
 
 
 def _cell(cell: Cell, column: TableColumn, between: str) -> Text:
-    last = COLOURS[cell.status] if cell.status is not None else TONES[column.below]
+    last = COLOURS[cell.status.value] if cell.status is not None else TONES[column.below]
     strong = "bold" if column.strong else ""
     if not cell.below:
         return Text.assemble((printable(cell.text), last if cell.status is not None else strong))

@@ -497,7 +497,7 @@ def validation_document(validation: Validation) -> Document:
     if steps is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
-    return Document(validation.flight.recording.name, None, validation.sentence, tuple(sections))
+    return Document(validation.flight.recording.name, validation.sentence, tuple(sections))
 
 
 def _validation_facts(validation: Validation) -> Facts:

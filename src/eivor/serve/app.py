@@ -90,7 +90,7 @@ DIRECTIVES = ("connect-src 'self'", "frame-src blob:")
 
 def page_text() -> str:
     """Text of the page: HTML with its style, its script and a policy that allows nothing else."""
-    shapes = {status.value: path for status, path in SHAPES.items()} | STAGES
+    shapes = SHAPES | STAGES
     return whole_page("Eivor", rendered("serve.html"), {"shapes": shapes}, page_sources())
 
 

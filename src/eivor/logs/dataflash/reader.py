@@ -229,6 +229,7 @@ FORMATS = (
         advice=_advice,
         setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the "
         "command), RCIN.C3 (the stick, when a pilot flies).",
+        sweeps="ArduPilot's System ID mode (SID_AXIS, SID_MAGNITUDE)",
         endings=(".bin", ".log"),
     ),
 )

@@ -31,7 +31,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.regression import Parameter
@@ -723,6 +723,7 @@ def _check_rule(check: str, quantities: tuple[str, ...], status: Status) -> Rule
         status,
         lambda inputs: finding(inputs).sentence,
         lambda inputs: finding(inputs).remedy,
+        Cause.CONTRADICTION if status is Status.REFUSED else Cause.OTHER,
     )
 
 

@@ -77,6 +77,7 @@ class AutopilotParameter:
     autopilot: str
     lowest: float
     highest: float
+    words: str = "thrust curve"  # What it is
 
     def takes(self, value: float) -> bool:
         """Whether the autopilot takes a value."""

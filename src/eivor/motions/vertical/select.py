@@ -176,6 +176,7 @@ WORDS = Words(
     no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
     advice=partial(flight_card, fly=_MANOEUVRES),
+    planned=("viscous_friction", "input_gain", EFFECTIVE_LAG),
 )
 
 # -- Select --

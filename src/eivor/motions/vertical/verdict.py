@@ -28,7 +28,7 @@ from eivor.flights.verdict import (
     weak_instrument_sentence,
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
@@ -530,6 +530,7 @@ RULES = (
         Status.REFUSED,
         _gravity_sentence,
         'State its unit in a channel map (unit = "g"), and its axes.',
+        Cause.CONTRADICTION,
     ),
     Rule(
         (),
@@ -541,6 +542,7 @@ RULES = (
             if _times(inputs) < 0.0
             else "Correct the unit of one of them, in a channel map with unit = ..."
         ),
+        Cause.CONTRADICTION,
     ),
     *(rule for names, of in _INSTRUMENTED for rule in flight_rules(WORDS, names, _STAGES, of)),
     direct_rule(WORDS, (HOVER,)),
@@ -557,10 +559,11 @@ RULES = (
     ),
     Rule(
         (*OF_FRICTION, *OF_GAIN),
-        lambda inputs: inputs.quantities[GAIN].value <= 0.0,
+        lambda inputs: inputs.quantities[GAIN].interval[1] < 0.0,
         Status.REFUSED,
         lambda _: "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
         CHECK_SIGN,
+        Cause.CONTRADICTION,
     ),
     Rule(
         (HOVER,),
@@ -570,6 +573,7 @@ RULES = (
         Status.REFUSED,
         lambda _: "The hover input is not positive.",
         CHECK_SIGN,
+        Cause.CONTRADICTION,
     ),
     Rule(
         OF_FRICTION,
@@ -590,6 +594,7 @@ RULES = (
             f"{inputs.quantities['intercept'].value:+.2g} m/s^2 with the one that comes nearest."
         ),
         CHECK_INPUT,
+        Cause.CONTRADICTION,
     ),
     Rule(
         (CURVE,),

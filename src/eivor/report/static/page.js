@@ -223,6 +223,17 @@
     });
   }
 
+  for (const one of document.querySelectorAll("[data-copied]")) {
+    one.addEventListener("click", async () => {
+      try {
+        await navigator.clipboard.writeText(one.dataset.copied);
+        one.textContent = "Copied";
+      } catch {
+        getSelection().selectAllChildren(one.previousElementSibling); // of a page without a clipboard
+      }
+    });
+  }
+
   document.getElementById("save").addEventListener("click", () => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([document.getElementById("result").textContent], { type: "application/json" }));

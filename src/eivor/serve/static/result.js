@@ -24,25 +24,32 @@ function failureOf(error) {
   return make("div", { class: "failure", role: "alert" }, make("p", null, badge("refused", "No result"), " ", said(error.message)), error.advice ? make("p", null, said(error.advice)) : null);
 }
 
-function verdictOf(reported, earlier) {
-  const pieces = [make("p", { class: "said" }, shape(reported.status), make("strong", null, SHOWN[reported.status] || reported.status), `: ${reported.about}`)];
+// The card, as the report draws it.
+function verdictOf({ card }, earlier) {
+  const pieces = [make("p", { class: "said" }, shape(card.look), make("strong", null, said(card.title)))];
   if (earlier) pieces.unshift(make("p", { class: "note" }, "The result before:"));
-  pieces.push(...reported.more.map((one) => make("p", null, said(one))));
-  if (reported.readings.length) {
-    pieces.push(make("div", { class: "readings" }, ...reported.readings.map(readingOf)), make("p", { class: "note" }, "In brackets: 95 % intervals."));
+  for (const { look, heading, lines } of card.groups) {
+    const numbers = lines.filter((line) => line.quantity).map(readingOf);
+    const reasons = lines.filter((line) => !line.quantity).map((line) => make("li", null, said(`${line.words}: ${line.text}`), remarkOf("span", "remark", line.remark)));
+    pieces.push(make("div", { class: "group" }, make("h3", null, badge(look, heading)), numbers.length ? make("div", { class: "readings" }, ...numbers) : null, reasons.length ? make("ul", null, ...reasons) : null));
   }
-  return make("div", { class: `verdict ${reported.status}`, id: "verdict" }, ...pieces);
+  pieces.push(make("p", { class: "note" }, "In brackets: 95 % intervals."));
+  return make("div", { class: `verdict ${card.look}`, id: "verdict" }, ...pieces);
 }
 
-function readingOf(one) {
-  const unit = one.unit ? make("span", { class: "unit" }, ` ${one.unit}`) : null;
+const remarkOf = (tag, look, text) => (text ? make(tag, { class: look }, said(text)) : null);
+function readingOf(line) {
+  const copied = (event) => navigator.clipboard.writeText(line.command).then(() => (event.target.textContent = "Copied"));
+  const unit = line.unit ? make("span", { class: "unit" }, ` ${line.unit}`) : null;
   return make(
     "div",
-    { class: "reading", "data-quantity": one.name },
-    make("p", { class: "name" }, `${one.words} `, make("span", { class: "symbol" }, one.symbol)),
-    make("p", { class: "number" }, make("span", { class: "value" }, one.shown[0]), unit),
-    make("p", { class: "interval" }, one.shown[1]),
-    badge(one.status),
+    { class: "reading", "data-quantity": line.quantity },
+    make("p", { class: "name" }, `${line.words} `, make("span", { class: "symbol" }, line.symbol)),
+    make("p", { class: "number" }, make("span", { class: "value" }, line.text), unit),
+    make("p", { class: "interval" }, line.interval),
+    remarkOf("p", "setting", line.setting),
+    remarkOf("p", "remark", line.remark),
+    line.command ? make("p", { class: "command" }, make("code", null, line.command), " ", button("Copy", copied)) : null,
   );
 }
 

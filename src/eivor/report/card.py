@@ -1,0 +1,223 @@
+"""Card of results: what is identified and what to set, what is rough, and what is missing and why."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from eivor.exports.autopilots import ParameterChange, parameter_changes
+from eivor.exports.fitted import Fitted
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Cause, Reason, Status
+from eivor.logs.read import log_format
+from eivor.motions.vertical.model import curve_in_force
+from eivor.report.document import Card, CardGroup, CardLine, Look, capitalised
+from eivor.report.rows import QuantityRow, plain_numbers, quantity_rows
+from eivor.signals.channels import common_side
+
+#: Causes that other movements mend.
+MOVE = (Cause.ZERO, Cause.WIDE, Cause.EXCITATION)
+HEADINGS = {
+    Look.IDENTIFIED: "Identified",
+    Look.ROUGH: "Rough",
+    Look.MISSING: "Not identified",
+    Look.CONTRADICTED: "Contradicted",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """A quantity of a result that the card has."""
+
+    result: FlightEstimate
+    row: QuantityRow
+    words: str
+    look: Look
+    change: ParameterChange | None
+
+    @property
+    def reason(self) -> Reason:
+        """The first reason against it, or against the whole result."""
+        reasons = self.row.quantity.reasons or self.result.verdict.reasons
+        red = (reason for reason in reasons if _contradicts(reason))
+        return next(red, reasons[0] if reasons else Reason(Status.REFUSED, "It was not estimated."))
+
+
+def result_card(results: Sequence[FlightEstimate]) -> Card:
+    """Card of the results of a log, or of a pool of logs, one for each motion."""
+    found = [entry for result in results for entry in _entries(result)]
+    named = Counter(entry.row.wording.words for entry in found)
+    entries = [
+        entry if named[entry.row.wording.words] == 1 or entry.change else _of_motion(entry) for entry in found
+    ]
+    entries.sort(key=lambda entry: entry.change is None)
+    by_look = {look: [entry for entry in entries if entry.look is look] for look in Look}
+    lines = {
+        look: tuple(map(_line, chosen) if look in (Look.IDENTIFIED, Look.ROUGH) else _missing(chosen))
+        for look, chosen in by_look.items()
+    }
+    groups = tuple(CardGroup(look, HEADINGS[look], item) for look, item in lines.items() if item)
+    return Card(*_title(by_look), groups)
+
+
+def quantities_with_number(result: FlightEstimate) -> frozenset[str]:
+    """Quantities whose numbers the card has."""
+    looks = (Look.IDENTIFIED, Look.ROUGH)
+    return frozenset(entry.row.name for entry in _entries(result) if entry.look in looks)
+
+
+def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
+    """Reasons that the card gives, with what to do."""
+    looks = (Look.MISSING, Look.CONTRADICTED)
+    return frozenset(entry.reason for entry in _entries(result) if entry.look in looks)
+
+
+def _entries(result: FlightEstimate) -> Iterator[_Entry]:
+    changes = {change.quantity: change for change in _changes(result)}
+    quantities = result.motion.quantities
+    shown = {*quantities.rows, *quantities.headline, *changes}
+    for row in quantity_rows(result.quantities, quantities):
+        if row.name in shown:
+            change = changes.get(row.name)
+            words = row.wording.words if change is None else change.parameter.words
+            yield _Entry(result, row, words, _look(row, result), change)
+
+
+def _of_motion(entry: _Entry) -> _Entry:
+    return replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
+
+
+def _look(row: QuantityRow, result: FlightEstimate) -> Look:
+    status = row.quantity.verdict
+    if status in (Status.IDENTIFIED, Status.WEAK):
+        return Look(status.value)
+    reasons = row.quantity.reasons or result.verdict.reasons
+    return Look.CONTRADICTED if any(map(_contradicts, reasons)) else Look.MISSING
+
+
+def _contradicts(reason: Reason) -> bool:
+    return reason.status is Status.REFUSED and reason.cause is Cause.CONTRADICTION
+
+
+# -- Parameters --
+
+
+def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
+    """Parameters of the autopilot that the flights have in common."""
+    first, logged = result.prepared[0], [flight.recording.parameters for flight in result.prepared]
+    common = {
+        name: value for name, value in logged[0].items() if all(item.get(name) == value for item in logged)
+    }
+    fitted = Fitted(
+        model=result.motion.words.model,
+        quantities=result.quantities,
+        input=first.input.name,
+        map_name=first.input_map,
+        curve_side=common_side(flight.curve_side for flight in result.prepared),
+        curve_in_force=curve_in_force(logged),
+        input_measured=first.input.measured,
+        formats=tuple(flight.recording.format for flight in result.prepared),
+        logs=(),
+        version="",
+    )
+    return parameter_changes(fitted, common)
+
+
+def _setting(change: ParameterChange) -> tuple[str, str]:
+    """Parameter, old and new, and its new value alone; empty where there is none."""
+    name, old = change.parameter.name, f"{change.old:.4g}"
+    if change.new is None:
+        return f"{name} is {old}", ""
+    new = plain_numbers(change.new.value, change.new.interval)[0]
+    return f"{name} {old} -> {new}", new
+
+
+def _remark(change: ParameterChange) -> str:
+    """How the old value lies to what was flown, or why there is no new one."""
+    if change.missing:
+        return capitalised(f"{_first(change.missing)}.")
+    if change.flown is None or not all(map(math.isfinite, change.flown.interval)):
+        return ""
+    (low, high), old = change.flown.interval, change.old
+    if low <= old <= high:
+        return f"{old:.4g} is inside the interval."
+    what = change.parameter.words.split()[0]
+    outside, off = f"{old:.4g} is outside the interval", change.flown.value - old
+    side = "higher" if off > 0.0 else "lower"
+    return f"{outside}: {what} is {abs(off / old):.0%} {side}." if old > 0.0 else f"{outside}."
+
+
+# -- Lines --
+
+
+def _line(entry: _Entry) -> CardLine:
+    row, change = entry.row, entry.change
+    setting = remark = command = ""
+    if change is not None:
+        setting, new = _setting(change)
+        remark, command = _remark(change), f"param set {change.parameter.name} {new}" if new else ""
+    return CardLine(
+        entry.words,
+        *row.texts,
+        unit=row.wording.shown_unit,
+        setting=setting,
+        remark=remark,
+        command=command,
+        quantity=row.name,
+        symbol=row.wording.symbol,
+    )
+
+
+def _missing(entries: Iterable[_Entry]) -> Iterator[CardLine]:
+    """A line for each reason, with its quantities; of those with one remedy the last has it."""
+    names: dict[tuple[str, str], list[_Entry]] = {}
+    for entry in entries:
+        names.setdefault((_remedy(entry), _why(entry.reason)), []).append(entry)
+    ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
+    for place, (remedy, why) in enumerate(ordered):
+        of_reason = names[remedy, why]
+        words = ", ".join(entry.words for entry in of_reason)
+        result = of_reason[0].result
+        if len(of_reason) > 1 and len(of_reason) == len(list(_entries(result))):
+            words = result.motion.words.title
+        shared = place + 1 < len(ordered) and ordered[place + 1][0] == remedy
+        yield CardLine(capitalised(words), f"{why}.", remark="" if shared else remedy)
+
+
+def _why(reason: Reason) -> str:
+    if reason.cause is Cause.CONTRADICTION or not reason.cause.value:
+        return _first(reason.sentence)
+    return reason.cause.value
+
+
+def _first(sentence: str) -> str:
+    return sentence.split(". ", 1)[0].removesuffix(".")
+
+
+def _remedy(entry: _Entry) -> str:
+    """What to fly or to log instead, in one sentence."""
+    reason, words = entry.reason, entry.result.motion.words
+    known = log_format(entry.result.prepared[0].recording.format)
+    sweeps = known.sweeps if known is not None else ""
+    if reason.cause in MOVE and entry.row.name in words.planned:
+        other = f", or {sweeps}" if sweeps else ""
+        return f"Fly what eivor plan proposes for this result (--json FIT.json){other}."
+    if reason.cause is Cause.EXCITATION and sweeps:
+        return f"Fly {sweeps}."
+    return f"{_first(reason.remedy)}." if reason.remedy else ""
+
+
+# -- Title --
+
+
+def _title(by_look: Mapping[Look, Sequence[_Entry]]) -> tuple[str, Look]:
+    """The most useful number, or that there is none, and how it looks."""
+    for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
+        for entry in by_look[look][:1]:
+            known = f", {entry.change.parameter.name} is {entry.change.old:.4g}" if entry.change else ""
+            return capitalised(f"{before}{entry.words} {_line(entry).number}{known}"), look
+    if by_look[Look.CONTRADICTED]:
+        return "The data contradict themselves: nothing is identified", Look.CONTRADICTED
+    return "Nothing is identified", Look.MISSING
