@@ -14,8 +14,7 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.report.card import result_card
-from eivor.report.flight import brief_rows
+from eivor.report.card import card_entries, result_card
 from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
@@ -172,7 +171,7 @@ def test_flights_are_compared_and_one_may_be_cancelled(served, server, log, resu
     done(page, 2)
     rows = page.locator("#compared tbody th").all_text_contents()
     assert sorted(rows) == ["first.parquet", "second.parquet"]
-    assert page.locator("#compared .forest").count() == len(brief_rows(result))
+    assert page.locator("#compared .forest").count() == len(card_entries((result,)))
     looks_right(page)
     nothing_stands_in_the_way(page)
     page.get_by_role("button", name="third.parquet", exact=True).click()

@@ -85,6 +85,9 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
     tables = [part for section in document.sections for part in section.parts if isinstance(part, TableOf)]
     cells = [cell for table in tables for row in table.rows for cell in row]
     numbers = [part for cell in cells for part in (cell.text, cell.below) if re.search(r"\d", part)]
+    assert document.card is not None
+    lines = [line for group in document.card.groups for line in group.lines if line.quantity]
+    numbers += [part for line in lines for part in (line.text, line.interval)]
     assert len(numbers) >= (0 if name == "still" else 14)
     pieces = numbers if width < 72 else [word for part in numbers for word in part.split()]
     counter, needed = Counter(" ".join(text.split("\n")).split()), Counter(" ".join(pieces).split())

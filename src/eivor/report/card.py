@@ -28,7 +28,7 @@ HEADINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class _Entry:
+class CardEntry:
     """A quantity of a result that the card has."""
 
     result: FlightEstimate
@@ -47,12 +47,7 @@ class _Entry:
 
 def result_card(results: Sequence[FlightEstimate]) -> Card:
     """Card of the results of a log, or of a pool of logs, one for each motion."""
-    found = [entry for result in results for entry in _entries(result)]
-    named = Counter(entry.row.wording.words for entry in found)
-    entries = [
-        entry if named[entry.row.wording.words] == 1 or entry.change else _of_motion(entry) for entry in found
-    ]
-    entries.sort(key=lambda entry: entry.change is None)
+    entries = sorted(card_entries(results), key=lambda entry: entry.change is None)
     by_look = {look: [entry for entry in entries if entry.look is look] for look in Look}
     lines = {
         look: tuple(map(_line, chosen) if look in (Look.IDENTIFIED, Look.ROUGH) else _missing(chosen))
@@ -60,6 +55,18 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
     }
     groups = tuple(CardGroup(look, HEADINGS[look], item) for look, item in lines.items() if item)
     return Card(*_title(by_look), groups)
+
+
+def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
+    """Quantities of every motion that the card has; those of one name have the motion's beside it."""
+    entries = [entry for result in results for entry in _entries(result)]
+    named = Counter(entry.row.wording.words for entry in entries)
+    return [
+        replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
+        if named[entry.row.wording.words] > 1 and entry.change is None
+        else entry
+        for entry in entries
+    ]
 
 
 def quantities_with_number(result: FlightEstimate) -> frozenset[str]:
@@ -74,7 +81,7 @@ def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
     return frozenset(entry.reason for entry in _entries(result) if entry.look in looks)
 
 
-def _entries(result: FlightEstimate) -> Iterator[_Entry]:
+def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
     changes = {change.quantity: change for change in _changes(result)}
     quantities = result.motion.quantities
     shown = {*quantities.rows, *quantities.headline, *changes}
@@ -82,11 +89,7 @@ def _entries(result: FlightEstimate) -> Iterator[_Entry]:
         if row.name in shown:
             change = changes.get(row.name)
             words = row.wording.words if change is None else change.parameter.words
-            yield _Entry(result, row, words, _look(row, result), change)
-
-
-def _of_motion(entry: _Entry) -> _Entry:
-    return replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
+            yield CardEntry(result, row, words, _look(row, result), change)
 
 
 def _look(row: QuantityRow, result: FlightEstimate) -> Look:
@@ -152,7 +155,7 @@ def _remark(change: ParameterChange) -> str:
 # -- Lines --
 
 
-def _line(entry: _Entry) -> CardLine:
+def _line(entry: CardEntry) -> CardLine:
     row, change = entry.row, entry.change
     setting = remark = command = ""
     if change is not None:
@@ -170,9 +173,9 @@ def _line(entry: _Entry) -> CardLine:
     )
 
 
-def _missing(entries: Iterable[_Entry]) -> Iterator[CardLine]:
+def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
     """A line for each reason, with its quantities; of those with one remedy the last has it."""
-    names: dict[tuple[str, str], list[_Entry]] = {}
+    names: dict[tuple[str, str], list[CardEntry]] = {}
     for entry in entries:
         names.setdefault((_remedy(entry), _why(entry.reason)), []).append(entry)
     ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
@@ -196,7 +199,7 @@ def _first(sentence: str) -> str:
     return sentence.split(". ", 1)[0].removesuffix(".")
 
 
-def _remedy(entry: _Entry) -> str:
+def _remedy(entry: CardEntry) -> str:
     """What to fly or to log instead, in one sentence."""
     reason, words = entry.reason, entry.result.motion.words
     known = log_format(entry.result.prepared[0].recording.format)
@@ -212,7 +215,7 @@ def _remedy(entry: _Entry) -> str:
 # -- Title --
 
 
-def _title(by_look: Mapping[Look, Sequence[_Entry]]) -> tuple[str, Look]:
+def _title(by_look: Mapping[Look, Sequence[CardEntry]]) -> tuple[str, Look]:
     """The most useful number, or that there is none, and how it looks."""
     for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:

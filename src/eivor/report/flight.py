@@ -13,7 +13,7 @@ import numpy as np
 from eivor.flights.estimate import not_estimated
 from eivor.flights.motion import Motion, MultiStepPrediction
 from eivor.flights.quantity import CardSection, Implications, QuantitySpec
-from eivor.flights.result import Fit, FlightEstimate, FlightRow
+from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import outcome_word
 from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
@@ -269,13 +269,6 @@ def reported_rows(result: FlightEstimate) -> tuple[QuantityRow, ...]:
     return quantity_rows(result.quantities, result.motion.quantities)
 
 
-def brief_rows(result: FlightEstimate) -> tuple[QuantityRow, ...]:
-    """Quantities that tables of flights show, where there is an estimate."""
-    if not any(math.isfinite(item.std_error) for item in result.quantities.values()):
-        return ()
-    return tuple(row for row in reported_rows(result) if row.name in result.motion.quantities.rows)
-
-
 def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
     """Reasons against single quantities that are not reasons of the verdict, with the symbols of these."""
     known = {reason.sentence for reason in result.verdict.reasons}
@@ -352,16 +345,25 @@ NUMBER_COLUMNS = (
 
 
 def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
-    """Document of a result, with or without an estimate, and with the flight card when that is wanted."""
-    return Document(
-        ", ".join(flight.recording.name for flight in result.prepared),
-        "",
-        tuple(_sections(result, flight_card=card)),
-        result_card((result,)),
-    )
+    """Document of a motion, with the flight card when that is wanted."""
+    (made,) = log_documents(LogEstimate({result.motion.name: result}), card=card)
+    return made
 
 
-def _sections(result: FlightEstimate, *, flight_card: bool) -> Iterator[Section]:
+def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[Document, ...]:
+    """Documents of the motions of a log behind the card of all; the last says why others are left out."""
+    results, said = tuple(result.motions.values()), set[str]()
+    title, made = ", ".join(flight.recording.name for flight in result.first.prepared), result_card(results)
+    bodies = [tuple(_sections(item, said, flight_card=card)) for item in results]
+    bodies[-1] = (*bodies[-1], *section("Left out", Facts, tuple(result.left_out.items())))
+    if len(results) == 1:
+        return (Document(title, "", bodies[0], made),)
+    titled = (Document(item.motion.words.title, "", body) for item, body in zip(results, bodies, strict=True))
+    return (Document(title, "", (), made), *titled)
+
+
+def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> Iterator[Section]:
+    """Sections of a motion; what is of the log is said once of all motions."""
     motion = result.motion
     numbers = quantities_with_number(result)
     others = tuple(
@@ -372,7 +374,8 @@ def _sections(result: FlightEstimate, *, flight_card: bool) -> Iterator[Section]
         yield Section("What follows for the vehicle", tuple(_implied(result.implications)))
     yield from section("Why", Bullets, reasons(result))
     steps = flight_steps(result)
-    where = () if flight_card or not steps else (WHERE_THE_CARD_IS,)
+    where = () if flight_card or not steps or WHERE_THE_CARD_IS in said else (WHERE_THE_CARD_IS,)
+    said.update(where)
     yield from section("What to do", Bullets, (*remedies(result), *where))
     yield from section("Checks", Facts, checks(result))
     if result.multi_step_prediction is not None:
@@ -391,7 +394,9 @@ def _sections(result: FlightEstimate, *, flight_card: bool) -> Iterator[Section]
         table = _row_table([(row, row_quantities(row, motion)) for row in result.comparisons], "method")
         yield Section("Methods side by side", (table, Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(result.prepared) > 1 else 'log'}"
-    yield from section(noticed, Bullets, reported_findings(result))
+    findings = [item for item in reported_findings(result) if item not in said]
+    said.update(findings)
+    yield from section(noticed, Bullets, findings)
     if flight_card:
         yield from card_section(steps)
     yield Section("Figure", (Figure("flight"),))

@@ -18,11 +18,12 @@ from markupsafe import Markup
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
-from eivor.flights.result import FlightEstimate, FlightRow
-from eivor.report.card import result_card
+from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
+from eivor.report.card import CardEntry, card_entries, result_card
 from eivor.report.document import (
     Bullets,
     Cell,
+    Document,
     Facts,
     Section,
     TableColumn,
@@ -31,7 +32,7 @@ from eivor.report.document import (
 )
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
-from eivor.report.flight import brief_rows, flight_document, reported_rows, row_quantities, spans_of
+from eivor.report.flight import log_documents, reported_rows, row_quantities, spans_of
 from eivor.report.flight_figures import (
     FlightRun,
     band_of,
@@ -41,7 +42,7 @@ from eivor.report.flight_figures import (
     within_band,
 )
 from eivor.report.html import rendered, uplot, whole_page
-from eivor.report.json_document import FitDocument, fit_document, number, plain
+from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
 from eivor.tools import Float, printable
 
@@ -313,27 +314,21 @@ SHORT = {
 TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]")
 
 
-def flight_page(result: FlightEstimate) -> str:
+def flight_page(result: FlightEstimate | LogEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
-    document, card, tree = flight_document(result, card=True), result_card((result,)), fit_document(result)
-    readings, prediction = brief_rows(result), result.multi_step_prediction
-    over_time = list(flights_over_time(result))
-    charts = [item.drawn for group in over_time for item in group.pictures if isinstance(item.drawn, Chart)]
+    whole = LogEstimate({result.motion.name: result}) if isinstance(result, FlightEstimate) else result
+    results, first = tuple(whole.motions.values()), whole.first
+    documents, card = log_documents(whole, card=True), result_card(results)
+    over_time = [list(flights_over_time(item)) for item in results]
+    pictures = (picture.drawn for groups in over_time for group in groups for picture in group.pictures)
+    charts = [drawn for drawn in pictures if isinstance(drawn, Chart)]
     figures = Figures(sum(len(chart.lines) for chart in charts))
-    whole = {row.name: row for row in reported_rows(result)}
-    of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
-    groups = {
-        "ahead": [] if prediction is None else prediction_pictures(prediction),
-        "flights": forests(result, result.flights, whole),
-        "methods": forests(result, result.comparisons, {}),
-        "flight": [*over_time, *([Pictures("", of_fit)] if of_fit else [])],
-    }
-    provenance, options = _provenance(tree)
-    sections = [
-        (_displayed(section, result), SHORT.get(section.heading, section.heading))
-        for section in document.sections
+    motions = [
+        _motion(item, document, figures, pictures, alone=len(results) == 1)
+        for item, document, pictures in zip(results, documents[-len(results) :], over_time, strict=True)
     ]
-    logs = [flight.recording.name for flight in result.prepared]
+    provenance, options = _provenance(fit_document(first))
+    logs = [flight.recording.name for flight in first.prepared]
     title = ", ".join(logs[:NAMED])
     if len(logs) > NAMED:
         title = f"{len(logs)} flights: {title}, …"
@@ -341,32 +336,57 @@ def flight_page(result: FlightEstimate) -> str:
     body = rendered(
         "flight.html",
         title=title,
-        about=result.motion.words.title,
+        about=", ".join(item.motion.words.title for item in results),
         card=card,
-        sections=[
-            ("-".join(re.findall(r"[^\W_]+", words.lower())), words, section)
-            for section, words in (*sections, (provenance, provenance.heading))
-        ],
+        motions=motions,
         provenance=provenance,
         options=options,
         drawing=uplot(),
-        figures={name: figures.html(group) for name, group in groups.items()},
     )
     verdict = {
         "status": card.look.value,
         "card": plain(card),
         "logs": [printable(log) for log in logs],
-        "readings": [_reading(row) for row in readings],
+        "readings": [_reading(entry) for entry in card_entries(results) if np.isfinite(entry.row.value)],
     }
-    data = {"result": plain(tree), "charts": figures.charts, "verdict": verdict}
+    tree = log_document(result) if isinstance(result, LogEstimate) else json_document(result)
+    data = {"result": tree, "charts": figures.charts, "verdict": verdict}
     return whole_page(f"{title}: {card.title}", body, data)
 
 
-def _reading(row: QuantityRow) -> dict[str, object]:
+def _motion(
+    result: FlightEstimate,
+    document: Document,
+    figures: Figures,
+    over_time: Sequence[Pictures],
+    *,
+    alone: bool,
+) -> tuple[str, list[tuple[str, str, Section]], dict[str, Markup]]:
+    """Heading of a motion where there are several, its sections with their names, and its pictures."""
+    prediction = result.multi_step_prediction
+    of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
+    groups = {
+        "ahead": [] if prediction is None else prediction_pictures(prediction),
+        "flights": forests(result, result.flights, {row.name: row for row in reported_rows(result)}),
+        "methods": forests(result, result.comparisons, {}),
+        "flight": [*over_time, *([Pictures("", of_fit)] if of_fit else [])],
+    }
+    prefix = "" if alone else f"{result.motion.name}-"
+    sections = []
+    for section in document.sections:
+        words = SHORT.get(section.heading, section.heading)
+        name = prefix + "-".join(re.findall(r"[^\W_]+", words.lower()))
+        sections.append((name, words, _displayed(section, result)))
+    drawn = {name: figures.html(group) for name, group in groups.items()}
+    return "" if alone else result.motion.words.title, sections, drawn
+
+
+def _reading(entry: CardEntry) -> dict[str, object]:
     """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
+    row = entry.row
     return {
-        "name": row.name,
-        "words": row.wording.words,
+        "name": f"{entry.result.motion.name}.{row.name}",
+        "words": entry.words,
         "symbol": row.wording.symbol,
         "unit": row.wording.shown_unit,
         "shown": list(row.texts),

@@ -69,7 +69,7 @@ def _head(document: Document) -> Text:
     head = Text(printable(document.title), style="bold", overflow="fold")
     about = document.about if document.card is None else document.card.title
     style = "not bold" if document.card is None else COLOURS[document.card.look.value]
-    return head.append("\n").append(printable(about), style=style)
+    return head.append("\n").append(printable(about), style=style) if about else head
 
 
 def _card(card: Card) -> Iterator[RenderableType]:
