@@ -18,7 +18,7 @@ def test_the_example_is_identified(eivor):
     run = eivor("identify", "--example")
     assert run.code == 0
     assert run.err == ""
-    assert "IDENTIFIED" in run.out
+    assert "Identified" in run.out
     assert "viscous friction" in run.out
     assert "Flight card" not in run.out
 
@@ -117,7 +117,7 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(eivor, flight, tmp_pa
     run = eivor("identify", path, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png", "--compare")
     document = json.loads((tmp_path / "x.json").read_text())
     assert run.code == 3
-    assert "NOT IDENTIFIED" in run.out
+    assert "Not identified" in run.out
     assert ("never takes off" if grounded else "constant") in run.out
     assert "Flight card" not in run.out
     assert "with --card" in run.out
@@ -285,7 +285,7 @@ def test_a_report_is_what_identify_finds(eivor, log, tmp_path):
     reported = eivor("report", log, "-o", page)
     other = eivor("identify", log, "--json", path, "--html", tmp_path / "other.html")
     assert reported.code == other.code == 0
-    assert "IDENTIFIED" in reported.out
+    assert "Identified" in reported.out
     assert str(page) in re.sub(r"\s", "", reported.out)
     assert embedded(page) == json.loads(path.read_text()) == embedded(tmp_path / "other.html")
     assert page.read_bytes() == (tmp_path / "other.html").read_bytes()

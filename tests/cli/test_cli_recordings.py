@@ -32,7 +32,7 @@ def _document(run):
 def test_a_hover_is_refused(eivor, recordings):
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
     assert run.code == 3
-    assert "NOT IDENTIFIED" in run.out
+    assert "Not identified" in run.out
     assert "--card" in run.out
     card = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--card")
     assert "SDLOG_PROFILE" in card.out

@@ -245,7 +245,7 @@ def use_commands(eivor, columns, fit, folder, commands=tuple(COMMANDS)):
 )
 def test_what_tells_nothing_is_refused_in_a_sentence(eivor, good_fit, tmp_path, columns, sentence):
     commands = use_commands(eivor, columns, good_fit, tmp_path, ("identify", "inspect"))
-    assert "NOT IDENTIFIED" in commands["identify"]
+    assert "Not identified" in commands["identify"]
     assert sentence in " ".join(commands["identify"].split())
     assert sentence in " ".join(commands["inspect"].split())
 

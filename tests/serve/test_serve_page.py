@@ -87,7 +87,7 @@ def test_text_never_becomes_markup():
 def test_every_verdict_and_every_stage_has_a_shape_of_its_own(page):
     (embedded,) = page.all("script", id="shapes")
     shapes = json.loads(embedded.text)
-    assert {status.value for status in Status} | {"over", "now", "ahead"} == set(shapes)
+    assert {status.value for status in Status} | {"contradicted", "over", "now", "ahead"} == set(shapes)
     assert len(set(shapes.values())) == len(shapes)
 
 
