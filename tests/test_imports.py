@@ -46,8 +46,10 @@ def test_import_loads_nothing_heavy():
 
 def test_public_names_load_nothing_heavy():
     """Touching every name loads the estimator, but no file format, no figure, no scipy.signal, no checks."""
-    # `fleet` is a leaf room, which reads tables.
-    loaded = modules_after("import eivor\nfor name in {*eivor.__all__} - {'fleet'}: getattr(eivor, name)")
+    # Fleets and scenarios are of leaf rooms, which read tables.
+    loaded = modules_after(
+        "import eivor\nfor name in {*eivor.__all__} - {'fleet', 'shipped_scenario'}: getattr(eivor, name)"
+    )
     assert heavy(loaded) == []
     assert "beartype" not in loaded
 

@@ -165,6 +165,7 @@ NOT_DOORS = {
     ),
     *("SavedFit", "FractionalDerivative", "FractionalDifference", "HomoskedasticErrors", "SignPerturbedSet"),
     *("Validation", "WeakInstrumentsWarning", "__version__", "bounds", "covariances", "fleet", "methods"),
+    *("Frame", "Status"),
 }
 
 
@@ -301,6 +302,7 @@ def doors(folder):
             },
         ),
         "sign_perturbed_set": (ev.sign_perturbed_set, {"problem": m.rows, "method": m.iv, "rng": m.rng}),
+        "shipped_scenario": (ev.shipped_scenario, {"name": "v"}),
         "simulate": (ev.simulate, {"scenario": m.scenario, "rng": m.rng}),
         "validate": (ev.validate, {"fit": fit_file, "recording": m.recording}),
         "weighted_total_least_squares": (

@@ -27,6 +27,7 @@ from eivor.flights.result import LogEstimate as LogEstimate
 from eivor.inference import covariance as _covariance
 from eivor.inference.confidence_set import ConfidenceSet as ConfidenceSet
 from eivor.inference.regions import ConfidenceRegion as ConfidenceRegion
+from eivor.inference.verdict import Status as Status
 from eivor.lab import cramer_rao as _cramer_rao
 from eivor.lab.fractional_model import FractionalDerivative as FractionalDerivative
 from eivor.lab.fractional_model import FractionalDifference as FractionalDifference
@@ -35,6 +36,7 @@ from eivor.lab.fractional_model import FractionalTerm as FractionalTerm
 from eivor.lab.fractional_model import UnknownOrder as UnknownOrder
 from eivor.lab.records import Scenario as Scenario
 from eivor.lab.records import simulate as simulate
+from eivor.lab.scenario_files import shipped_scenario as shipped_scenario
 from eivor.linalg.total_least_squares import weighted_total_least_squares as weighted_total_least_squares
 from eivor.logs.mapping import recording_from_columns as recording_from_columns
 from eivor.logs.read import example_flight as example_flight
@@ -66,6 +68,7 @@ from eivor.signals.noise import HeavyTailedNoise as HeavyTailedNoise
 from eivor.signals.noise import RoundingNoise as RoundingNoise
 from eivor.signals.noise import WhiteNoise as WhiteNoise
 from eivor.signals.noise import estimate_long_memory as estimate_long_memory
+from eivor.signals.recording import Frame as Frame
 from eivor.signals.recording import Recording as Recording
 from eivor.signals.signals import Signals as Signals
 

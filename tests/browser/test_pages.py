@@ -10,12 +10,10 @@ from pathlib import Path
 
 import pytest
 
+import eivor as ev
 from browser.conftest import PATIENCE_MS
 from coarse_search import coarse
-from eivor.flights.options import FlightOptions
-from eivor.inference.verdict import Reason, Status, Verdict
-from eivor.logs.read import example_flight
-from eivor.motions.identify import identify_flight
+from eivor.inference.verdict import Reason, Verdict
 from eivor.report.flight_page import flight_page
 
 SITE = os.environ.get("EIVOR_SITE", "")
@@ -114,7 +112,7 @@ KINDS = ("fit", "pool", "refused", "hostile")
 @pytest.fixture(scope="module")
 def fit():
     with coarse():
-        return identify_flight(example_flight(), FlightOptions(window=(10.0, 50.0)))
+        return ev.identify_flight(ev.example_flight(), ev.FlightOptions(window=(10.0, 50.0)))
 
 
 @pytest.fixture(scope="module")
@@ -122,17 +120,19 @@ def pages(fit):
     log = fit.prepared[0].recording
     flights = [replace(log, name=name, sha256=name) for name in ("first", f"second-{60 * 'long'}")]
     with coarse():
-        pool = identify_flight(flights, FlightOptions(compare=True), windows=[(0.0, 20.0), (20.0, 40.0)])
-    reasons = (Reason(Status.REFUSED, f"It says {HOSTILE}.", f"Do {HOSTILE}."),)
+        pool = ev.identify_flight(
+            flights, ev.FlightOptions(compare=True), windows=[(0.0, 20.0), (20.0, 40.0)]
+        )
+    reasons = (Reason(ev.Status.REFUSED, f"It says {HOSTILE}.", f"Do {HOSTILE}."),)
     flight = replace(fit.prepared[0], recording=replace(log, name=HOSTILE, format=HOSTILE))
-    refused = replace(fit, fit=None, verdict=Verdict(Status.REFUSED, reasons[:1]))
+    refused = replace(fit, fit=None, verdict=Verdict(ev.Status.REFUSED, reasons[:1]))
     results = {
         "fit": fit,
         "pool": pool,
         "refused": replace(
-            refused, verdict=Verdict(Status.REFUSED, (Reason(Status.REFUSED, "It is still."),))
+            refused, verdict=Verdict(ev.Status.REFUSED, (Reason(ev.Status.REFUSED, "It is still."),))
         ),
-        "hostile": replace(fit, prepared=(flight,), verdict=Verdict(Status.REFUSED, reasons)),
+        "hostile": replace(fit, prepared=(flight,), verdict=Verdict(ev.Status.REFUSED, reasons)),
     }
     return {name: flight_page(result) for name, result in results.items()}
 

@@ -16,7 +16,6 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.fleet.table import read_flights, write_report
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
 from report.parsed_page import parsed
 from validation.simulated_fleets import FleetSpec, fleet_rows
@@ -102,7 +101,8 @@ def test_real_logs_become_rows(eivor, log, tmp_path):
     (tmp_path / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
     run = eivor("fleet", "run", tmp_path / "*.*", "-o", tmp_path / "fleet", "--workers", 1)
     assert run.out.startswith("2 logs, each with a row: ")
-    rows = {row["name"]: row for row in read_flights(tmp_path / "fleet").rows(named=True)}
+    table = pl.read_parquet(tmp_path / "fleet" / "flights")
+    rows = {row["name"]: row for row in table.rows(named=True)}
     assert rows["damaged.ulg"]["verdict"] == "failed"
     flight = rows["flight.csv"]
     result = ev.identify_flight(ev.read_log(log))
@@ -123,7 +123,8 @@ def test_report_prints_and_writes(eivor, tmp_path):
     (tmp_path / "fleet" / "flights").mkdir(parents=True)
     table = table.with_columns(sha256=pl.Series([f"{number:064x}" for number in range(table.height)]))
     table.write_parquet(tmp_path / "fleet" / "flights" / "part-0.parquet")
-    write_report(tmp_path / "fleet", f"{3:064x}", "a page")
+    (tmp_path / "fleet" / "reports").mkdir()
+    (tmp_path / "fleet" / "reports" / f"{3:064x}.html").write_text("a page")
     files = tmp_path / "report.json", tmp_path / "report.html"
     run = eivor("fleet", "report", tmp_path / "fleet", "--json", files[0], "--html", files[1])
     assert (run.code, run.err) == (0, "")

@@ -18,7 +18,7 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.lab.scenario_files import shipped_rigid_body_flight, shipped_scenario
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.signals.thrust_map import input_map
 from eivor.simulation.rigid_body_spec import vehicle_text
@@ -62,7 +62,7 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
     run = eivor("simulate", "rich", "-o", "rich.parquet", "--seed", 5, "--truth", "rich.json")
     assert (run.code, run.err) == (0, "")
     assert run.out == "rich.parquet: 4000 samples at 5 Hz, 800 s\n"
-    signals = ev.simulate(shipped_scenario("rich"), np.random.default_rng(5)).signals
+    signals = ev.simulate(ev.shipped_scenario("rich"), np.random.default_rng(5)).signals
     log = ev.read_log(tmp_path / "rich.parquet")
     assert set(log.channels) == {"velocity_z", "acceleration_z", "input"}
     for name in ("acceleration_z", "velocity_z", "input"):

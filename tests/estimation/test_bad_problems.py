@@ -22,9 +22,6 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.inference.verdict import Status
-from eivor.lab.regularised import RegularisedLeastSquares
-from eivor.linalg import LinearSystem
 
 RNG = np.random.default_rng(0)
 ROWS = 50
@@ -321,17 +318,6 @@ def parameter(estimate):
     return estimate.solution.shrinkage.parameter
 
 
-def test_rows_are_the_equations_of_a_direct_method():
-    """The root of three rows stands for all: as many as the whole matrix has."""
-    rows = problem_of(1).rows()
-    whole = RegularisedLeastSquares().solve(LinearSystem(rows.regressors, rows.response))
-    result = ev.identify(rows, M.regularised(M.least_squares()))
-    assert parameter(result) == whole.shrinkage.parameter
-    np.testing.assert_allclose(result.theta, whole.theta, rtol=1e-9)
-    uncounted = RegularisedLeastSquares().solve(LinearSystem(result.system.matrix, result.system.right))
-    assert uncounted.shrinkage.parameter != whole.shrinkage.parameter
-
-
 def test_moments_without_an_equation_left_over_tell_no_noise():
     square = M.regularised(M.bias_compensated_least_squares())
     with pytest.raises(
@@ -360,7 +346,7 @@ def test_towards_the_estimate_of_another_method():
     result = ev.identify(made, M.regularised(M.generalized_iv(), parameter=1e9, towards=least))
     wanted = ev.identify(made, least)
     np.testing.assert_allclose(result.values, wanted.values, rtol=1e-6)
-    assert result.status is Status.WEAK
+    assert result.status is ev.Status.WEAK
     given = M.regularised(M.generalized_iv(), parameter=0.5, towards=wanted.theta)
     named = M.regularised(M.generalized_iv(), parameter=0.5, towards=least)
     np.testing.assert_allclose(ev.identify(made, given).values, ev.identify(made, named).values, rtol=1e-12)

@@ -14,13 +14,12 @@ from scipy import stats
 import eivor as ev
 import shape_checks
 from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
-from eivor.lab.scenario_files import shipped_scenario
 
 LEVEL = 0.95
 
 
 def simulated(name, samples, seed):
-    scenario = dataclasses.replace(shipped_scenario(name), samples=samples)
+    scenario = dataclasses.replace(ev.shipped_scenario(name), samples=samples)
     return ev.simulate(scenario, np.random.default_rng(seed)).signals
 
 

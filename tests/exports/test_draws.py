@@ -11,7 +11,6 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
-from eivor.inference.covariance import CovariancePart, JointCovariance, joint_draws
 from exports.documents import (
     CORRELATIONS,
     GAIN,
@@ -44,16 +43,6 @@ def test_marginal_laws_and_correlations(degrees, tmp_path):
         assert np.median(item) == pytest.approx(0.0, abs=0.002)
         assert np.quantile(item, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
-
-
-def test_different_degrees_keep_their_correlation():
-    matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
-    wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
-    plain = CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
-    draws = joint_draws(np.zeros(2), JointCovariance((wide, plain)), LAW_DRAWS, np.random.default_rng(1))
-    assert np.corrcoef(draws.T)[0, 1] == pytest.approx(0.8, abs=0.01)
-    edges = [stats.t.ppf(0.975, 5.0), stats.norm.ppf(0.975) / 0.9]
-    assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
 
 
 def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path):

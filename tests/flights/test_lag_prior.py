@@ -10,14 +10,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flight_logs import FRICTION, LAG_S, changed, flown, prepare_vertical
+from flight_logs import STEP_S as FLOWN_STEP_S
 
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
-from eivor.flights.estimate import SENSORS_APART_S, FlightState, estimated, lags_from_rates
+from eivor.flights.estimate import (
+    SENSORS_APART_S,
+    FlightState,
+    estimated,
+    lags_from_rates,
+    single_frequency_hz,
+)
 from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import QuantityEstimate
-from eivor.inference.verdict import Status
+from eivor.flights.quantity import QuantityEstimate, QuantitySpec
+from eivor.inference.verdict import Status, Verdict
 from eivor.models.separable import LaggedReferences
 from eivor.motions.rates.motion import Rates
 from eivor.motions.vertical.model import (
@@ -451,3 +458,49 @@ def test_what_the_report_says_without_a_value_in_force(square_log, side, paramet
     assert re.search(said, messages)
     document = json.loads(identify_flight.to_json())["model"]["autopilot_curve"]
     assert document == {"side": side.value or None, "in_force": parameters}
+
+
+@pytest.mark.thorough
+def test_a_reference_of_one_frequency_is_told():
+    seconds = FLOWN_STEP_S * np.arange(2000)
+    sine, steps = np.sin(2.0 * np.pi * 0.3 * seconds), np.sign(np.sin(2.0 * np.pi * 0.3 * seconds))
+    log = flown(seconds=20.0)[0]
+
+    def frequency(**references):
+        flight = prepare_vertical(changed(log, **references), ev.FlightOptions())
+        return single_frequency_hz((flight,), tuple(references))
+
+    assert frequency(reference_position_z=sine, reference_velocity_z=np.gradient(sine)) == pytest.approx(
+        0.3, abs=0.03
+    )
+    assert frequency(reference_position_z=steps) == 0.0
+    assert frequency(reference_position_z=sine, reference_velocity_z=steps) == 0.0
+    assert frequency(reference_position_z=sine + 0.3 * np.sin(2.0 * np.pi * 0.8 * seconds)) == 0.0
+    assert frequency() == 0.0
+
+
+LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
+
+
+INFINITY = float("inf")
+
+
+@pytest.mark.parametrize(
+    ("interval", "possible"),
+    [
+        ((-1.0, 2.0), (0.0, 2.0)),
+        ((0.5, 2.0), (0.5, 2.0)),
+        ((-1.0, 0.0), (0.0, 0.0)),
+        # Nothing possible is left, or nothing was said: cutting would say more than the data do.
+        ((-2.0, -1.0), (-2.0, -1.0)),
+        ((-INFINITY, INFINITY), (-INFINITY, INFINITY)),
+    ],
+)
+def test_intervals_end_where_the_quantity_does(interval, possible):
+    quantity = QuantityEstimate(1.0, "s", 0.5, interval).judged(Verdict(ev.Status.WEAK), LAG)
+    assert quantity.interval == possible
+    assert quantity.verdict is ev.Status.WEAK
+    anything = QuantityEstimate(1.0, "s", 0.5, interval).judged(
+        Verdict(ev.Status.WEAK), replace(LAG, lowest=-INFINITY)
+    )
+    assert anything.interval == interval

@@ -31,6 +31,7 @@ from eivor.inference.covariance import (
     JointCovariance,
     cosine_covariance,
     fixed_b_reference,
+    joint_draws,
     long_run_mean_variance,
     sandwich,
 )
@@ -660,3 +661,13 @@ def test_steps_and_drifts_are_courses(place, size):
 def test_few_of_normal_estimates_are_isolated():
     sizes = [40] * 250
     assert 0.0 < np.mean(added(2.5 * noise(8, 10_000), sizes) > 0.0) < 0.006
+
+
+def test_different_degrees_keep_their_correlation():
+    matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
+    wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
+    plain = CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
+    draws = joint_draws(np.zeros(2), JointCovariance((wide, plain)), 100_000, np.random.default_rng(1))
+    assert np.corrcoef(draws.T)[0, 1] == pytest.approx(0.8, abs=0.01)
+    edges = [stats.t.ppf(0.975, 5.0), stats.norm.ppf(0.975) / 0.9]
+    assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)

@@ -13,6 +13,7 @@ import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import eivor as ev
 from eivor.errors import (
     CollinearError,
     CovarianceError,
@@ -458,6 +459,18 @@ def test_what_cannot_be_used_is_refused():
         Tikhonov(towards=np.array([1.0, np.nan]))
     with pytest.raises(UsageError, match="a parameter of zero or more; received -1"):
         Tikhonov(-1.0)
+
+
+def test_rows_are_the_equations_of_a_direct_method():
+    """The root of three rows stands for all: as many as the whole matrix has."""
+    A, b = noisy(1, rows=400, noise=1.0)
+    whole = RegularisedLeastSquares().solve(LinearSystem(A, b))
+    rows = ev.regression(response=b, regressors=A)
+    result = ev.identify(rows, ev.methods.regularised(ev.methods.least_squares()))
+    assert result.solution.shrinkage.parameter == pytest.approx(whole.shrinkage.parameter, rel=1e-9)
+    np.testing.assert_allclose(result.theta, whole.theta, rtol=1e-9)
+    uncounted = RegularisedLeastSquares().solve(LinearSystem(result.system.matrix, result.system.right))
+    assert uncounted.shrinkage.parameter != pytest.approx(whole.shrinkage.parameter, rel=1e-3)
 
 
 # Certified and published solutions: NIST, York, Pearson.

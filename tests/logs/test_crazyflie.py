@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 from usd_writer import UsdLog, fixed, flight, with_checksum
 
+import eivor as ev
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
-from eivor.logs import log_format, logging_advice, read_log
-from eivor.logs.crazyflie import reader
-from eivor.logs.crazyflie.reader import SOURCES, TO_LOG
-from eivor.signals.channels import canonical_channel
 
 G = 9.80665
 
@@ -20,7 +17,7 @@ G = 9.80665
 def read(tmp_path, content, **options):
     path = Path(tmp_path) / "log07"
     path.write_bytes(content.bytes() if isinstance(content, UsdLog) else content)
-    return read_log(path, **options)
+    return ev.read_log(path, **options)
 
 
 def messages(recording, name):
@@ -257,11 +254,11 @@ def test_a_log_that_announces_no_types_of_events(tmp_path):
     path = tmp_path / "log00"
     path.write_bytes(flight(2).head()[:3] + b"\0\0" + flight(2).bytes()[5:])
     with pytest.raises(EmptyLogError):
-        read_log(path)
+        ev.read_log(path)
 
 
 def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(reader, "MAX_SEARCH_BYTES", 2048)
+    monkeypatch.setattr("eivor.logs.crazyflie.reader.MAX_SEARCH_BYTES", 2048)
     log = flight()
     content = log.head() + bytes(log.body[:2000]) + b"\x37" * 8192 + bytes(log.body[2000:])
     r = read(tmp_path, with_checksum(content))
@@ -271,13 +268,3 @@ def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):
 
 
 # What people are told.
-
-
-def test_every_source_and_every_advice_names_a_channel():
-    names = {rule.name for source in SOURCES for rule in source.rules}
-    assert all(canonical_channel(name) is not None for name in names | (set(TO_LOG)))
-    assert set(TO_LOG) <= names
-    assert log_format("crazyflie").takes_map
-    assert logging_advice("crazyflie", "battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
-    assert logging_advice("crazyflie", "pilot_throttle") == ()
-    assert "stateEstimate.z, .vz" in logging_advice("crazyflie")[0]

@@ -15,8 +15,8 @@ import polars as pl
 import pytest
 from dataflash_writer import simulated
 
+import eivor as ev
 from eivor.cli.main import app
-from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.read import log_formats, readable_formats
 from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
@@ -67,7 +67,7 @@ def test_recipes_of_channel_maps(tmp_path, column, logged, rule, meant):
         f'name = "m"\n[time]\ncolumn = "t"\n[columns."{column}"]\nvalid = [0, 65535]\n[channels.{channel}]\n'
     )
     (tmp_path / "m.toml").write_text(text + rule)
-    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels[channel].values, meant)
 
 

@@ -29,15 +29,11 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import logging_advice, read, read_log
+from eivor.logs import logging_advice, read
 from eivor.logs.common import LogFormat, begins_with
-from eivor.logs.mapping import recording_from_columns
-from eivor.logs.mapping import recording_from_columns as recording_from_columns_columns
-from eivor.logs.mapping import recording_from_columns as recording_from_columns_own
 from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.topics import _release
-from eivor.motions.identify import identify_flight
 from eivor.report.flight import logging_advice_for
 from eivor.signals.recording import LogOrigin, utc_time
 
@@ -57,18 +53,18 @@ def written(tmp_path, content, name="log"):
 )
 def test_known_formats_without_a_reader(tmp_path, content, words):
     with pytest.raises(MissingReaderError, match=f"(?s){words}"):
-        read_log(written(tmp_path, content, "misleading.csv"))
+        ev.read_log(written(tmp_path, content, "misleading.csv"))
 
 
 @pytest.mark.parametrize("content", [b"hello world\n", b"\x00" * 100, bytes(range(256)), b"\n\n\n"])
 def test_unknown_formats(tmp_path, content):
     with pytest.raises(UnknownFormatError, match="content is that of none of them"):
-        read_log(written(tmp_path, content))
+        ev.read_log(written(tmp_path, content))
 
 
 def test_empty(tmp_path):
     with pytest.raises(EmptyLogError, match="0 bytes"):
-        read_log(written(tmp_path, b""))
+        ev.read_log(written(tmp_path, b""))
 
 
 def test_too_large_is_told_before_reading(tmp_path):
@@ -76,23 +72,23 @@ def test_too_large_is_told_before_reading(tmp_path):
     with path.open("wb") as stream:
         stream.truncate(5 << 30)  # sparse
     with pytest.raises(LogTooLargeError, match="at most 1073741824 bytes"):
-        read_log(path)
+        ev.read_log(path)
     with pytest.raises(LogTooLargeError):
-        read_log(written(tmp_path, b"time,velocity_z\n0,1\n"), max_bytes=5)
+        ev.read_log(written(tmp_path, b"time,velocity_z\n0,1\n"), max_bytes=5)
 
 
 def test_paths(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        read_log(tmp_path / "nothing.ulg")
+        ev.read_log(tmp_path / "nothing.ulg")
     with pytest.raises(InputError, match="a directory"):
-        read_log(tmp_path)
+        ev.read_log(tmp_path)
     with pytest.raises(InputError, match=r"can be opened|null"):
-        read_log("a\x00b")
+        ev.read_log("a\x00b")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="not a regular file"):
-        read_log(tmp_path / "pipe")
+        ev.read_log(tmp_path / "pipe")
     with pytest.raises(InputError):
-        read_log("x" * 5000)
+        ev.read_log("x" * 5000)
 
 
 def test_file_names_with_glob_characters(tmp_path):
@@ -102,7 +98,7 @@ def test_file_names_with_glob_characters(tmp_path):
     frame.write_csv(tmp_path / "a[1]*?.csv")
     frame.write_parquet(tmp_path / "a[1]*?.parquet")
     for name in ("a[1]*?.csv", "a[1]*?.parquet"):
-        assert read_log(tmp_path / name).channels["velocity_z"].values.tolist() == [1.0, 2.0]
+        assert ev.read_log(tmp_path / name).channels["velocity_z"].values.tolist() == [1.0, 2.0]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
@@ -110,7 +106,7 @@ def test_file_names_that_are_not_text(tmp_path):
     path = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe.csv")
     Path(path).write_text("time,velocity_z\n0,1\n1,2\n")
     with pytest.raises(InputError, match=r"Expected a path in UTF-8; received b'.*\\x[0-9a-f]{2}"):
-        read_log(path)
+        ev.read_log(path)
 
 
 def test_advice():
@@ -139,7 +135,7 @@ def read_wheels(file, options):
     if len(body) % 16:
         raise CorruptLogError("pairs of doubles", f"'{file.name}' of {len(body)} bytes", "Copy it again.")
     time_s, speed = np.frombuffer(body, dtype="<f8").reshape(-1, 2).T
-    recording = recording_from_columns({"time": time_s, "velocity_z": speed}, name=file.name)
+    recording = ev.recording_from_columns({"time": time_s, "velocity_z": speed}, name=file.name)
     return replace(recording, format=WHEELS.name, sha256=options.sha256)
 
 
@@ -157,18 +153,18 @@ def test_a_format_from_outside(table, tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"WHL1" + struct.pack("<4d", 0.0, 1.0, 0.1, 2.0))
     with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, CSV"):
-        read_log(path)
+        ev.read_log(path)
     declare_format(WHEELS)
-    r = read_log(path)
+    r = ev.read_log(path)
     assert (r.format, len(r.sha256)) == ("wheels", 64)
     assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
     assert logging_advice("wheels") == ("Turn on everything.",)
     assert logging_advice_for(r, "input") == ("Turn on input.",)
     with pytest.raises(UsageError, match="a channel map with the Wheels log"):
-        read_log(path, channel_map="rotorpy")
+        ev.read_log(path, channel_map="rotorpy")
     path.write_bytes(b"nothing")
     with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, Wheels log, CSV"):
-        read_log(path)
+        ev.read_log(path)
 
 
 def test_declared_formats_do_not_take_the_place_of_others(table):
@@ -211,7 +207,7 @@ def test_tables_in_other_encodings(tmp_path, content, words):
     path = tmp_path / "t.csv"
     path.write_bytes(content)
     with pytest.raises(UnknownFormatError, match=rf"(?s)in UTF-8; received 't.csv', .*{words}"):
-        read_log(path)
+        ev.read_log(path)
 
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -219,7 +215,7 @@ START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 def test_real_logs_know_their_boards(recordings):
     """Against pyulog's own info messages, and the texts in the DataFlash log."""
-    px4 = read_log(recordings / "px4" / "ekf_failure.ulg")
+    px4 = ev.read_log(recordings / "px4" / "ekf_failure.ulg")
     assert px4.origin == LogOrigin(
         "00050000000000000000615bb0a12b3c19d7",
         "PX4 airframe 4001",
@@ -230,12 +226,12 @@ def test_real_logs_know_their_boards(recordings):
     assert abs((px4.origin.start - datetime(2025, 2, 10, 13, 57, tzinfo=UTC)).total_seconds()) < 300.0
     assert np.median(px4.channels["air_density"].values) == pytest.approx(1.2815, abs=1e-3)
     assert np.median(px4.channels["air_temperature"].values) == pytest.approx(6.4, abs=0.5)
-    apm = read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
+    apm = ev.read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
     assert apm.origin.board == "00420035 33355109 33373538"
     assert (apm.origin.airframe, apm.origin.firmware) == ("ArduPilot QUAD", "APM:Copter V3.4.4-rc1")
     assert np.median(apm.channels["air_density"].values) == pytest.approx(1.158, abs=2e-3)
-    assert read_log(recordings / "arpl-crazyflie" / "log10").origin == LogOrigin(airframe="Crazyflie")
-    nanobench = read_log(next((recordings / "nanobench").glob("*.csv")))
+    assert ev.read_log(recordings / "arpl-crazyflie" / "log10").origin == LogOrigin(airframe="Crazyflie")
+    nanobench = ev.read_log(next((recordings / "nanobench").glob("*.csv")))
     assert nanobench.origin.airframe == "Crazyflie 2.1"
     assert nanobench.origin.start is not None  # its clock is that of the computer beside it
 
@@ -259,7 +255,7 @@ def test_tables_on_a_clock_of_the_day_know_when(tmp_path, first, start):
     path = tmp_path / "log.csv"
     rows = "".join(f"{first + 0.1 * index:.1f},{index}\n" for index in range(5))
     path.write_text(f"time,velocity_z\n{rows}")
-    assert read_log(path).origin.start == start
+    assert ev.read_log(path).origin.start == start
 
 
 @pytest.mark.thorough
@@ -267,7 +263,7 @@ def test_a_written_recording_keeps_its_origin(tmp_path):
     log = ev.recording_from_columns({"time": np.arange(5.0), "velocity_z": np.ones(5)})
     for origin in (LogOrigin("N1", "quad", "PX4 1.15.0", START), LogOrigin()):
         write_recording(replace(log, origin=origin), tmp_path / "log.parquet")
-        assert read_log(tmp_path / "log.parquet").origin == origin
+        assert ev.read_log(tmp_path / "log.parquet").origin == origin
 
 
 TABLE = b"time,velocity_z\n0,1\n0.1,2\n"
@@ -305,7 +301,7 @@ def parquet():
 )
 def test_every_format(temporary, monkeypatch, content, name):
     monkeypatch.setattr(sys, "stdin", Input(content))
-    r = read_log("-")
+    r = ev.read_log("-")
     assert (r.format, r.name) == (name, "standard input")
     assert "velocity_z" in r.channels
 
@@ -327,14 +323,14 @@ def test_every_format(temporary, monkeypatch, content, name):
 def test_what_is_not_read(temporary, monkeypatch, stream, error, words):
     monkeypatch.setattr(sys, "stdin", stream)
     with pytest.raises(error, match=words):
-        read_log("-", max_bytes=100)
+        ev.read_log("-", max_bytes=100)
 
 
 def test_a_file_of_that_name_comes_first(temporary, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", Input(b""))
     (tmp_path / "-").write_bytes(TABLE)
-    assert read_log("-").name == "-"
+    assert ev.read_log("-").name == "-"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such paths there")
@@ -343,7 +339,7 @@ def test_pipes_that_were_opened_for_this_process(temporary):
     try:
         os.write(writing, TABLE)
         os.close(writing)
-        assert read_log(f"/dev/fd/{reading}").channels["velocity_z"].values.tolist() == [1.0, 2.0]
+        assert ev.read_log(f"/dev/fd/{reading}").channels["velocity_z"].values.tolist() == [1.0, 2.0]
     finally:
         os.close(reading)
 
@@ -352,7 +348,7 @@ def test_pipes_that_were_opened_for_this_process(temporary):
 @pytest.mark.parametrize("path", [3, None, b"log.csv", ["log.csv"]])
 def test_paths_that_are_none(path):
     with pytest.raises(UsageError, match="a path, as a text or a Path"):
-        read_log(path)
+        ev.read_log(path)
 
 
 TIME_S = 0.01 * np.arange(1000)
@@ -366,21 +362,21 @@ COLUMNS = {
 
 
 def test_a_column_without_a_number_is_said_to_be_there():
-    recording = recording_from_columns_columns(COLUMNS | {"velocity_z": np.full(1000, np.nan)})
+    recording = ev.recording_from_columns(COLUMNS | {"velocity_z": np.full(1000, np.nan)})
     with pytest.raises(MissingChannelError, match="velocity_z, which is there and holds no number"):
-        identify_flight(recording)
+        ev.identify_flight(recording)
 
 
 def test_a_clock_that_runs_backwards_is_named():
-    recording = recording_from_columns_columns({name: column[::-1] for name, column in COLUMNS.items()})
+    recording = ev.recording_from_columns({name: column[::-1] for name, column in COLUMNS.items()})
     with pytest.raises(MissingChannelError, match=r"999 were dropped, because their stamp .* goes backward"):
-        identify_flight(recording)
+        ev.identify_flight(recording)
 
 
 def test_an_accelerometer_without_an_attitude_is_said_to_be_of_no_use():
     (results,) = (
         finding.message
-        for finding in identify_flight(recording_from_columns_columns(COLUMNS)).findings
+        for finding in ev.identify_flight(ev.recording_from_columns(COLUMNS)).findings
         if finding.name == "no_accelerometer"
     )
     assert results.startswith("Without an attitude the accelerometer cannot be turned to the world's axes")
@@ -393,7 +389,7 @@ VALUES = np.sin(OWN_TIME_S)
 
 def joined(*, has_value: np.ndarray, name: str = "rotor_command_1"):
     column = np.where(has_value, VALUES, np.nan)
-    return recording_from_columns_own({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
+    return ev.recording_from_columns({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
 
 
 def found(recording) -> list[str]:
@@ -405,7 +401,7 @@ def test_values_that_fill_the_rows_until_the_next_are_of_a_slower_logger(rate_hz
     logged = np.floor(OWN_TIME_S * rate_hz + 1e-9) / rate_hz
     constant = (logged >= 4.0) & (logged < 5.0)
     column = np.where(constant, 0.0, np.cos(3.0 * logged))
-    recording = recording_from_columns_own({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
+    recording = ev.recording_from_columns({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
     channel = recording.channels[name]
     assert channel.rate_hz == pytest.approx(rate_hz, rel=0.01)
     assert np.diff(channel.time_s).max() < 1.1 / rate_hz  # also while it is constant
@@ -424,7 +420,7 @@ def test_values_that_fill_the_rows_until_the_next_are_of_a_slower_logger(rate_hz
     ids=["rounded", "rounded noise", "steps", "two values"],
 )
 def test_values_that_repeat_by_themselves_are_of_every_row(column):
-    channel = recording_from_columns_own({"time": OWN_TIME_S, "input": column}).channels["input"]
+    channel = ev.recording_from_columns({"time": OWN_TIME_S, "input": column}).channels["input"]
     np.testing.assert_array_equal(channel.time_s, OWN_TIME_S)
 
 

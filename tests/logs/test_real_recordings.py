@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from eivor.logs import read_log
-from eivor.signals.recording import Frame
+import eivor as ev
 
 pytestmark = pytest.mark.recordings
 
@@ -17,7 +16,7 @@ def names(recording):
 
 @pytest.fixture(scope="module")
 def nanobench(recordings):
-    return {path.stem: read_log(path) for path in sorted((recordings / "nanobench").glob("*.csv"))}
+    return {path.stem: ev.read_log(path) for path in sorted((recordings / "nanobench").glob("*.csv"))}
 
 
 def test_nanobench_overflow(nanobench):
@@ -37,7 +36,7 @@ def test_nanobench_twins(nanobench):
 
 def test_nanobench_units(nanobench):
     for r in nanobench.values():
-        assert (r.frame, r.input_map, len(r.family("rotor_command_*"))) == (Frame.Z_UP, "square", 4)
+        assert (r.frame, r.input_map, len(r.family("rotor_command_*"))) == (ev.Frame.Z_UP, "square", 4)
         assert "mixed_units" not in names(r)
         force = r.channels["specific_force_body_z"].values
         assert np.nanmedian(force) == pytest.approx(9.81, abs=0.35)
@@ -47,7 +46,7 @@ def test_nanobench_units(nanobench):
 
 
 def test_ekf_failure(recordings):
-    r = read_log(recordings / "px4" / "ekf_failure.ulg")
+    r = ev.read_log(recordings / "px4" / "ekf_failure.ulg")
     assert r.parameters["MPC_THR_HOVER"] == pytest.approx(0.35)
     assert r.channels["input"].source == "-vehicle_thrust_setpoint.xyz[2]"
     assert np.nanmin(r.channels["position_z"].values) < -16
@@ -59,7 +58,7 @@ def test_ekf_failure(recordings):
 
 
 def test_battery_brownout(recordings):
-    r = read_log(recordings / "px4" / "battery_brownout.ulg")
+    r = ev.read_log(recordings / "px4" / "battery_brownout.ulg")
     assert "battery_voltage" not in r.channels  # the battery is not connected to the sensor: 0.05 V
     assert np.isfinite(r.channels["reference_position_z"].values).sum() == 122
     feedback = r.channels["feedback_reference_velocity_z"]
@@ -67,14 +66,14 @@ def test_battery_brownout(recordings):
 
 
 def test_px4_old_names(recordings):
-    r = read_log(recordings / "px4" / "sample_appended_multiple.ulg")
+    r = ev.read_log(recordings / "px4" / "sample_appended_multiple.ulg")
     assert r.channels["input"].source == "vehicle_attitude_setpoint.thrust"
     assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
     assert "acceleration_z" not in r.channels
 
 
 def test_ardupilot(recordings):
-    r = read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
+    r = ev.read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
     assert r.span_s == pytest.approx((0.01, 150.71), abs=0.01)
     assert r.vehicle == "rotary wing"
     sources = {"velocity_z": "NKF1.VD", "input": "RATE.AOut", "reference_position_z": "-CTUN.DAlt"}
@@ -94,7 +93,7 @@ CRAZYFLIE_SOURCES += [f"motor.m{rotor}" for rotor in range(1, 5)]
 
 @pytest.fixture(scope="module")
 def crazyflie(recordings):
-    return {name: read_log(recordings / "arpl-crazyflie" / name) for name in ("log10", "log15", "log16")}
+    return {name: ev.read_log(recordings / "arpl-crazyflie" / name) for name in ("log10", "log15", "log16")}
 
 
 @pytest.mark.parametrize(
@@ -123,7 +122,7 @@ def test_crazyflie_columns_by_a_map(crazyflie, recordings, tmp_path):
         '[channels.input]\nexpression = \'"motor.m1" + "motor.m2"\'\n'
         '[channels.angular_rate_x]\ncolumn = "fixedFrequency:gyro.x"\nunit = "deg/s"\n'
     )
-    r = read_log(recordings / "arpl-crazyflie" / "log15", channel_map=tmp_path / "m.toml")
+    r = ev.read_log(recordings / "arpl-crazyflie" / "log15", channel_map=tmp_path / "m.toml")
     known = crazyflie["log15"].channels
     total = 65535.0 * (known["rotor_command_1"].values + known["rotor_command_2"].values)
     np.testing.assert_allclose(r.channels["input"].values, total, atol=1e-6)

@@ -12,7 +12,6 @@ import eivor as ev
 from eivor.errors import InputError, MissingChannelError
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import SimpleModel
-from eivor.inference.verdict import Status
 from eivor.motions.rates.motion import Rates
 from eivor.motions.table import motion_names
 from motions.turning_logs import AXES
@@ -52,7 +51,7 @@ def test_it_is_a_motion_of_its_own():
 
 @pytest.mark.thorough
 def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
-    assert fit.verdict.status is Status.IDENTIFIED
+    assert fit.verdict.status is ev.Status.IDENTIFIED
     for name, truth in HEADLINE.items():
         low, high = fit.quantities[name].interval
         assert low <= truth <= high
@@ -63,7 +62,7 @@ def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
 @pytest.mark.thorough
 def test_an_interval_wider_than_a_tenth_is_weak(short):
     flight = ev.identify_flight(short, model="rates")
-    assert flight.verdict.status is Status.WEAK
+    assert flight.verdict.status is ev.Status.WEAK
     for axis in ("roll", "pitch"):
         effect = flight.quantities[f"{axis}_effectiveness"]
         assert effect.interval[0] <= HEADLINE[f"{axis}_effectiveness"] <= effect.interval[1]
@@ -72,7 +71,7 @@ def test_an_interval_wider_than_a_tenth_is_weak(short):
         assert f"{axis} effectiveness is" in reason.sentence
         assert "identified needs ±10%" in reason.sentence
         assert reason.remedy == "Fly larger and quicker steps, or longer."
-    assert flight.quantities["effective_lag"].verdict is Status.IDENTIFIED
+    assert flight.quantities["effective_lag"].verdict is ev.Status.IDENTIFIED
     assert flight.quantities["effective_lag"].value == pytest.approx(TRUTH.effective_lag_s, abs=0.006)
 
 
@@ -98,8 +97,8 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
 def test_references_that_hardly_move_tell_nothing():
     for size in (0.0, 0.01):
         flight = ev.identify_flight(turned(2, size=size, seconds=20.0), model="rates")
-        assert flight.verdict.status is Status.REFUSED
-        assert flight.quantities["roll_effectiveness"].verdict is Status.REFUSED
+        assert flight.verdict.status is ev.Status.REFUSED
+        assert flight.quantities["roll_effectiveness"].verdict is ev.Status.REFUSED
 
 
 @pytest.mark.thorough
@@ -107,19 +106,19 @@ def test_a_setpoint_of_the_other_sign_is_named(log):
     torque = log.channels["torque_setpoint_y"]
     turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
     flight = ev.identify_flight(turned_over, model="rates")
-    assert flight.verdict.status is Status.REFUSED
+    assert flight.verdict.status is ev.Status.REFUSED
     assert any(
         "opposite signs" in reason.sentence and "torque_setpoint_y" in reason.remedy
         for reason in flight.quantities["pitch_effectiveness"].reasons
     )
-    assert flight.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+    assert flight.quantities["roll_effectiveness"].verdict is ev.Status.IDENTIFIED
 
 
 @pytest.mark.thorough
 def test_yaw_may_be_missing(log):
     flight = ev.identify_flight(changed(log, torque_setpoint_z=None), model="rates")
     assert "yaw_effectiveness" not in flight.quantities
-    assert flight.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+    assert flight.quantities["roll_effectiveness"].verdict is ev.Status.IDENTIFIED
     assert any(finding.name == "no_yaw" for finding in flight.findings)
 
 
@@ -147,7 +146,7 @@ def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
     }
     gone = dict.fromkeys(("reference_roll", "reference_pitch", "reference_yaw"))
     flight = ev.identify_flight(changed(log, **answering, **gone), model="rates")
-    assert flight.verdict.status is Status.WEAK
+    assert flight.verdict.status is ev.Status.WEAK
     assert any("answer" in reason.sentence for reason in flight.verdict.reasons)
 
 
@@ -156,10 +155,10 @@ def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
     still = replace(log.channels["reference_yaw"], values=np.zeros(log.channels["reference_yaw"].values.size))
     quiet = ev.identify_flight(changed(log, reference_yaw=still), model="rates")
     for name in ("roll_effectiveness", "pitch_effectiveness"):
-        assert quiet.quantities[name].verdict is Status.IDENTIFIED
+        assert quiet.quantities[name].verdict is ev.Status.IDENTIFIED
         assert quiet.fit.sets[name].robust.is_bounded
         assert quiet.quantities[name].interval == pytest.approx(fit.quantities[name].interval, rel=0.1)
-    assert quiet.quantities["yaw_effectiveness"].verdict is Status.REFUSED
+    assert quiet.quantities["yaw_effectiveness"].verdict is ev.Status.REFUSED
 
 
 @pytest.mark.thorough
@@ -173,8 +172,8 @@ def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
 @pytest.mark.thorough
 def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
     flight = ev.identify_flight(ev.read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
-    assert flight.verdict.status is Status.REFUSED
-    refusals = [item.sentence for item in flight.verdict.reasons if item.status is Status.REFUSED]
+    assert flight.verdict.status is ev.Status.REFUSED
+    refusals = [item.sentence for item in flight.verdict.reasons if item.status is ev.Status.REFUSED]
     assert all("effectiveness is ±" in item and "it needs ±25%" in item for item in refusals)
     low, high = flight.quantities["pitch_effectiveness"].interval
     assert 100.0 < low < high < 220.0
@@ -184,7 +183,7 @@ def test_a_real_log_of_the_default_profile_is_too_wide(recordings):
 @pytest.mark.thorough
 def test_a_real_log_without_excitation_is_refused(recordings):
     flight = ev.identify_flight(ev.read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
-    assert flight.verdict.status is Status.REFUSED
+    assert flight.verdict.status is ev.Status.REFUSED
 
 
 VEHICLE = Vehicle_ahead()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from eivor.signals.recording import Channel, Recording
+import eivor as ev
+from flights.flight_logs import channel as logged
 
 STEP_S = 0.0025
 AXES = ("roll", "pitch", "yaw")
@@ -94,8 +95,8 @@ def turned(
             (f"torque_setpoint_{letter}", time[::every], command, "", True),
             (f"reference_{name}", time[::8], reference[::8, axis], "rad", True),
         ):
-            channels[channel] = Channel(channel, item, values, unit, held=held)
-    return Recording("turned.csv", "csv", channels)
+            channels[channel] = replace(logged(channel, item, values), unit=unit, source="", held=held)
+    return ev.Recording("turned.csv", "csv", channels)
 
 
 def _discrete(vehicle, axis):

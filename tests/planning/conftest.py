@@ -6,21 +6,21 @@ from importlib.util import module_from_spec, spec_from_file_location
 
 import pytest
 
-from eivor.inference.verdict import Status
-from eivor.planning.plan import ExpectedInterval, FlightPlan
-from eivor.planning.vehicle import FlightLimits, VehicleGuess, candidates
+import eivor as ev
+from eivor.planning.plan import ExpectedInterval
+from eivor.planning.vehicle import candidates
 
-LIMITS = FlightLimits(duration_s=30.0)
+LIMITS = ev.FlightLimits(duration_s=30.0)
 
 
 def planned(kind):
     """The first shape of that kind."""
     shape = next(candidates(LIMITS, (kind,), 0))
     predicted = {
-        word: ExpectedInterval(width, value, (Status.IDENTIFIED, Status.WEAK))
+        word: ExpectedInterval(width, value, (ev.Status.IDENTIFIED, ev.Status.WEAK))
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
-    return FlightPlan(VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
+    return ev.FlightPlan(ev.VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
 
 
 def written_module(text, folder):

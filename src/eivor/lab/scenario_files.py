@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, g
 
 import msgspec
 
+from eivor.checks import described
 from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
     Arma,
@@ -434,10 +435,26 @@ def shipped_scenarios() -> tuple[str, ...]:
 
 
 def shipped_scenario(name: str) -> Scenario:
-    """Scenario that comes with the package."""
-    if name not in shipped_scenarios():
+    """Scenario that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        Such as "rich": the page of scenarios lists them.
+
+    Returns
+    -------
+    Scenario
+        What `simulate` takes.
+
+    Raises
+    ------
+    UsageError
+        If there is none of that name.
+    """
+    if not isinstance(name, str) or name not in shipped_scenarios():
         expected = f"a scenario out of {', '.join(shipped_scenarios())}"
-        raise UsageError(expected, f"'{name}'", "Name one of them.")
+        raise UsageError(expected, described(name), "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
 
 
