@@ -13,16 +13,20 @@ from rich.console import Console
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Cause, Reason, Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import Bullets, TableOf
+from eivor.report.card import result_card
+from eivor.report.document import Bullets, Card, CardLine, Look, TableOf
 from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.rows import NO_NUMBER, QuantityRow
 from eivor.report.terminal import on_terminal
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import printable
+
+HOVER = "hover_input"
 
 
 @pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
@@ -183,3 +187,51 @@ def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
     assert str(document.sections).count(reason) == 0
     assert str(document.card).count(reason.removesuffix(".")) == 1
+
+
+OUTSIDE, INSIDE = "0.58 is outside the interval: hover is 11% lower.", "0.52 is inside the interval."
+TOGETHER = (
+    "Of motor signals, hover and curve are written together or not at all: thrust_curve is not estimated."
+)
+LINES = [
+    (Status.IDENTIFIED, CurveSide.BEFORE, 0.58, "MPC_THR_HOVER 0.58 -> 0.515", OUTSIDE),
+    (Status.IDENTIFIED, CurveSide.BEFORE, 0.52, "MPC_THR_HOVER 0.52 -> 0.515", INSIDE),
+    (Status.IDENTIFIED, CurveSide.BEHIND, 0.58, "MPC_THR_HOVER is 0.58", TOGETHER),
+    (Status.WEAK, CurveSide.BEFORE, 0.58, "MPC_THR_HOVER is 0.58", OUTSIDE),
+    (Status.REFUSED, CurveSide.BEFORE, 0.58, "", ""),
+]
+
+
+def card_of(fit: FlightEstimate, quantity: Quantity, side: CurveSide, old: float) -> Card:
+    """Card of a result whose log has a hover parameter."""
+    flight = fit.prepared[0]
+    log = replace(flight.recording, parameters={"MPC_THR_HOVER": old}, format="ulog")
+    prepared = (replace(flight, recording=log, curve_side=side),)
+    return result_card((replace(fit, prepared=prepared, quantities={**fit.quantities, HOVER: quantity}),))
+
+
+@pytest.mark.parametrize(("verdict", "side", "old", "setting", "remark"), LINES)
+def test_the_card_sets_what_is_identified_and_in_the_terms_of_its_parameter(
+    fit, verdict, side, old, setting, remark
+):
+    hover = Quantity(0.515, "", 0.006, (0.503, 0.527), verdict)
+    card = card_of(fit, hover, side, old)
+    lines = [line for group in card.groups for line in group.lines if line.quantity == HOVER]
+    assert [(line.setting, line.remark) for line in lines] == ([(setting, remark)] if setting else [])
+    commands = [line.command for line in lines if line.command]
+    assert commands == (["param set MPC_THR_HOVER 0.515"] if "->" in setting else [])
+    if verdict is Status.IDENTIFIED:
+        of_parameter = f"Hover throttle 0.515 [0.503, 0.527], MPC_THR_HOVER is {old}"
+        assert card.title == (of_parameter if remark != TOGETHER else "Hover input 0.515 [0.503, 0.527]")
+
+
+def test_only_a_contradiction_is_red(fit):
+    reasons = {
+        Look.MISSING: Reason(Status.REFUSED, "The interval is ±9% wide; it needs ±5%.", "Fly.", Cause.WIDE),
+        Look.CONTRADICTED: Reason(Status.REFUSED, "It falls upward.", "Turn it.", Cause.CONTRADICTION),
+    }
+    for look, reason in reasons.items():
+        hover = Quantity(0.515, "", 0.006, (0.4, 0.6), Status.REFUSED, reasons=(reason,))
+        group = card_of(fit, hover, CurveSide.BEFORE, 0.58).groups[-1]
+        why = "the interval is too wide." if look is Look.MISSING else reason.sentence
+        assert (group.look, group.lines) == (look, (CardLine("Hover input", why, remark=reason.remedy),))

@@ -53,7 +53,7 @@ def test_a_flight_has_its_panels(fit):
         "How well each delay fits",
         "Excitation",
     ]
-    assert "identified" in figure.get_suptitle()
+    assert "not identified" not in figure.get_suptitle()
     assert inside(figure)
 
 

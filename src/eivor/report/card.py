@@ -88,7 +88,7 @@ def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
     for row in quantity_rows(result.quantities, quantities):
         if row.name in shown:
             change = changes.get(row.name)
-            words = row.wording.words if change is None else change.parameter.words
+            words = change.parameter.words if change and change.flown else row.wording.words
             yield CardEntry(result, row, words, _look(row, result), change)
 
 
@@ -219,7 +219,8 @@ def _title(by_look: Mapping[Look, Sequence[CardEntry]]) -> tuple[str, Look]:
     """The most useful number, or that there is none, and how it looks."""
     for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:
-            known = f", {entry.change.parameter.name} is {entry.change.old:.4g}" if entry.change else ""
+            change = entry.change if entry.change and entry.change.flown else None
+            known = f", {change.parameter.name} is {change.old:.4g}" if change else ""
             return capitalised(f"{before}{entry.words} {_line(entry).number}{known}"), look
     if by_look[Look.CONTRADICTED]:
         return "The data contradict themselves: nothing is identified", Look.CONTRADICTED

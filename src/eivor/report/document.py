@@ -86,12 +86,21 @@ def table(columns: Iterable[str | TableColumn], rows: Iterable[Iterable[str | Ce
     return TableOf(titled, tuple(cells))
 
 
+class Look(Enum):
+    """How the lines of a card look: green, amber, grey; red where data contradict themselves."""
+
+    IDENTIFIED = Status.IDENTIFIED.value
+    ROUGH = Status.WEAK.value
+    MISSING = Status.REFUSED.value
+    CONTRADICTED = "contradicted"
+
+
 @dataclass(frozen=True, slots=True)
 class Statement:
     """A verdict, in a line of its own."""
 
     text: str
-    status: Status
+    look: Look
     more: str = ""
 
 
@@ -100,15 +109,6 @@ class Figure:
     """A place for a figure; a medium that has none leaves it out."""
 
     name: str
-
-
-class Look(Enum):
-    """How the lines of a card look: green, amber, grey; red where data contradict themselves."""
-
-    IDENTIFIED = Status.IDENTIFIED.value
-    ROUGH = Status.WEAK.value
-    MISSING = Status.REFUSED.value
-    CONTRADICTED = "contradicted"
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,8 +98,8 @@ DARK, RED, GREY, BLUE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 STATUS_COLOURS = {
     Status.IDENTIFIED: "#1b7f3b",
     Status.WEAK: "#a06a00",
-    Status.PROVISIONAL: "#7b3f9e",
-    Status.REFUSED: "#b3261e",
+    Status.PROVISIONAL: GREY,
+    Status.REFUSED: GREY,
 }
 
 

@@ -504,14 +504,12 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
         value, interval = row.texts
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
-            parts.append(f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip())
-    lines = [f"{text} — {result.verdict.status.shown}", "; ".join(parts[:2]), "; ".join(parts[2:])]
-    figure.suptitle(
-        "\n".join(line for line in lines if line),
-        fontsize=11,
-        color=STATUS_COLOURS[result.verdict.status],
-        parse_math=False,
-    )
+            status = row.quantity.verdict
+            shown = "" if status is Status.IDENTIFIED else f" ({status.shown})"
+            number = f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip()
+            parts.append(f"{number}{shown}")
+    lines = [text, "; ".join(parts[:2]), "; ".join(parts[2:]), "" if parts else result.verdict.status.shown]
+    figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
 
 
 # -- Figure without estimate --

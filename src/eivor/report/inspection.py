@@ -16,12 +16,13 @@ from eivor.flights.prepare import overview
 from eivor.flights.quantity import NAN, Words
 from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
+from eivor.report.card import result_card
 from eivor.report.document import (
     Bullets,
     Cell,
     Document,
+    Look,
     Section,
     Statement,
     TableColumn,
@@ -393,8 +394,8 @@ def _absent(result: Inspection) -> Iterator[Section]:
 def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> Section:
     heading = f"What identify says{of} (found by running it)"
     if result.result is None:
-        statement = Statement("nothing: it cannot begin", Status.REFUSED)
+        statement = Statement("nothing: it cannot begin", Look.MISSING)
     else:
-        status = result.result.verdict.status
-        statement = Statement(status.shown, status, f" (method {result.result.method})")
+        card = result_card((result.result,))
+        statement = Statement(card.title, card.look, f" (method {result.result.method})")
     return Section(heading, (statement, Bullets((*result.reasons, *record))))

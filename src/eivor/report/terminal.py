@@ -130,7 +130,7 @@ def _part(part: Part) -> RenderableType:
         case Bullets():
             return _bullets(part)
         case Statement():
-            sentence = (printable(part.text), COLOURS[part.status.value])
+            sentence = (printable(part.text), COLOURS[part.look.value])
             return Text.assemble(sentence, printable(part.more))
         case Figure():
             return Text()
