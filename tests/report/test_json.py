@@ -92,6 +92,16 @@ SCHEMA: dict[str, Any] = {
     },
     "derived": {"time_constant": QUANTITY, "hover_input": QUANTITY, "effective_lag": QUANTITY},
     "implied": [],
+    "figures": [
+        {
+            "name": str,
+            "words": str,
+            "value": NUMBER,
+            "unit": str,
+            "interval": (list, type(None)),
+            "sentence": str,
+        }
+    ],
     "contradictions": [],
     "covariance": (dict, type(None)),
     "prediction": (dict, type(None)),

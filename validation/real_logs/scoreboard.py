@@ -1,15 +1,19 @@
-"""Scoreboard of the recordings: what is identified of them, and whether repeats and halves agree.
+"""Scoreboard of the recordings: what is identified of them, and whether halves, repeats and autopilots agree.
 
-    python -m validation.real_logs.scoreboard [--only WORD] [--rows FILE.json] [--from FILE.json]
+    python -m validation.real_logs.scoreboard [--small] [--only WORD] [--page docs/studies/real-logs.md]
+        [--rows FILE.json] [--from FILE.json] [--list]
 
-identifies every recording of `EIVOR_DATA` alone, those of the vehicle with a known lag with that lag as well,
-and its trefoils by halves. Two values agree when they differ by at most the root sum of squares of their
-half-widths, 1.96 joint standard errors. It takes two minutes; `--from` reads the rows of an earlier pass.
+identifies the recordings of `EIVOR_DATA` that `scoreboard.toml` lists: alone, by halves of the time used,
+and those of the vehicle with a known lag with that lag. Two values agree when they differ by at most the root
+sum of squares of their half-widths, 1.96 joint standard errors. `--small` takes a few; the exit code is 3
+where a share is below its floor. `--list` prints the list anew: a log is flown when for 20 s its motors ran
+more than half a metre above where they were off, or throughout the log, whatever the estimator says.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import re
@@ -20,21 +24,55 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 import eivor as ev
 from eivor.errors import EivorError
-from validation.pages import markdown
+from eivor.flights.grid import upward
+from eivor.motions.vertical.select import INPUTS
+from eivor.motions.vertical.verdict import comparable_estimates, is_setpoint
+from validation.pages import markdown, page_text, page_with
+from validation.studies import GridStruct, read_as
 
 SYMBOLS = {"viscous_friction": "K", "input_gain": "K_u", "effective_lag": "lag", "hover_input": "hover"}
 #: Lag of the Crazyflie and its standard error [s].
 LAG = ev.Prior(0.065, 0.015)
-CORPORA = {"trefoil": "trefoils", "nanobench": "other NanoBench", "px4": "PX4", "": "others"}
+CORPORA = {"trefoil": "trefoils", "nanobench": "other NanoBench", "px4": "PX4", "ardupilot": "ArduPilot"}
 SUFFIXES = (".csv", ".ulg", ".bin", "")
-LOW_P = 0.05
 IDENTIFIED, ROUGH = "identified", "weak"
+#: A log is flown above this height [m] for so long [s].
+FLOWN_M, FLOWN_S = 0.5, 20.0
+PART = "scoreboard"
+
+
+class Log(GridStruct, frozen=True):
+    """A recording that counts."""
+
+    name: str
+    sha256: str
+    flown_s: float
+    small: bool = False  # Whether it is among the few of `--small`
+
+
+class Floor(GridStruct, frozen=True):
+    """The least that a share may be, of all logs and of the few, and what it is to become."""
+
+    measure: str
+    least: float
+    least_small: float
+    target: float
+
+
+class Board(GridStruct, frozen=True):
+    floors: tuple[Floor, ...]
+    logs: tuple[Log, ...]
+
+
+def board() -> Board:
+    path = Path(__file__).with_suffix(".toml")
+    return read_as(Board, path, path.read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +80,11 @@ class Row:
     """One identification, or why there is none."""
 
     log: str
-    mode: str  # alone, lag, or half (with the lag)
+    mode: Literal["alone", "lag", "half"]
     error: str = ""
-    p_value: float | None = None  # Of the over-identification test
-    empty: bool = False  # The Anderson-Rubin set of friction
     seconds: float = 0.0
     quantities: Sequence[Sequence[Any]] = ()  # Name, verdict, value, low, high
+    own_hover: float | None = None  # The autopilot's estimate, away from its start and limits
 
     @property
     def corpus(self) -> str:
@@ -67,9 +104,9 @@ class Row:
 
 
 def row_of(
-    name: str,
-    mode: str,
     log: ev.Recording,
+    name: str,
+    mode: Literal["alone", "lag", "half"],
     lag: ev.Prior | None = None,
     window: tuple[float, float] | None = None,
 ) -> tuple[Row, tuple[float, float] | None]:
@@ -79,14 +116,13 @@ def row_of(
         result = ev.identify_flight(log, ev.FlightOptions(lag=lag, window=window))
     except EivorError as error:
         return Row(name, mode, str(error)), None
-    seconds = time.process_time() - begun
-    if result.fit is None:
-        return Row(name, mode, result.verdict.sentences[0], seconds=seconds), None
-    sets, p_value = result.fit.sets, result.diagnostics.get("over_identification_p_value")
-    empty = "viscous_friction" in sets and not sets["viscous_friction"].anderson_rubin.intervals
+    seconds, flight = time.process_time() - begun, result.prepared[0]
     known = {word: result.quantities[word] for word in SYMBOLS}
     quantities = tuple((word, item.verdict.value, item.value, *item.interval) for word, item in known.items())
-    return Row(name, mode, "", p_value, empty, seconds, quantities), result.window_s
+    own = comparable_estimates(flight) if flight.runs and is_setpoint(flight) else np.empty(0)
+    own_hover = float(np.median(own)) if own.size else None
+    why = "" if result.fit is not None else result.verdict.sentences[0]
+    return Row(name, mode, why, seconds, quantities, own_hover), result.window_s
 
 
 def rows_of(name: str, path: Path) -> Iterator[Row]:
@@ -95,14 +131,58 @@ def rows_of(name: str, path: Path) -> Iterator[Row]:
     except EivorError as error:
         yield Row(name, "alone", str(error))
         return
-    yield row_of(name, "alone", log)[0]
-    if "nanobench" not in name:
-        return
-    row, used = row_of(name, "lag", log, LAG)
+    row, used = row_of(log, name, "alone")
     yield row
-    if "trefoil" in name and used is not None:
+    if used is not None:
         ends = (used[0], 0.5 * sum(used), used[1])
-        yield from (row_of(name, "half", log, LAG, window)[0] for window in pairwise(ends))
+        yield from (row_of(log, name, "half", window=window)[0] for window in pairwise(ends))
+    if "nanobench" in name:
+        yield row_of(log, name, "lag", LAG)[0]
+
+
+def flown_s(log: ev.Recording) -> float:
+    """Seconds with motors on, more than half a metre above where they were off."""
+    log = upward(log)
+    height = log.channels.get("position_z")
+    families = [log.family(family.name) for family in INPUTS if not family.measured]
+    members = next((members for members in families if members), [])
+    if height is None or not members:
+        return 0.0
+    known = np.isfinite(height.values)
+    times, values = height.time_s[known], height.values[known]
+    level = np.mean([np.interp(times, item.time_s, np.nan_to_num(item.values)) for item in members], axis=0)
+    if times.size < 2:
+        return 0.0
+    off = level < 0.1 * np.percentile(level, 95)
+    on = np.flatnonzero(~off)
+    ends = np.concatenate([values[: on[0]], values[on[-1] + 1 :]]) if on.size else values
+    up = ~off & (values > (np.quantile(ends, 0.25) + FLOWN_M if ends.size else -np.inf))
+    return float(np.minimum(np.diff(times), 1.0)[up[:-1]].sum())
+
+
+def files(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Recordings of a folder by name, each content once, with its hash."""
+    results: dict[str, tuple[Path, str]] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix in SUFFIXES and path.stem != "LICENSE":
+            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+            results.setdefault(sha256, (path, str(path.relative_to(folder))))
+    return {name: (path, sha256) for sha256, (path, name) in results.items()}
+
+
+def listed(folder: Path, small: set[str]) -> Iterator[str]:
+    """Lines of the list, as the file has them."""
+    for name, (path, sha256) in files(folder).items():
+        try:
+            seconds = flown_s(ev.read_log(path))
+        except EivorError:
+            continue
+        if seconds >= FLOWN_S:
+            few = ", small = true" if name in small else ""
+            yield f'    {{ name = "{name}", sha256 = "{sha256}", flown_s = {seconds:.0f}{few} }},'
+
+
+# -- Shares --
 
 
 def verdicts(rows: list[Row], name: str) -> str:
@@ -110,52 +190,105 @@ def verdicts(rows: list[Row], name: str) -> str:
     results = [row.of(name) for row in rows]
     identified, rough = (sum(verdict == word for verdict, *_ in results) for word in (IDENTIFIED, ROUGH))
     widths = [half for verdict, _, half in results if verdict in (IDENTIFIED, ROUGH) and np.isfinite(half)]
-    median = np.median(widths) if widths else np.nan
-    return f"{identified}/{rough}/{len(rows) - identified - rough} ({median:.3g})"
+    median = f" ({np.median(widths):.3g})" if widths else ""
+    return f"{identified}/{rough}/{len(rows) - identified - rough}{median}"
 
 
-def agreement(rows: list[Row], name: str, taken: tuple[str, ...]) -> str:
-    """Pairs that agree, of those whose verdicts are among some."""
+def agreeing(rows: list[Row], name: str, taken: tuple[str, ...]) -> list[bool]:
+    """Whether pairs agree, of those whose verdicts are among some."""
     pairs = [[row.of(name) for row in pair] for pair in combinations(rows, 2) if pair[0].pair == pair[1].pair]
     known = [(a, b) for a, b in pairs if a[0] in taken and b[0] in taken]
-    return f"{sum(abs(a[1] - b[1]) <= np.hypot(a[2], b[2]) for a, b in known)}/{len(known)}"
+    return [bool(abs(a[1] - b[1]) <= np.hypot(a[2], b[2])) for a, b in known]
 
 
-def tables(rows: list[Row]) -> str:
-    corpora, shares, pairs = defaultdict[str, list[Row]](list), [], []
+def measures(rows: list[Row]) -> dict[str, list[bool]]:
+    """What the floors speak of, by the words of the file: one answer for each log or pair."""
+    alone = [row for row in rows if row.mode == "alone"]
+    hover = [row.of("hover_input") for row in alone]
+    compared = [(row, row.of("hover_input")) for row in alone if row.own_hover]
+    repeats = [row for row in alone if "nanobench" in row.log]
+    return {
+        "hover identified": [verdict == IDENTIFIED for verdict, *_ in hover],
+        "hover identified or within 5 %": [verdict in (IDENTIFIED, ROUGH) for verdict, *_ in hover],
+        "hover within 3 % of the autopilot's own": [
+            abs(value / row.own_hover - 1.0) <= 0.03
+            for row, (verdict, value, _) in compared
+            if row.own_hover and verdict != "refused"
+        ],
+        "a quantity identified": [any(row.of(name)[0] == IDENTIFIED for name in SYMBOLS) for row in alone],
+        "hover of halves agrees": agreeing(
+            [row for row in rows if row.mode == "half"], "hover_input", (IDENTIFIED, ROUGH)
+        ),
+        "hover of repeats agrees": agreeing(repeats, "hover_input", (IDENTIFIED, ROUGH)),
+    }
+
+
+def below(rows: list[Row], floors: Sequence[Floor], *, small: bool) -> Iterator[str]:
+    """Sentences of the shares that fell below their floor."""
+    shares = measures(rows)
+    for floor in floors:
+        least, answers = floor.least_small if small else floor.least, shares[floor.measure]
+        if answers and np.mean(answers) < least:
+            yield f"{floor.measure}: {np.mean(answers):.0%} of {len(answers)}, and {least:.0%} is the floor."
+
+
+def tables(rows: list[Row], floors: Sequence[Floor]) -> str:
+    corpora, lines, pairs = defaultdict[str, list[Row]](list), [], []
     for row in rows:
         corpora[row.corpus].append(row)
     for corpus, here in corpora.items():
-        tested = [row.p_value for row in here if row.p_value is not None]
-        low, empty = f"{sum(p < LOW_P for p in tested)}/{len(tested)}", str(sum(row.empty for row in here))
-        cells = [corpus, str(len(here)), low, empty, f"{sum(row.seconds for row in here):.0f}"]
-        shares.append([*cells, *(verdicts(here, name) for name in SYMBOLS)])
-        for words, taken in (("identified", (IDENTIFIED,)), ("or rough", (IDENTIFIED, ROUGH))):
-            pairs.append([f"{corpus}, {words}", *(agreement(here, name, taken) for name in SYMBOLS)])
-    shown = [row for row in pairs if any(not cell.endswith("/0") for cell in row[1:])]
-    header = ["corpus", "n", "J p < .05", "empty", "CPU s", *SYMBOLS.values()]
-    title = "Identified / rough / not (median half-width of both), and pairs of repeats or halves that agree."
-    return "\n\n".join([title, markdown(header, shares), markdown(["pairs", *SYMBOLS.values()], shown)])
+        cells = [corpus, str(len(here)), f"{sum(row.seconds for row in here):.0f}"]
+        lines.append([*cells, *(verdicts(here, name) for name in SYMBOLS)])
+        agreed = [agreeing(here, name, (IDENTIFIED, ROUGH)) for name in SYMBOLS]
+        if any(agreed):
+            pairs.append([corpus, *(f"{sum(item)}/{len(item)}" for item in agreed)])
+    shares = [
+        [floor.measure, f"{sum(answers)} of {len(answers)}", f"{floor.least:.0%}", f"{floor.target:.0%}"]
+        for floor in floors
+        for answers in [measures(rows)[floor.measure]]
+    ]
+    return "\n\n".join(
+        [
+            markdown(["share of logs flown, or of pairs", "now", "floor", "target"], shares),
+            "Identified / rough / not, with the median half-width of both:",
+            markdown(["corpus", "n", "CPU s", *SYMBOLS.values()], lines),
+            "Pairs of repeats or halves, identified or rough, that agree:",
+            markdown(["pairs", *SYMBOLS.values()], pairs),
+        ]
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser("validation.real_logs.scoreboard", description=__doc__)
+    parser.add_argument("--small", action="store_true", help="the few logs that are marked so")
     parser.add_argument("--only", default="", metavar="WORD", help="recordings whose name holds a word")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="page with the marks of the tables")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="where the rows are written")
     parser.add_argument("--from", dest="kept", type=Path, metavar="FILE", help="rows of an earlier pass")
-    chosen = parser.parse_args(arguments)
+    parser.add_argument("--list", action="store_true", help="print the list of logs flown")
+    chosen, known = parser.parse_args(arguments), board()
+    logs = [log for log in known.logs if chosen.only in log.name and (log.small or not chosen.small)]
     if chosen.kept:
         rows = [Row(**item) for item in json.loads(chosen.kept.read_text(encoding="utf-8"))]
     else:
         folder = Path(os.environ["EIVOR_DATA"])
-        files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix in SUFFIXES]
-        once = {path.read_bytes(): path for path in files if path.stem != "LICENSE"}
-        names = {str(path.relative_to(folder)): path for path in once.values()}
-        rows = [row for name, path in names.items() if chosen.only in name for row in rows_of(name, path)]
+        if chosen.list:
+            print("\n".join(listed(folder, {log.name for log in known.logs if log.small})))
+            return 0
+        paths = {sha256: path for path, sha256 in files(folder).values()}
+        absent = [log.name for log in logs if log.sha256 not in paths]
+        if absent:
+            print(f"Not in {folder}, and not counted: {', '.join(absent)}.")
+        rows = [row for log in logs if log.sha256 in paths for row in rows_of(log.name, paths[log.sha256])]
     if chosen.rows:
         chosen.rows.write_text(json.dumps([asdict(row) for row in rows]), encoding="utf-8")
-    print(tables(rows))
-    return 0
+    text = tables(rows, known.floors)
+    if chosen.page:
+        chosen.page.write_text(page_with(page_text(chosen.page, PART), {PART: text}), encoding="utf-8")
+    print(text)
+    failures = list(below(rows, known.floors, small=chosen.small))
+    print("\n".join(failures))
+    return 3 if failures else 0
 
 
 if __name__ == "__main__":

@@ -59,6 +59,7 @@ from eivor.flights.result import (
 )
 from eivor.flights.verdict import (
     InstrumentStrength,
+    MotionChecks,
     Searched,
     VerdictInputs,
     reasons_by_quantity,
@@ -467,26 +468,52 @@ def with_systematic_uncertainties(
     for name, part in parts.items():
         interval = widened(estimates[name].interval, estimates[name].value, part)
         quantities[name] = replace(estimates[name], interval=interval, systematic_uncertainties=part)
-    if any(quantities[name].interval != estimates[name].interval for name in motion.quantities.headline):
+    if any(name in parts for name in motion.quantities.headline):
         quantities |= _reciprocals(motion, quantities)
     return quantities
 
 
 def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimate:
     """Result of flights that gave no estimate."""
-    motion, prepared, known = state.motion, state.prepared, state.motion.abilities.known
-    quantities = not_estimated(motion, {} if known is None else known(state.flying))
+    motion, prepared, numbers = state.motion, state.prepared, flight_diagnostics(state.prepared)
+    quantities = not_estimated(motion)
+    if motion.abilities.known is not None and state.flying:
+        known, checks = motion.abilities.known(state.flying)
+        quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
     findings = (*flight_findings(prepared, motion.words), *own_findings(motion, prepared, quantities))
-    refused, numbers = verdict([Reason(Status.REFUSED, sentence, remedy)]), flight_diagnostics(prepared)
+    refused = verdict([Reason(Status.REFUSED, sentence, remedy)])
     return FlightEstimate(motion, state.options, prepared, None, refused, quantities, numbers, findings)
 
 
-def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, Quantity]:
-    """Quantities of a flight that gives no estimate; some values may still be known."""
+def not_estimated(motion: Motion[Any]) -> dict[str, Quantity]:
+    """Quantities of a flight that gives no estimate."""
     return {
-        name: Quantity(known.get(name, NAN), spec.unit, NAN, NO_INTERVAL, Status.REFUSED)
+        name: Quantity(NAN, spec.unit, NAN, NO_INTERVAL, Status.REFUSED)
         for name, spec in motion.quantities.items()
         if not spec.optional
+    }
+
+
+def _judged(
+    state: FlightState, known: Mapping[str, QuantityEstimate], checks: MotionChecks
+) -> dict[str, Quantity]:
+    """Quantities that are known without an estimate, with their systematic parts and verdicts."""
+    motion, measured = state.motion, [dict(flight.rates_hz) for flight in state.flying]
+    inputs = VerdictInputs(
+        state.flying,
+        min(rates.pop(COMMAND) for rates in measured),
+        min(max(rates.values()) for rates in measured),
+        exogenous=True,
+        direct=True,
+        checks=checks,
+        used_s=sum(flight.used_s for flight in state.flying),
+        quantities=known,
+    )
+    widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
+    reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
+    return {
+        name: item.judged(verdict(list(reasons[name])), motion.quantities[name])
+        for name, item in widened.items()
     }
 
 

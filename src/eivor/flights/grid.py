@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor.errors import InputError
 from eivor.signals.channels import canonical_channel
-from eivor.signals.recording import Channel, Frame, MadeChannels, Recording
+from eivor.signals.recording import GRAVITY, ROTARY_WING, Channel, Frame, MadeChannels, Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
 
@@ -277,6 +277,11 @@ IDLE_SHARE = 0.1
 OFF_FOR_S = 0.5
 #: So high is off the ground [m].
 CLEARANCE_M = 0.1
+#: Until the input, over what is felt of gravity, reaches this share of its usual value after take-off, and
+#: after the last time that it does, the ground carries the rest of the weight, whatever the height does.
+LIFTED_SHARE = 0.9
+#: Nothing is taken to feel less than this share of gravity.
+LEAST_FELT = 0.2
 #: A height that is known for a smaller share of the log cannot say where the ground is.
 HEIGHT_KNOWN_SHARE = 0.5
 #: Left out after take-off and before landing [s].
@@ -304,7 +309,13 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, "
     if "position_z" in log.channels:
         level, known = on_grid(log.channels["position_z"], grid)
         height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None
-    return airborne(input_level=input_level, step_s=grid.step_s, landed=landed, height=height)
+    result = airborne(input_level=input_level, step_s=grid.step_s, landed=landed, height=height)
+    if log.vehicle not in ("", ROTARY_WING):
+        return result
+    lift = input_level
+    if "velocity_z" in log.channels:
+        lift = _over_felt_gravity(input_level, on_grid(log.channels["velocity_z"], grid)[0], grid.step_s)
+    return replace(result, mask=_lifted(result.mask, lift, grid.step_s))
 
 
 def airborne(
@@ -336,6 +347,35 @@ def airborne(
         return Active(_without_margins(~off, step_s), "the input (it is on at both ends of the log)")
     flying = ~off & (height > min(ground) + CLEARANCE_M)
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
+
+
+def _over_felt_gravity(
+    level: Float[np.ndarray, " n"], velocity: Float[np.ndarray, " n"], step_s: float
+) -> Float[np.ndarray, " n"]:
+    """Mean level around each sample over 1 + z''/g: while nothing but the rotors lifts, that of hover."""
+    half, index = max(round(0.5 * OFF_FOR_S / step_s), 1), np.arange(level.size)
+    earlier, later = np.maximum(index - half, 0), np.minimum(index + half, level.size - 1)
+    total, count = np.cumsum(level), np.maximum(later - earlier, 1)
+    felt = 1.0 + (velocity[later] - velocity[earlier]) / (count * step_s * GRAVITY)
+    return np.asarray((total[later] - total[earlier]) / count / np.maximum(felt, LEAST_FELT))
+
+
+def _lifted(
+    flying: Bool[np.ndarray, " n"], lift: Float[np.ndarray, " n"], step_s: float
+) -> Bool[np.ndarray, " n"]:
+    """`flying` without what is left of spooling up and down in each stretch, and its margins."""
+    result = flying.copy()
+    margin = round(AIRBORNE_MARGIN_S / step_s)
+    for stretch in stretches(flying):
+        inside = lift[stretch]
+        on = inside >= OFF_SHARE * abs(np.percentile(inside, 95))
+        usual = float(np.median(inside[on])) if on.any() else np.inf
+        carried = np.flatnonzero(inside >= LIFTED_SHARE * usual)
+        if stretch.start > 0 and carried.size and carried[0] > 0:
+            result[stretch.start : stretch.start + int(carried[0]) + margin] = False
+        if stretch.stop < flying.size and carried.size and carried[-1] < inside.size - 1:
+            result[stretch.start + int(carried[-1]) + 1 - margin : stretch.stop] = False
+    return result
 
 
 def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

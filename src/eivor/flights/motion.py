@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any, Generic, TypeVar
@@ -19,6 +19,7 @@ from eivor.flights.quantity import (
     CoupledAxis,
     Drawn,
     Implications,
+    KeyFigure,
     PlotData,
     PredictedQuantity,
     Quantity,
@@ -302,10 +303,14 @@ class Abilities:
     signals: Callable[[PreparedFlight, float, float], Signals] | None = (
         None  # With the input at lag and delay
     )
-    #: Values of quantities that flights determine without an estimate
-    known: Callable[[Flights], Mapping[str, float]] | None = None
+    #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
+    known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
     excitation: Callable[[Flights], str] | None = None  # How much flights moved, a sentence
     findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] | None = None
+    #: Key figures of flights, of their quantities and diagnostics
+    figures: Callable[[Flights, Mapping[str, Quantity], Mapping[str, float]], Iterable[KeyFigure]] | None = (
+        None
+    )
     whitened: bool = False  # Direct methods need whitened rows
     lag_from: tuple[str, ...] = ()  # Motions that the same actuators make: they may identify the lag
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag

@@ -152,6 +152,18 @@ class PredictedQuantity:
 
 
 @dataclass(frozen=True, slots=True)
+class KeyFigure:
+    """A number of flights that is no quantity of the motion: it has no verdict, and decides nothing."""
+
+    name: str
+    words: str
+    value: float
+    unit: str  # Empty for a share or a ratio
+    interval: Interval | None = None  # 95 %, where it can have one
+    sentence: str = ""  # What it means, or holds for
+
+
+@dataclass(frozen=True, slots=True)
 class SimpleModel:
     """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate."""
 

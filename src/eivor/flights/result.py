@@ -22,7 +22,7 @@ from eivor.flights.lag_prior import LAG_SUMS, LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words
+from eivor.flights.quantity import NAN, Implications, KeyFigure, Quantity, SimpleModel, Trace, Words
 from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
@@ -357,6 +357,16 @@ class FlightEstimate:
             return Implications()
         implied = self.motion.abilities.implications
         return Implications() if implied is None else implied(self.fit.estimate)
+
+    @cached_property
+    def figures(self) -> tuple[KeyFigure, ...]:
+        """Key figures of the flights, as far as their channels are logged; they decide nothing."""
+        flying, made = (
+            (flight.shortened for flight in self.prepared if flight.runs),
+            self.motion.abilities.figures,
+        )
+        used = tuple(flying)
+        return () if made is None or not used else tuple(made(used, self.quantities, self.diagnostics))
 
     @cached_property
     def simple_models(self) -> Mapping[str, SimpleModel]:

@@ -25,7 +25,15 @@ import numpy as np
 from eivor.errors import InputError, LogTooLargeError
 from eivor.signals.channels import CanonicalChannel, CurveSide, held_by_default, unit_of
 from eivor.signals.filters import on_lines
-from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording, clean_channel
+from eivor.signals.recording import (
+    GRAVITY,
+    Channel,
+    ChannelQuality,
+    Finding,
+    MadeChannels,
+    Recording,
+    clean_channel,
+)
 from eivor.tools import Bool, Float
 
 # -- Columns --
@@ -140,7 +148,6 @@ def _line_start(time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 
 # -- Findings --
 
-_GRAVITY = 9.80665
 #: So many values of a long channel have the median of all: no more are looked at.
 ENOUGH = 1 << 17
 _FORCES, _PARTS, _RATES = (
@@ -245,7 +252,7 @@ def _force_doubts(values: _Values) -> Iterator[str]:
             yield f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g."
         elif 800.0 < median < 1250.0:
             yield f"{label} has a median of {median:.4g} m/s^2, which looks like a value in milli-g."
-        elif median < 0.5 * _GRAVITY or median > 2.0 * _GRAVITY:
+        elif median < 0.5 * GRAVITY or median > 2.0 * GRAVITY:
             yield f"{label} has a median of {median:.3g} m/s^2, where about 9.8 is expected."
 
 

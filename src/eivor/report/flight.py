@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from math import isfinite
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from eivor.flights.estimate import not_estimated
 from eivor.flights.motion import Motion, MultiStepPrediction
-from eivor.flights.quantity import CardSection, Implications, QuantitySpec
+from eivor.flights.quantity import NO_INTERVAL, CardSection, Implications, KeyFigure, QuantitySpec
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import outcome_word
@@ -261,7 +262,7 @@ QUIET_FINDINGS = ("epoch_time",)
 def row_quantities(row: FlightRow, motion: Motion[Any]) -> tuple[QuantityRow, ...]:
     """The motion's `rows` of one flight or method, without numbers where nothing was estimated."""
     wording = {name: motion.quantities[name] for name in motion.quantities.rows}
-    return quantity_rows(not_estimated(motion, {}) | dict(row.quantities), wording)
+    return quantity_rows(not_estimated(motion) | dict(row.quantities), wording)
 
 
 def reported_rows(result: FlightEstimate) -> tuple[QuantityRow, ...]:
@@ -372,6 +373,7 @@ def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> I
     yield Section("", (_facts(result), *((_quantity_table(others),) if others else ())))
     if result.implications.numbers:
         yield Section("What follows for the vehicle", tuple(_implied(result.implications)))
+    yield from section("Key figures", Facts, _figures(result.figures))
     yield from section("Why", Bullets, reasons(result))
     steps = flight_steps(result)
     where = () if flight_card or not steps or WHERE_THE_CARD_IS in said else (WHERE_THE_CARD_IS,)
@@ -449,6 +451,16 @@ def _implied(implications: Implications) -> Iterator[Part]:
     sentences = (*text, *implications.contradictions)
     if sentences:
         yield Bullets(sentences)
+
+
+def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
+    """A line for each key figure; those of single motors share one, without their intervals."""
+    for words, group in groupby(figures, lambda figure: figure.words):
+        alike = tuple(group)
+        numbers = [plain_numbers(figure.value, figure.interval or NO_INTERVAL) for figure in alike]
+        text = ", ".join(value for value, _ in numbers)
+        interval = numbers[0][1] if len(alike) == 1 and alike[0].interval else ""
+        yield words, " ".join(filter(None, (text, interval, alike[0].unit.replace("^2", "²"))))
 
 
 def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> TableOf:

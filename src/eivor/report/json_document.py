@@ -16,7 +16,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
-from eivor.flights.quantity import Kind, SimpleModel, SystematicUncertainty
+from eivor.flights.quantity import KeyFigure, Kind, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
@@ -194,6 +194,7 @@ class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
     parameters: Mapping[str, JsonQuantity]
     derived: Mapping[str, JsonQuantity]
     implied: Any = ()
+    figures: Sequence[KeyFigure] = ()
     contradictions: Sequence[str] = ()
     covariance: JsonCovariance | None = None
     prediction: JsonPrediction | None = None
@@ -287,6 +288,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
         parameters=parameters,
         derived=_quantities(rows, Kind.DERIVED),
         implied=result.implications.numbers,
+        figures=result.figures,
         contradictions=result.implications.contradictions,
         covariance=None if fit is None else _covariance(fit.estimate),
         prediction=None if fit is None else _prediction(result, fit),

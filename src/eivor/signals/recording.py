@@ -100,6 +100,8 @@ SILENCE_S = 10.0
 CONTROLLER_RATE = "controller_rate_hz"
 #: `Recording.vehicle` of what flies on rotors.
 ROTARY_WING = "rotary wing"
+#: Standard acceleration of gravity [m/s^2].
+GRAVITY = 9.80665
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.
 LARGEST_VALUE = 1e100
 

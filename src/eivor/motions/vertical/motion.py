@@ -35,6 +35,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor_agreement
 from eivor.flights.quantity import (
     NAN,
+    NO_INTERVAL,
     Drawn,
     PlotData,
     Quantity,
@@ -42,12 +43,12 @@ from eivor.flights.quantity import (
     Trace,
     TrackedParameter,
 )
-from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile
+from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior
 from eivor.motions.rigid_body.vehicle import load_vehicle
+from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.misspecification import (
     CURVATURE,
     LEAST_SENSOR_DIFFERENCE,
@@ -79,6 +80,7 @@ from eivor.motions.vertical.regression import (
     OptionalTerm,
     VerticalFlight,
     VerticalFlights,
+    WeightBalance,
     apparent_gravity,
     balance_sums,
     check_flights,
@@ -216,27 +218,35 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 # -- Quantities --
 
 
-#: Gains with a wider interval do not serve the hover input, which then rests on thrust that is the weight.
-ROUGH_GAIN = 0.25
-
-
 def _hover(of: Balance) -> QuantityEstimate:
-    """Hover input: the interval of U_h through the input map's inverse; by the secant without a gain."""
-    problem, estimate, chosen = of.problem, of.estimate, of.problem.motion.input_map
-    gain, direction = float(estimate.theta[1]), estimate.direction("input_gain")
-    rough = not estimate.joint_covariance.half_width(direction) < ROUGH_GAIN * gain
-    if (rough or estimate.first_stage[1] < STRONG_FIRST_STAGE) and not problem.terms:
-        value, std_error, bound = of.secant
-        half, hover = normal_quantile(SET_LEVEL) * std_error + bound, chosen.inverse(value)
-        slope = chosen.slope(hover)
-        if value > half and slope > 0.0:
-            ends = chosen.inverse(value - half), chosen.inverse(value + half)
-            return QuantityEstimate(hover, "", std_error / slope, ends)
-    item = linear_quantity(estimate, of.hover, "")
+    """Hover input: the interval of U_h through the input map's inverse; by the weight without a gain."""
+    if of.by_weight:
+        return _hover_by_weight(of.weight)
+    item, chosen = linear_quantity(of.estimate, of.hover, ""), of.problem.motion.input_map
     value, (low, high) = chosen.inverse(item.value), item.interval
     slope = chosen.slope(value)
     std_error = item.std_error / slope if slope > 0.0 else NAN
     return QuantityEstimate(value, "", std_error, (chosen.inverse(low), chosen.inverse(high)))
+
+
+def _hover_by_weight(of: WeightBalance) -> QuantityEstimate:
+    """The same of thrust that is the weight; without an interval where it is not above zero."""
+    (value, std_error, half), chosen = of.hover, of.problem.motion.input_map
+    hover = chosen.inverse(value)
+    if not value > half or not chosen.slope(hover) > 0.0:
+        return QuantityEstimate(hover, "", NAN, NO_INTERVAL)
+    ends = chosen.inverse(value - half), chosen.inverse(value + half)
+    return QuantityEstimate(hover, "", std_error / chosen.slope(hover), ends)
+
+
+def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate], VerticalChecks]:
+    """Hover input of flights that gave no estimate, and its drift; nothing of a constant input."""
+    if all(flight.constant_input for flight in flights):
+        return {}, VerticalChecks()
+    cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
+    # lags hardly move means
+    of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
+    return {"hover_input": _hover_by_weight(of)}, VerticalChecks(drift=of.drift)
 
 
 # -- Supply --
@@ -419,12 +429,10 @@ ABILITIES = Abilities(
     tracking=tracked_gain,
     closed_loop_record=closed_loop_record,
     signals=driven_signals,
-    # the mean input is near that of hover
-    known=lambda flights: (
-        {"hover_input": float(np.mean([flight.used_input.mean() for flight in flights]))} if flights else {}
-    ),
+    known=known_without_estimate,
     excitation=excitation,
     findings=flight_findings,
+    figures=key_figures,
     lag_from=("rates",),
 )
 

@@ -14,8 +14,9 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.inference.covariance import long_run_mean_variance
-from eivor.inference.distributions import normal_quantile
+from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     BAND_HZ,
@@ -187,8 +188,8 @@ def term_instruments(
     if of.voltage is not None:
         time = np.linspace(-1.0, 1.0, of.voltage.size)
         trend = np.column_stack([time**power for power in range(1, TREND + 1)])
-        voltage = explained(np.column_stack([references, trend]), runs, of.voltage[:, None])[:, 0]
-        made = replace(made, voltage=voltage)
+        # the charge alone: loads, which references explain, pull the voltage down within a second
+        made = replace(made, voltage=explained(trend, runs, of.voltage[:, None])[:, 0])
     return np.column_stack([term.column(made) for term in terms])
 
 
@@ -417,6 +418,63 @@ DRIFT, HOVER_DRIFT = "thrust_drift", "hover_drift"
 Linear = tuple[float, Float[np.ndarray, " n"], float]
 #: Half of what the friction of a multirotor may be at most [1/s].
 MIDDLE_FRICTION = 0.4
+#: Gains with a wider interval do not serve the hover input, which then rests on thrust that is the weight.
+ROUGH_GAIN = 0.25
+
+
+@dataclass(frozen=True)
+class WeightBalance:
+    """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed.
+
+    The velocity's derivative stands for the acceleration, whose mean the offset of an accelerometer does not
+    move. Friction may be anything from 0 to twice the middle.
+    """
+
+    problem: VerticalFlights
+    nuisances: Values
+
+    @cached_property
+    def columns(self) -> list[Float[np.ndarray, "_ m"]]:
+        """z'', z', U and the columns of terms, of every run."""
+        return _columns(self.problem, self.nuisances)
+
+    @cached_property
+    def means(self) -> Float[np.ndarray, " m"]:
+        """Means of the columns."""
+        return np.concatenate(self.columns).mean(axis=0)
+
+    @cached_property
+    def left(self) -> Float[np.ndarray, " n"]:
+        """U over its mean, less 1 + (z'' + K z') / g: about ln U less that of hover."""
+        derivative, velocity, mapped = np.concatenate(self.columns)[:, :3].T
+        return np.asarray(
+            mapped / (self.means[2] or 1.0) - 1.0 - (derivative + MIDDLE_FRICTION * velocity) / GRAVITY
+        )
+
+    @property
+    def hover(self) -> tuple[float, float, float]:
+        """U_h, to second order the mean of U / (1 + (z'' + K z') / g); standard error, 95 % half-width."""
+        value, lines = float(self.means[2]) * (1.0 + float(self.left.mean())), _lines(self.problem)
+        averages = COSINE_AVERAGES - bool(np.concatenate(lines).any())  # the first is that of a line
+        variance = _variance_of_mean(self.problem, self.left) * COSINE_AVERAGES / averages
+        std_error = abs(value) * math.sqrt(variance)
+        bound = abs(value * MIDDLE_FRICTION * float(self.means[1]) / GRAVITY)
+        return value, std_error, t_quantile(0.95, averages) * std_error + bound
+
+    @property
+    def drift(self) -> ThrustDrift | None:
+        """Slope in time of what is left, as a change of thrust; None of short runs."""
+        line, velocity = np.concatenate(_lines(self.problem)), np.concatenate(self.columns)[:, 1]
+        squares, chosen = float(line @ line), self.problem.motion.input_map
+        hover = chosen.inverse(max(self.hover[0], 0.0))
+        if not (squares and hover > 0.0):
+            return None
+        slope, centred = float(line @ self.left) / squares, self.left - self.left.mean()
+        error = math.sqrt(long_run_mean_variance(line * (centred - slope * line))) * line.size / squares
+        bound = MIDDLE_FRICTION * abs(float(line @ velocity)) / squares
+        half_width = GRAVITY * t_quantile(0.95, COSINE_AVERAGES) * error + bound
+        exponent = hover * chosen.slope(hover) / chosen(np.array([hover]))[0]
+        return ThrustDrift(-GRAVITY * slope, half_width, _duration_s(self.problem), exponent)
 
 
 @dataclass(frozen=True)
@@ -427,14 +485,27 @@ class Balance:
     estimate: Estimate
 
     @cached_property
+    def weight(self) -> WeightBalance:
+        """The same without the gain."""
+        return WeightBalance(self.problem, self.estimate.nuisances)
+
+    @property
     def columns(self) -> list[Float[np.ndarray, "_ m"]]:
         """z'', z', U and the columns of terms, of every run."""
-        return _columns(self.problem, self.estimate.nuisances)
+        return self.weight.columns
 
-    @cached_property
+    @property
     def means(self) -> Float[np.ndarray, " m"]:
         """Means of the columns."""
-        return np.concatenate(self.columns).mean(axis=0)
+        return self.weight.means
+
+    @property
+    def by_weight(self) -> bool:
+        """Whether the gain is known too roughly to serve the hover input."""
+        gain, direction = float(self.estimate.theta[1]), self.estimate.direction("input_gain")
+        known = self.estimate.joint_covariance.half_width(direction) < ROUGH_GAIN * gain
+        strong = bool(self.estimate.first_stage[1] >= STRONG_FIRST_STAGE)
+        return not (self.problem.terms or (known and strong)) and self.weight.hover[0] > 0.0
 
     @property
     def coefficients(self) -> Float[np.ndarray, " m"]:
@@ -490,26 +561,14 @@ class Balance:
         return of_map, of_map * float(self.estimate.theta[1]) * mapped / GRAVITY
 
     @property
-    def secant(self) -> tuple[float, float, float]:
-        """U_h with the gain g / U_h: mean of U less its part of (z'' + K z') / g; standard error, bound by K.
-
-        To second order the mean of ln(U / (1 + (z'' + K z') / g)), for any K from 0 to twice the middle.
-        """
-        derivative, velocity, mapped = np.concatenate(self.columns)[:, :3].T
-        driven, mean = (derivative + MIDDLE_FRICTION * velocity) / GRAVITY, float(self.means[2])
-        value = mean * (1.0 - float(driven.mean()))
-        variance = _variance_of_mean(self.problem, mapped / mean - driven)
-        bound = abs(value * MIDDLE_FRICTION * float(self.means[1]) / GRAVITY)
-        return value, abs(value) * math.sqrt(variance), bound
-
-    @property
     def drift(self) -> ThrustDrift | None:
         """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
 
         The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
         """
-        lines = [item for flight in self.problem.flights for item in flight.lines]
-        line, columns = np.concatenate(lines), np.concatenate(self.columns)
+        if self.by_weight:
+            return self.weight.drift
+        line, columns = np.concatenate(_lines(self.problem)), np.concatenate(self.columns)
         squares = float(line @ line)
         if not squares:
             return None
@@ -520,12 +579,22 @@ class Balance:
         gradient = np.zeros(self.estimate.values.size)
         gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
         half_width = self.estimate.joint_covariance.half_width(gradient, extra_variance=variance)
-        return ThrustDrift(rate, half_width, sum(map(float, map(np.ptp, lines))), self.exponents[1])
+        return ThrustDrift(rate, half_width, _duration_s(self.problem), self.exponents[1])
+
+
+def _lines(problem: VerticalFlights) -> list[Float[np.ndarray, " _"]]:
+    """Seconds from the middle of each run whose rows lose a line in time; zeros in shorter ones."""
+    return [item for flight in problem.flights for item in flight.lines]
+
+
+def _duration_s(problem: VerticalFlights) -> float:
+    """Length of the runs whose rows lose a line in time [s]."""
+    return sum(map(float, map(np.ptp, _lines(problem))))
 
 
 def _variance_of_mean(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> float:
     """Robust to autocorrelation, without the line in time that rows of long runs lose: that is no error."""
-    lines = [line for flight in problem.flights for line in flight.lines]
+    lines = _lines(problem)
     parts = np.split(residual - residual.mean(), np.cumsum([line.size for line in lines])[:-1])
     pairs = zip(lines, parts, strict=True)
     return long_run_mean_variance(

@@ -522,10 +522,12 @@ def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
 _STAGES = (FRICTION, GAIN, ACTUATOR_LAG.name, DELAY.name)
 _INSTRUMENTED = ((OF_FRICTION, FRICTION), ((*OF_GAIN, CURVE), GAIN), (OF_LAG, EFFECTIVE_LAG))
 _EVERYTHING = (*OF_FRICTION, *OF_GAIN, *OF_LAG, CURVE, *(term.name for term in OF_TERMS))
+#: The hover input rests on means of the input, which no accelerometer moves.
+_NOT_HOVER = tuple(name for name in QUANTITIES if name != HOVER)
 #: When a sentence speaks against quantities: first contradictions, then intervals that are too wide.
 RULES = (
     Rule(
-        (),
+        _NOT_HOVER,
         lambda inputs: abs(inputs.checks.apparent_gravity - GRAVITY) > OTHER_UNIT,
         Status.REFUSED,
         _gravity_sentence,
@@ -533,7 +535,7 @@ RULES = (
         Cause.CONTRADICTION,
     ),
     Rule(
-        (),
+        _NOT_HOVER,
         lambda inputs: not 1.0 / OTHER_UNIT_TIMES < _times(inputs) < OTHER_UNIT_TIMES,
         Status.REFUSED,
         _sensor_sentence(SCALE.name),
@@ -545,7 +547,6 @@ RULES = (
         Cause.CONTRADICTION,
     ),
     *(rule for names, of in _INSTRUMENTED for rule in flight_rules(WORDS, names, _STAGES, of)),
-    direct_rule(WORDS, (HOVER,)),
     Rule(
         OF_FRICTION,
         lambda inputs: inputs.quantities[FRICTION].interval[1] < 0.0,
@@ -686,7 +687,7 @@ def hover_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
 ) -> Iterator[Finding]:
     """What the autopilots of flights hold their hover input to be; compared where it is identified."""
-    flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
+    flying = [flight for flight in flights if flight.runs and is_setpoint(flight)]
     for flight in flying:
         yield from _standing_at_an_end(flight)
     hover = quantities["hover_input"]
@@ -709,7 +710,7 @@ def hover_findings(
         )
 
 
-def _is_setpoint(flight: PreparedFlight) -> bool:
+def is_setpoint(flight: PreparedFlight) -> bool:
     """Whether the input is a thrust setpoint, which the autopilot's hover input is a value of."""
     unknown = flight.curve_side is CurveSide.UNKNOWN
     return flight.curve_side is CurveSide.BEFORE or (unknown and flight.input.name == "input")
