@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,14 @@ import pytest
 
 from coarse_search import coarse
 from eivor.flights.options import FlightOptions
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.motion import Vertical
 from eivor.report.card import result_card
-from eivor.report.document import Cell, Document, Section, table
+from eivor.report.document import Cell, Document, Facts, Section, table
 from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
+from eivor.report.flight import log_documents
 from eivor.report.flight_page import MISSING, drawing, flight_page, packed
 from eivor.report.html import rendered
 from eivor.signals.recording import Finding, Recording
@@ -53,6 +55,20 @@ NAMES = ("fit", "pool", "still", "weak", "provisional")
 
 
 RESULTS = [pytest.param(name, marks=pytest.mark.thorough) if name == "pool" else name for name in NAMES]
+
+
+@dataclass(frozen=True)
+class Twin(Vertical):
+    """The same motion by another name."""
+
+    name = "twin"
+
+
+@pytest.fixture(scope="module")
+def both(fit: FlightEstimate) -> LogEstimate:
+    return LogEstimate(
+        {"vertical": fit, "twin": replace(fit, motion=Twin())}, {"rates": "There is no gyroscope."}
+    )
 
 
 class Pages(dict[str, tuple[FlightEstimate, str, Element]]):
@@ -102,7 +118,7 @@ def test_the_page_is_told_in_order(pages, name):
     assert len(page.all("h1")) == 1
 
 
-@pytest.mark.parametrize("name", RESULTS)
+@pytest.mark.parametrize("name", [*RESULTS, "both"])
 def test_names_of_elements_are_unique_and_lead_somewhere(pages, name):
     _, _, page = pages[name]
     names = [item.attributes["id"] for item in page.all() if "id" in item.attributes]
@@ -116,7 +132,19 @@ def test_names_of_elements_are_unique_and_lead_somewhere(pages, name):
     assert {item.attributes["id"] for item in page.all("div", class_="chart")} == set(charts)
 
 
-@pytest.mark.parametrize("name", RESULTS)
+def test_motions_of_a_log_have_one_card(pages, both):
+    result, _, page = pages["both"]
+    (box,) = page.all("div", class_="verdict")
+    words = [item.all("p", class_="name")[0].text for item in box.all("div", class_="reading")]
+    assert "effective lag (vertical) τ + d" in words
+    assert "effective lag (twin) τ + d" in words
+    documents = log_documents(result)
+    assert [document.card is None for document in documents] == [False, True, True]
+    assert documents[-1].sections[-1].parts == (Facts((("rates", "There is no gyroscope."),)),)
+    assert str(documents).count("Noticed in the log") <= 1
+
+
+@pytest.mark.parametrize("name", [*RESULTS, "both"])
 def test_the_json_in_the_page_is_that_of_the_command_line(pages, name):
     result, _, page = pages[name]
     assert data_of(page, "result") == json.loads(result.to_json())
