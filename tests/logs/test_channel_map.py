@@ -163,6 +163,17 @@ def test_maps_that_are_not_there(table):
         ev.read_log(table / "t.csv", channel_map="rotorpy")
 
 
+def test_series_in_time_at_stamps(table):
+    made = "ddt(lag(volt + (pwm > 30050 and pwm < 4e4) * 2, 0.2))"
+    r = read(
+        table, HEAD + f'[channels.velocity_z]\ncolumn = "volt"\n[channels.input]\nexpression = "{made}"\n'
+    )
+    series = r.channels["input"].values
+    # the step at 0.51 s reaches 2 (1 - exp(-t / 0.2)); a command of NaN at 0.07 s is left out
+    step = 2.0 * (1.0 - np.exp(-np.maximum(0.01 * np.arange(100) - 0.51, 0.0) / 0.2))
+    np.testing.assert_allclose(series[20:-1], np.gradient(step, 0.01)[20:-1], atol=1e-9)
+
+
 @pytest.mark.parametrize("text", ["0/0*a", "1/0*a", "ln(0)*a", "sqrt(-1)*a", "a/0", "pow(-1, 0.5)*a"])
 def test_what_is_not_defined_is_no_value(table, text):
     expression = text.replace("a", "pwm")

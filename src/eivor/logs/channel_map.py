@@ -5,12 +5,13 @@ from __future__ import annotations
 import ast
 import os
 import re
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from eivor.errors import ChannelMapError, UsageError, did_you_mean
 from eivor.logs.common import TIME_UNITS, UNITS, element_name, unit_fits
 from eivor.signals.channels import CurveSide, canonical_channel, canonical_channels
+from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
@@ -35,10 +37,12 @@ FUNCTIONS: Mapping[str, np.ufunc] = {
     "sin": np.sin,
     "cos": np.cos,
     "tan": np.tan,
+    "tanh": np.tanh,
     "asin": np.arcsin,
     "acos": np.arccos,
     "atan": np.arctan,
     "atan2": np.arctan2,
+    "hypot": np.hypot,
     "pow": np.power,
     "greatest": np.maximum,
     "least": np.minimum,
@@ -49,13 +53,50 @@ _OPERATORS: Mapping[type[ast.AST], np.ufunc] = {
     ast.Mult: np.multiply,
     ast.Div: np.divide,
 }
+#: What is one where it holds, and zero elsewhere; of a missing value it is missing.
+CONDITIONS: Mapping[type[ast.AST], np.ufunc] = {
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+    ast.And: np.logical_and,
+    ast.Or: np.logical_or,
+    ast.Not: np.logical_not,
+}
+_CONDITIONS = frozenset(CONDITIONS.values())
 MAX_LENGTH = 1000
 MAX_NESTING = 32
+MAX_EXPONENT = 8.0
 _QUOTED = re.compile(r'"([^"\x00]+)"')
 
 
+@dataclass(frozen=True, slots=True)
+class InTime:
+    """A step over the whole series: its derivative, or the series behind a first-order lag."""
+
+    lag_s: float | None = None  # None for the derivative
+    nin: ClassVar[int] = 1
+
+    def __call__(self, values: np.ndarray | float, time: np.ndarray | float | None) -> np.ndarray | float:
+        """The series at even steps [s], or at stamps; a number alone does not change."""
+        if np.ndim(values) == 0:
+            return 0.0 if self.lag_s is None else values
+        series, stamps = np.asarray(values), np.asarray(time)
+        if time is None:
+            expected = "an expression of one moment, without ddt and lag"
+            raise UsageError(expected, "one of a series in time", "Give a channel that holds it.")
+        if self.lag_s is None:
+            if series.size < 2:
+                return np.full(series.shape, np.nan)
+            return np.gradient(series, stamps) if stamps.ndim else time_derivative(series, float(stamps))
+        known, stamps = np.isfinite(series), stamps if stamps.ndim else np.arange(series.size) * stamps
+        result = np.full(series.shape, np.nan)
+        result[known] = lagged_between_stamps(series[known], stamps[known], self.lag_s)
+        return result
+
+
 #: One step of a computation on a stack: put a number or a column (by name) on it, or apply a function.
-Step = float | str | np.ufunc
+Step = float | str | np.ufunc | InTime
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,28 +113,35 @@ class Expression:
         return cls(name, (name,), (name,))
 
     def evaluate(
-        self, columns: Mapping[str, Float[np.ndarray, "*shape"] | float]
+        self,
+        columns: Mapping[str, Float[np.ndarray, "*shape"] | float],
+        time: Float[np.ndarray, " n"] | float | None = None,
     ) -> Float[np.ndarray, "*shape"]:
-        """Return the value for each row [the unit of the expression]; not finite where it is not defined."""
+        """Value for each row, at stamps or even steps [s] for `ddt` and `lag`; not finite where undefined."""
         stack: list[np.ndarray | float] = []
         with np.errstate(all="ignore"):
             for step in self.steps:
-                if isinstance(step, np.ufunc):
+                if isinstance(step, InTime):
+                    stack.append(step(stack.pop(), time))
+                elif isinstance(step, np.ufunc):
                     arguments = stack[-step.nin :]
                     del stack[-step.nin :]
-                    stack.append(step(*arguments))
+                    value = step(*arguments)
+                    if step in _CONDITIONS:
+                        value = np.where(np.isnan(sum(arguments)), np.nan, value)
+                    stack.append(value)
                 else:
                     stack.append(columns[step] if isinstance(step, str) else np.float64(step))
         return np.asarray(stack.pop(), dtype=np.float64)
 
 
-def parse_expression(text: str, where: str) -> Expression:
-    """Check an expression and name its columns."""
+def parse_expression(text: str, where: str, *, constant: bool = False) -> Expression:
+    """Check an expression and name its columns; without any where a constant may be one."""
     if len(text) > MAX_LENGTH:
         raise _refused(where, f"{len(text)} characters")
     compiler = _Compiler(text, where)
     compiler.compile()
-    if not compiler.columns:
+    if not (compiler.columns or constant):
         raise _refused(where, f"{text!r}, which names no column")
     return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
 
@@ -117,7 +165,8 @@ def _refused(where: str, received: str) -> ChannelMapError:
         f"arithmetic over columns, at most {MAX_LENGTH} characters, at {where}",
         received,
         f"Use column names (in double quotes where they are words of Python or hold other characters than "
-        f"letters, digits and _), numbers, + - * /, parentheses and {names}.",
+        f"letters, digits and _), numbers, + - * / **, parentheses, < > <= >=, and, or, not, {names}, ddt(x) "
+        "and lag(x, SECONDS).",
     )
 
 
@@ -184,12 +233,50 @@ class _Compiler:
             name = written.strip('"')
             self.columns[name] = None
             self.steps.append(name)
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            self._power(node, depth)
+        elif isinstance(node, ast.Compare | ast.BoolOp) or (
+            isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
+        ):
+            self._condition(node, written, depth)
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
             self._call(node, node.func.id, depth)
         else:
             raise self._refuse(f"with {written!r} where a column or a number belongs")
 
+    def _power(self, node: ast.BinOp, depth: int) -> None:
+        """A power with an exponent that is a small number."""
+        exponent = _number(node.right)
+        if exponent is None or abs(exponent) > MAX_EXPONENT:
+            raise self._refuse(
+                f"with an exponent that is no number from -{MAX_EXPONENT:g} to {MAX_EXPONENT:g}"
+            )
+        self._add(node.left, depth + 1)
+        self.steps += (exponent, np.power)
+
+    def _condition(self, node: ast.expr, written: str, depth: int) -> None:
+        operator: ast.AST = node
+        if isinstance(node, ast.BoolOp):
+            operator, parts = node.op, node.values
+        elif isinstance(node, ast.Compare) and len(node.ops) == 1:
+            operator, parts = node.ops[0], [node.left, *node.comparators]
+        elif isinstance(node, ast.UnaryOp):
+            operator, parts = node.op, [node.operand]
+        if type(operator) not in CONDITIONS:
+            raise self._refuse(f"with {written!r}: write 0 < a and a < 1, and >= with <= for equality")
+        for number, part in enumerate(parts):
+            self._add(part, depth + 1)
+            if number or len(parts) == 1:
+                self.steps.append(CONDITIONS[type(operator)])
+
     def _call(self, node: ast.Call, word: str, depth: int) -> None:
+        lag_s = _number(node.args[1]) if word == "lag" and len(node.args) == 2 else None
+        if (word == "ddt" and len(node.args) == 1) or (lag_s is not None and lag_s > 0.0):
+            self._add(node.args[0], depth + 1)
+            self.steps.append(InTime(lag_s))
+            return
+        if word in ("ddt", "lag"):
+            raise self._refuse("where ddt(x) or lag(x, SECONDS) with a number of seconds above zero belongs")
         function = FUNCTIONS.get(word.lower())
         if function is None:
             raise self._refuse(f"with the function {word!r}")
@@ -198,6 +285,18 @@ class _Compiler:
         for argument in node.args:
             self._add(argument, depth + 1)
         self.steps.append(function)
+
+
+def _number(node: ast.expr) -> float | None:
+    """Value of a node that is a number, maybe with a sign."""
+    sign = 1.0
+    while isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        sign, node = -sign if isinstance(node.op, ast.USub) else sign, node.operand
+    value = node.value if isinstance(node, ast.Constant) else None
+    known = (
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
+    return sign * float(value) if known else None  # type: ignore[arg-type]
 
 
 # -- Channel map --

@@ -276,7 +276,8 @@ def _within(
 
 def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]) -> Channel:
     used = [ranged[column] for column in rule.expression.columns]
-    values = rule.expression.evaluate({column: ranged[column].values for column in rule.expression.columns})
+    columns = {column: ranged[column].values for column in rule.expression.columns}
+    values = rule.expression.evaluate(columns, time_s)
     return clean_channel(
         rule.name,
         time_s - rule.delay_s if rule.delay_s else time_s,

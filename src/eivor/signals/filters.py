@@ -77,6 +77,20 @@ def first_order_lag(
     return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]
 
 
+def lagged_between_stamps(
+    values: Float[np.ndarray, " n"], time_s: Float[np.ndarray, " n"], lag_s: float
+) -> Float[np.ndarray, " n"]:
+    """Values that hold between stamps, behind a first-order lag that starts at rest at the first one."""
+    if values.size < 2:
+        return values
+    decay = np.exp(-np.maximum(np.diff(time_s), 0.0) / lag_s)
+    band = np.ones((2, values.size), order="F")
+    band[1, :-1] = -decay
+    driven = np.concatenate([[0.0], (1.0 - decay) * (values[:-1] - values[0])])
+    state = scipy.linalg.lapack.dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
+    return np.asarray(state + values[0])
+
+
 # -- Filters --
 
 #: Weights that are found one by one before the number of them is doubled.
