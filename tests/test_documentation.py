@@ -17,7 +17,9 @@ import pytest
 
 import eivor
 import eivor as ev
+from eivor.motions.declaration import machine_of
 from eivor.motions.vertical.regression import VerticalFlights
+from eivor.strict_toml import toml_table
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -89,11 +91,11 @@ def test_channel_maps_in_the_pages_are_valid():
     from eivor.logs.channel_map import parse_channel_map
 
     pages = [page for page in PAGES if page.parent != ROOT / "docs" / "studies"]
-    vehicles = ROOT / "docs" / "rigid-body.md"
+    others = (ROOT / "docs" / "rigid-body.md", ROOT / "docs" / "motions.md")
     maps = [
         block
         for page in pages
-        if page != vehicles
+        if page not in others
         for block in blocks(page.read_text(encoding="utf-8"), "toml")
     ]
     assert len(maps) >= 2
@@ -226,6 +228,15 @@ def check_exports(names):
     assert 0.0005 < names["hover"].std() / names["hover"].mean() < 0.003
 
 
+def check_motions(names: dict[str, Any]) -> None:
+    fit = names["fit"]
+    assert fit.verdict.status.value == "identified"
+    assert all(within(true, fit.interval(name)) for name, true in {"a": 0.333, "g": 0.2}.items())
+    (declared,) = blocks((DOCS / "motions.md").read_text(encoding="utf-8"), "toml")
+    cart = machine_of(toml_table(declared, Path("cart.toml"), "a machine"))
+    assert {name: cart.quantities[name].unit for name in ("drag", "gain")} == {"drag": "1/s", "gain": "m/s^2"}
+
+
 #: What the blocks of each page must leave behind.
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "diagnostics.md": check_diagnostics,
@@ -235,6 +246,7 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "fractional-equations.md": check_fractional_equations,
     "from-arrays.md": check_from_arrays,
     "method.md": check_method,
+    "motions.md": check_motions,
 }
 
 
@@ -243,7 +255,9 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.thorough] if name in {"exports.md", "method.md"} else [])
+        pytest.param(
+            name, marks=[pytest.mark.thorough] if name in {"exports.md", "method.md", "motions.md"} else []
+        )
         for name in CHECKS
     ],
 )

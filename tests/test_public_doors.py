@@ -47,6 +47,17 @@ FRACTIONAL = {"output_coefficient_2": 2.0, "input_coefficient_1": 1.0}
 #: What a door takes after all, by the names of its arguments; nothing else.
 ACCEPTED: dict[str, dict[str, set[str]]] = {
     "anderson_rubin_set": {"errors": {"none"}},
+    "actuator": {"lag_s delay_s": {"list"}},  # read by the machine
+    "behind": {"of actuator": {"text"}},
+    "input": {"unit": {"text"}},
+    "machine": {
+        "name": {"text"},
+        "actuators let derived axes": {"none", "mapping"},
+        "instruments headline": {"list"},
+        "band_hz": {"none"},
+        "weak_half_width": NUMBER,
+    },
+    "reference": {"unit": {"text"}},
     "AutocorrelatedErrors": {"averages": {"none", "whole"}},
     "bootstrap": {"runs": {"whole"}, "block_length": {"none", "whole"}, "seed": {"whole", "huge"}},
     "ChangeDetector": {
@@ -286,6 +297,20 @@ def doors(folder):
         "log_signals": (ev.log_signals, {"log": ev.example_flight(), "actuator_lag": 0.05}),
         "lags": (ev.lags, {"channel": "input", "first": 0, "last": 2}),
         "moments": (ev.moments, {"chunks": [m.signals], **model}),
+        "actuator": (ev.actuator, {}),
+        "behind": (ev.behind, {"of": "u", "actuator": "servo"}),
+        "input": (ev.input, {}),
+        "reference": (ev.reference, {}),
+        "load_machine": (ev.load_machine, {"source": "rover"}),
+        "machine": (
+            ev.machine,
+            {
+                "name": "drag",
+                "channels": {"drag_speed": "m/s", "drag_command": ev.input()},
+                "response": "ddt(drag_speed)",
+                "terms": {"c": "-drag_speed", "a": "drag_command"},
+            },
+        ),
         "motion_by_name": (ev.motion_by_name, {"name": "vertical"}),
         "plan": (ev.plan, {"source": ev.VehicleGuess(), "target": "lag"}),
         "ratio": (ev.ratio, {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2"}),

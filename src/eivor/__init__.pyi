@@ -49,6 +49,12 @@ from eivor.models.regression import regression as regression
 from eivor.models.separable import Bounds as Bounds
 from eivor.models.separable import Prior as Prior
 from eivor.models.signal_regression import SignalRegression as SignalRegression
+from eivor.motions.declaration import actuator as actuator
+from eivor.motions.declaration import behind as behind
+from eivor.motions.declaration import input as input
+from eivor.motions.declaration import load_machine as load_machine
+from eivor.motions.declaration import machine as machine
+from eivor.motions.declaration import reference as reference
 from eivor.motions.identify import identify_flight as identify_flight
 from eivor.motions.identify import identify_log as identify_log
 from eivor.motions.identify import log_signals as log_signals

@@ -47,6 +47,7 @@ class TomlTable:
     folder: Path = Path()
     files: set[Path] = field(default_factory=set)  # Files that were read
     error: type[InputError] = InputError
+    text: str = ""  # Of the file, where messages name lines
 
     def convert(self, kind: type[T]) -> T:
         """Return the table as a structure, a `msgspec.Struct`; refuse what it does not declare."""
@@ -78,7 +79,23 @@ class TomlTable:
     def wrong(self, key: str, expected: str, received: str, remedy: str = "Correct the file.") -> InputError:
         """Return the error for a key."""
         where = ".".join(part for part in (self.path, key) if part) or "the top"
-        return self.error(f"{expected} at {where} of {self.file}", received, remedy)
+        line = self._line(where.partition("[")[0])
+        position = f"{where} of {self.file}{f', line {line}' if line else ''}"
+        return self.error(f"{expected} at {position}", received, remedy)
+
+    def _line(self, where: str) -> int:
+        """Number of the line that holds a key, or the table or key around it; zero where none is known."""
+        heading, best, depth = "", 0, 0
+        for number, line in enumerate(self.text.splitlines(), 1):
+            stripped = line.strip()
+            table = re.match(r"\[+([^\]]+)\]", stripped)
+            key = re.match(r"([\w.\"'-]+)\s*=", stripped)
+            heading = table[1].strip() if table else heading
+            words = heading if table else ".".join(filter(None, (heading, key[1]))) if key else ""
+            words = re.sub("[\"']", "", words)
+            if words and f"{where}.".startswith(f"{words}.") and len(words) > depth:
+                best, depth = number, len(words)
+        return best
 
     def choose(self, key: str, value: str, among: tuple[str, ...]) -> str:
         """The value of a key, which is one of some words."""

@@ -230,22 +230,6 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
 
 
 @pytest.mark.usefixtures("simulate")
-@pytest.mark.parametrize(
-    ("of", "received"),
-    [
-        ("-forward_sped", "'-forward_sped' with 'forward_sped'.*Did you mean 'forward_speed'"),
-        ("ddt(reference_forward_speed)", "with 'reference_forward_speed'"),
-    ],
-)
-def test_a_declaration_knows_the_channels_of_its_expressions(of, received):
-    rover = ev.motion_by_name("rover")
-    (axis,) = rover.axes
-    wrong = replace(axis, terms=(replace(axis.terms[0], of=of), *axis.terms[1:]))
-    with pytest.raises(UsageError, match=f"an expression over the channels forward_speed, .*{received}"):
-        replace(rover, axes=(wrong,))
-
-
-@pytest.mark.usefixtures("simulate")
 def test_weak_instruments_refuse_what_has_no_set():
     rover = ev.motion_by_name("rover")
     names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag", "breakaway_command")

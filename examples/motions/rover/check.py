@@ -133,7 +133,7 @@ def from_the_command_line(folder: Path) -> None:
     print(done.stdout, done.stderr)
     expect("the exit code is 0", holds=done.returncode == 0)
     text = " ".join(done.stdout.split())
-    for words in ("Drive gain ", "v' = a u − c v − d sign(v) + b"):
+    for words in ("Drive gain ", "+ drive_gain drive_command + b"):
         expect(f"the table says '{words}'", holds=words in text)
     document = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
     expect("the model has its name", holds=document["model"]["name"] == "rover")

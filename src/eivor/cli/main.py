@@ -51,6 +51,7 @@ COMMANDS = {
     "export": ("eivor.cli.export:export", "Write a result for an autopilot, a controller or a simulator."),
     "plan": ("eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
     "vehicle": ("eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
+    "machine": ("eivor.cli.tools:machine_app", "Machines that are declared: equations in ten lines."),
     "example": ("eivor.cli.tools:example_app", "Logs to try Eivor with."),
 }
 #: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_type_hints
 import msgspec
 import typer
 
-from eivor.cli.outputs import ModelOption, Reads, VehicleOption, flag, log_paths, option
+from eivor.cli.outputs import MachineOption, ModelOption, Reads, VehicleOption, flag, log_paths, option
 
 #: Default of an option that may be given several times.
 NO_TEXTS: list[str] = []
@@ -163,6 +163,7 @@ class LogWords(msgspec.Struct, kw_only=True):
     example: Annotated[bool, flag("--example", "Use the example flight that comes with Eivor.")] = False
     model: ModelOption = DEFAULT_MODEL
     vehicle: VehicleOption = ""
+    machine: MachineOption = ""
     channel_map: Annotated[
         str,
         option(

@@ -136,6 +136,14 @@ VehicleOption = Annotated[
     ),
     Reads(),
 ]
+MachineOption = Annotated[
+    str,
+    option(
+        "FILE.toml|NAME",
+        "A machine in place of --model: a declaration, or a shipped one (eivor machine list).",
+    ),
+    Reads(),
+]
 JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from eivor.cli.options import FlightWords, LogWords, parse_pair
+from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords, parse_pair
 from eivor.cli.outputs import step
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
 from eivor.estimation.methods import by_name
@@ -28,6 +28,7 @@ from eivor.logs import read_log
 from eivor.logs.common import UNITS, unit_fits
 from eivor.logs.read import example_flight
 from eivor.models.separable import Bounds, Prior
+from eivor.motions.declaration import load_machine
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import motion_by_name
 from eivor.planning.plan import Location
@@ -214,7 +215,7 @@ def read_logs(
 def result_of(given: dict[str, Any]) -> FlightEstimate:
     """Read logs and identify them, of the options of `LogWords` and `FlightWords`."""
     logs = LogWords(**{name: given.pop(name) for name in LogWords.__struct_fields__ if name in given})
-    motion = named_motion(logs.model, logs.vehicle)
+    motion = named_motion(logs.model, logs.vehicle, logs.machine)
     options = flight_options(motion, **given)
     return pooled_result(motion, options, logs.logs, example=logs.example, channel_map=logs.channel_map)
 
@@ -322,9 +323,12 @@ def _size(name: str, text: str, what: str) -> float:
 # -- Options of an identification --
 
 
-def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
-    """Return the motion of a name, of a vehicle where one is given; its channels are known from then on."""
-    motion = motion_by_name(name)
+def named_motion(name: str, vehicle: str = "", machine: str = "") -> Motion[Any]:
+    """Return the motion of a name, or of a vehicle or a machine; its channels are known from then on."""
+    if machine and (name != DEFAULT_MODEL or vehicle):
+        other = f"--vehicle {vehicle}" if vehicle else f"--model {name}"
+        raise UsageError("--machine alone", f"--machine {machine} with {other}", "Leave out one of them.")
+    motion = load_machine(machine) if machine else motion_by_name(name)
     return of_vehicle(motion, vehicle) if vehicle else motion
 
 

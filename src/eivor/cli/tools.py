@@ -41,6 +41,7 @@ from eivor.cli.parsing import (
     read_logs,
 )
 from eivor.errors import CorruptLogError, InputError, UsageError
+from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body.vehicle import (
     ENDING,
     load_vehicle,
@@ -207,7 +208,7 @@ INSPECT_EXIT_CODES = (
     LogWords,
     only=(
         *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
-        *("model", "vehicle", "channel_map"),
+        *("model", "vehicle", "machine", "channel_map"),
     ),
 )
 def inspect(
@@ -217,11 +218,12 @@ def inspect(
     example: bool,
     model: str,
     vehicle: str,
+    machine: str,
     channel_map: str,
     **given: Any,
 ) -> ExitCode:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
-    motion = named_motion(model, vehicle)
+    motion = named_motion(model, vehicle, machine)
     options = flight_options(motion, **given)
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
@@ -342,14 +344,19 @@ def new(
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
     """Write a vehicle file to begin with: every key, with what it means."""
+    return _begun("a vehicle", vehicle_template(), file)
+
+
+def _begun(what: str, text: str, file: str) -> ExitCode:
+    """Write a file to begin with, which must not exist."""
     if file != STANDARD_OUTPUT:
         path = Path(file)
         if path.suffix != ENDING:
-            raise UsageError(f"a vehicle file that ends in {ENDING}", f"'{file}'", "Add the ending.")
+            raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
         if os.path.lexists(path):
             received = f"'{file}', which would be lost"
             raise UsageError("a file that does not exist yet", received, "Choose another name.")
-    write_out(vehicle_template(), file)
+    write_out(text, file)
     if file != STANDARD_OUTPUT:
         write(f"{file}: fill in what you know\n")
     return ExitCode.IDENTIFIED
@@ -381,3 +388,65 @@ def show_vehicle(
     load_vehicle(vehicle)
     write(vehicle_text(vehicle))
     return ExitCode.IDENTIFIED
+
+
+# -- Machine --
+
+machine_app = group("machine", "Machines: equations whose parameters are identified from logs.")
+
+
+@machine_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
+@guarded
+def list_machines() -> ExitCode:
+    """List the machines that come with Eivor."""
+    made = ((name, load_machine(name)) for name in shipped_machines())
+    show_table(
+        ("name", "what it is", "equation"), ((name, item.title, item.equation[0]) for name, item in made)
+    )
+    return ExitCode.IDENTIFIED
+
+
+@machine_app.command(
+    "show",
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a machine that is not known, or a file with "
+    "something wrong in it.",
+)
+@guarded
+def show_machine(
+    machine: Annotated[
+        str,
+        typer.Argument(metavar="NAME|FILE.toml", help="A name out of eivor machine list, or a file."),
+        Reads(),
+    ],
+) -> ExitCode:
+    """Check a machine's file, and print it."""
+    load_machine(machine)
+    write(machine_text(machine))
+    return ExitCode.IDENTIFIED
+
+
+@machine_app.command(
+    "new",
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that "
+    "cannot be written.",
+)
+@guarded
+def new_machine(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
+        ),
+        Writes(),
+    ] = STANDARD_OUTPUT,
+    *,
+    like: Annotated[str, option("NAME", "The shipped machine to begin with.", show_default=True)] = "rover",
+) -> ExitCode:
+    """Write a machine's file to begin with: a shipped one, to be changed."""
+    if like not in shipped_machines():
+        raise UsageError(
+            f"a machine out of {', '.join(shipped_machines())}", f"'{like}'", "Name one of them."
+        )
+    return _begun("a machine", machine_text(like), file)

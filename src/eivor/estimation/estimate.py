@@ -23,6 +23,7 @@ from eivor.inference.covariance import (
     JointCovariance,
     check_covariance_estimator,
 )
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.distributions import check_level, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
@@ -266,8 +267,16 @@ class Estimate:
 
     @property
     def status(self) -> Status:
-        """Weak when the instruments are; see `reasons`."""
-        return verdict(list(self.reasons)).status
+        """Weak when the instruments are, see `reasons` and `first_stage`.
+
+        With nuisances it is provisional by whitened least squares: its intervals do not hold in closed loop.
+        """
+        reasons = list(self.reasons)
+        if self.profiles and np.any(self.first_stage < STRONG_FIRST_STAGE):
+            reasons.append(Reason(Status.WEAK, "The instruments are weak: see `first_stage`."))
+        if self.profiles and self.method == "whitened_least_squares":
+            reasons.append(Reason(Status.PROVISIONAL, "A direct method is biased in closed loop."))
+        return verdict(reasons).status
 
     @property
     def names(self) -> tuple[str, ...]:

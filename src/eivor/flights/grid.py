@@ -294,6 +294,7 @@ class Active:
 
     mask: Bool[np.ndarray, " n"]  # True where it does; in the air, margins left out
     rule: str  # Which rule was used, in words
+    counted: Bool[np.ndarray, " n"] | None = None  # Samples of it that count; excursions end no run
 
 
 def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:

@@ -57,7 +57,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     standing = good & active.mask
     if window is not None:
         standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
-    usable = standing.copy()
+    usable = standing.copy() if active.counted is None else standing & active.counted
     for name, least in selected.at_least.items():
         usable &= channels[name] >= least
     runs = _runs(standing, usable, grid.step_s)

@@ -112,6 +112,11 @@ class Expression:
         """Return the expression that is a column as it stands."""
         return cls(name, (name,), (name,))
 
+    @property
+    def of_moments(self) -> bool:
+        """Whether a row needs no other row."""
+        return not any(isinstance(step, InTime) for step in self.steps)
+
     def evaluate(
         self,
         columns: Mapping[str, Float[np.ndarray, "*shape"] | float],

@@ -11,7 +11,9 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import QuantitySpec
+from eivor.motions.declaration import ENDING, load_machine, machine_of, shipped_machines
 from eivor.signals.channels import declare_channels
+from eivor.strict_toml import TomlTable
 
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"
@@ -38,24 +40,32 @@ def motion_by_name(name: str) -> Motion[Any]:
     Parameters
     ----------
     name : str
-        "vertical", or the name of a motion that another package brings.
+        "vertical", "rates", "rigid-body", the name of a motion that another package brings or of a machine
+        that comes with Eivor, or the path of a machine's TOML file.
 
     Raises
     ------
     UsageError
         When there is none of that name, or another package's cannot be loaded, or adds a channel whose name
         is that of another one.
+    InputError
+        When a machine's file has something wrong in it.
     """
     checks.text("name", name)
+    if name.endswith(ENDING) or (name not in motion_names() and name in shipped_machines()):
+        return load_machine(name)
     return loaded_motion(name)
 
 
-def motion_of_model(model_name: str) -> Motion[Any]:
-    """Motion that a JSON document names by the name of its model, Eivor's own first."""
+def motion_of_model(model_name: str, vehicle: Any = None) -> Motion[Any]:
+    """Motion that a JSON document names by its model, with the vehicle or the machine that it holds."""
+    if isinstance(vehicle, dict) and isinstance(vehicle.get("machine"), dict):
+        return machine_of(TomlTable(vehicle["machine"], "the machine of the result"))
     for name in motion_names():
         motion = motion_by_name(name)
         if motion.words.model == model_name:
-            return motion
+            support = motion.abilities.vehicle
+            return motion if support is None else support.restore(vehicle)
     raise UsageError(
         f"a model of one of the motions {', '.join(motion_names())}",
         f"'{model_name}'",
@@ -79,7 +89,9 @@ def loaded_motion(name: str) -> Motion[Any]:
     added = _added()
     if name not in added:
         raise UsageError(
-            f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
+            f"a motion out of {', '.join(motion_names())}",
+            f"'{name}'",
+            "Name one of them with --model, or a machine with --machine.",
         )
     motion = _loaded(added[name])
     declare_channels(*motion.channels.added)

@@ -257,7 +257,9 @@ class SavedFit:
     def fitted(self) -> Fitted:
         """What exports take of it."""
         document, model = self.document, self.document.model
-        vehicle = document.prediction and document.prediction.vehicle
+        vehicle: Any = document.prediction and document.prediction.vehicle
+        if isinstance(vehicle, dict) and "machine" in vehicle:  # a declaration, which no target takes
+            vehicle = None
         side, in_force = (model.autopilot_curve.get(name) for name in ("side", "in_force"))
         return Fitted(
             model=model.name,

@@ -323,9 +323,7 @@ def validate(
             f"one without: {' '.join(result.reasons).rstrip('.')}",
             "Validate a flight that carries some information.",
         )
-    motion = motion_of_model(result.document.model.name)
-    if motion.abilities.vehicle is not None:
-        motion = motion.abilities.vehicle.restore(prediction.vehicle)
+    motion = motion_of_model(result.document.model.name, prediction.vehicle)
     state = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
     motion, (flight,) = state.motion, state.prepared
     level, input_level = prediction.input_level, flight.input_level

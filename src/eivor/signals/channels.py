@@ -146,8 +146,12 @@ def held_by_default(name: str) -> bool:
     return channel is not None and channel.held
 
 
-def declare_channels(*declared: CanonicalChannel) -> None:
-    """Add channels to the table, for this process. Declaring the same channel again changes nothing."""
+def declare_channels(*declared: CanonicalChannel, replacing: bool = False) -> None:
+    """Add channels to the table, for this process; `replacing` those of a name that are not built in."""
+    if replacing:
+        declared = tuple(item for item in declared if item.name not in {known.name for known in BUILT_IN})
+        for item in declared:
+            _TABLE.pop(item.name, None)
     added: dict[str, CanonicalChannel] = {}
     for channel in declared:
         taken = [other for other in (*_TABLE.values(), *added.values()) if _collide(channel, other)]

@@ -117,7 +117,7 @@ def _equation(axis: Axis) -> AxisEquation:
         terms.append(Term(reaction.name, f"ddt({axis.torque})", "J", reaction.unit, behind=True))
     return AxisEquation(
         axis.name,
-        axis.torque,
+        (axis.torque,),
         (f"ddt({axis.rate})",),
         tuple(terms),
         (f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u"),

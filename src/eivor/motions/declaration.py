@@ -1,0 +1,718 @@
+"""Declarations of machines, in TOML and in Python, read into motions."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from eivor import checks
+from eivor.errors import ChannelMapError, InputError, did_you_mean
+from eivor.flights.references import ReferenceSource
+from eivor.logs.channel_map import Expression, InTime
+from eivor.motions.equation import AxisEquation, Mirror, Term, parsed
+from eivor.motions.machine import Activity, Derived, Machine, MachineChannel
+from eivor.motions.units import Unit, UnitError, over, parsed_unit, unit_of, unit_text
+from eivor.signals.channels import BUILT_IN, canonical_channel, declare_channels
+from eivor.signals.recording import DataSheet
+from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
+
+# -- Structures of the file --
+
+ENDING = ".toml"
+#: Lags and delays that are searched, of the range that is declared.
+LAGS, DELAYS = 16, 5
+#: Longest lag or delay that can be declared [ms].
+LONGEST_MS = 20_000.0
+ROLES = ("state", "response", "input", "reference")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+class _Channel(msgspec.Struct, forbid_unknown_fields=True):
+    unit: str
+    role: str = "state"
+    held: bool | None = None
+    feedback: bool = False
+    noise: float | None = None
+    quantisation: float | None = None
+
+
+class _Let(msgspec.Struct, forbid_unknown_fields=True, rename={"of": "is"}):
+    of: Text
+    unit: str | None = None
+    symbol: str = ""
+
+
+class _Term(msgspec.Struct, forbid_unknown_fields=True):
+    of: Text
+    behind: str = ""
+    unit: str | None = None
+    symbol: str = ""
+
+
+class _Actuator(msgspec.Struct, forbid_unknown_fields=True):
+    lag_ms: tuple[float, ...] = (0.0, 0.0)
+    delay_ms: tuple[float, ...] = (0.0, 0.0)
+    order: int = 1
+
+
+class _Active(msgspec.Struct, forbid_unknown_fields=True):
+    when: Text
+
+
+class _Instruments(msgspec.Struct, forbid_unknown_fields=True):
+    of: list[Text]
+
+
+class _Quality(msgspec.Struct, forbid_unknown_fields=True):
+    headline: list[str] = []
+    half_width: float = 0.2
+    weak_half_width: float = 0.5
+
+
+class _Band(msgspec.Struct, forbid_unknown_fields=True):
+    hz: list[float]
+
+
+class _Axis(msgspec.Struct, forbid_unknown_fields=True):
+    response: str | list[str]
+    terms: dict[str, Any]
+    references: list[str] | None = None
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    name: Text
+    channels: dict[str, Any]
+    title: str = ""
+    move: str = "Move it to and fro for a minute, with references that change at uneven times."
+    log: str = ""
+    response: str | list[str] = ""
+    terms: dict[str, Any] = {}
+    let: dict[str, Any] = {}
+    actuators: dict[str, Any] = {}
+    derived: dict[str, Any] = {}
+    active: dict[str, Any] | None = None
+    instruments: dict[str, Any] | None = None
+    quality: dict[str, Any] = {}
+    band: dict[str, Any] | None = None
+    axes: dict[str, Any] = {}
+
+
+# -- Public doors --
+
+
+def machine(
+    name: str,
+    *,
+    channels: Mapping[str, str | Mapping[str, Any]],
+    response: str | Sequence[str] = "",
+    terms: Mapping[str, str | Mapping[str, Any]] | None = None,
+    actuators: Mapping[str, Mapping[str, Any]] | None = None,
+    let: Mapping[str, str | Mapping[str, Any]] | None = None,
+    derived: Mapping[str, str | Mapping[str, Any]] | None = None,
+    axes: Mapping[str, Mapping[str, Any]] | None = None,
+    active: str = "",
+    instruments: Sequence[str] = (),
+    band_hz: tuple[float, float] | None = None,
+    headline: Sequence[str] = (),
+    half_width: float = 0.2,
+    weak_half_width: float = 0.5,
+    **words: str,
+) -> Machine:
+    """Declare a machine: its channels, and equations whose parameters are to be identified.
+
+    Parameters
+    ----------
+    name : str
+        What it is called in results.
+    channels : mapping
+        Each channel's SI unit, or `input`, `reference` or a mapping with the keys of a file.
+    response : str or sequence of str
+        Expression for what is explained, such as "ddt(r)"; of several the last is always logged.
+    terms : mapping
+        Parameter = expression, or `behind` for what an actuator drives. A term of "1" is an intercept.
+    actuators : mapping
+        `actuator` for each name that terms stand behind.
+    let, derived : mapping
+        Names for expressions over channels, and quantities that are expressions over parameters; with
+        ``{"is": ..., "unit": ...}`` where a unit does not follow.
+    axes : mapping
+        Several equations in place of one: a mapping with response and terms for each.
+    active : str
+        Condition under which samples count. Default: where no speed with a sign in a term stands still.
+    instruments : sequence of str
+        Expressions over references. Default: the references, their lags, and the curves of terms of them.
+    band_hz : tuple of float
+        Band of the rows in frequency [Hz].
+    headline : sequence of str
+        Quantities whose verdicts make the overall one. Default: every parameter but intercepts.
+    half_width, weak_half_width : float
+        Largest half-widths of what is identified and of what is weak, as shares.
+    **words : str
+        `title`, and what to do and to log where a log identifies too little: `move`, `log`.
+
+    Returns
+    -------
+    Machine
+        A motion for ``ev.identify_flight(log, model=...)``. Its channels are known from here on: make it
+        before its logs are read.
+
+    Raises
+    ------
+    InputError
+        For a declaration that does not hold together, with the key and a suggestion.
+    """
+    tables = {"channels": channels, "terms": terms, "actuators": actuators, "let": let}
+    tables |= {"derived": derived, "axes": axes}
+    for key, table in tables.items():
+        if table is not None or key == "channels":
+            checks.mapping(key, table, (str, Mapping), "texts or mappings")
+    listed = (response,) if isinstance(response, str) else response
+    lists = {"response": listed, "instruments": instruments, "headline": headline}
+    for key, texts in lists.items():
+        checks.items(key, texts, str, "texts")
+    checks.text("name", name)
+    checks.text("active", active)
+    if band_hz is not None:
+        checks.items("band_hz", band_hz, (int, float), "two numbers")
+    checks.number("half_width", half_width)
+    checks.number("weak_half_width", weak_half_width)
+    values: dict[str, Any] = {"name": name, **words}
+    values |= {
+        key: value
+        for key, value in {
+            **tables,
+            "response": listed if any(listed) else None,
+            "active": {"when": active} if active else None,
+            "instruments": {"of": list(instruments)} if instruments else None,
+            "band": None if band_hz is None else {"hz": list(band_hz)},
+        }.items()
+        if value is not None
+    }
+    widths = {"half_width": half_width, "weak_half_width": weak_half_width}
+    values["quality"] = {"headline": list(headline), **widths}
+    return machine_of(TomlTable(_plain(values), "ev.machine"))
+
+
+def behind(of: str, actuator: str, **keys: str) -> dict[str, Any]:
+    """Term that an actuator drives: an expression over inputs, and the actuator's name."""
+    checks.text("of", of)
+    checks.text("actuator", actuator)
+    return {"of": of, "behind": actuator, **keys}
+
+
+def input(unit: str = "", **keys: Any) -> dict[str, Any]:
+    """Channel that drives a machine, and holds its values between stamps unless ``held=False``."""
+    checks.text("unit", unit)
+    return {"unit": unit, "role": "input", **keys}
+
+
+def reference(unit: str = "", **keys: Any) -> dict[str, Any]:
+    """Channel that was set beforehand; with ``feedback=True`` one that a controller computes."""
+    checks.text("unit", unit)
+    return {"unit": unit, "role": "reference", **keys}
+
+
+def actuator(
+    *, lag_s: tuple[float, float] = (0.0, 0.0), delay_s: tuple[float, float] = (0.0, 0.0)
+) -> dict[str, Any]:
+    """Actuator of first order: the least and the largest lag and delay [s]."""
+    for name, ends in {"lag_s": lag_s, "delay_s": delay_s}.items():
+        checks.items(name, ends, (int, float), "two numbers", "Give the least and the largest.")
+    return {"lag_ms": [1e3 * item for item in lag_s], "delay_ms": [1e3 * item for item in delay_s]}
+
+
+def load_machine(source: str | os.PathLike[str]) -> Machine:
+    """Machine of a file, or one that comes with Eivor.
+
+    Parameters
+    ----------
+    source : str or path
+        Path of a TOML file, or a name out of `shipped_machines`.
+
+    Raises
+    ------
+    InputError
+        When there is none, or the file has something wrong in it.
+    """
+    checks.path("source", source)
+    path = Path(source)
+    if str(source) in shipped_machines():
+        text = machine_text(str(source))
+        return machine_of(replace(toml_table(text, Path(f"{source}{ENDING}"), "a machine"), text=text))
+    if path.suffix != ENDING and not path.is_file():
+        expected = f"a machine: a file that ends in {ENDING}, or one of {', '.join(shipped_machines())}"
+        received = f"'{source}'"
+        raise InputError(expected, received, did_you_mean(str(source), shipped_machines(), "Check the name."))
+    table = read_toml(path, "a machine")
+    return machine_of(replace(table, text=path.read_text(encoding="utf-8")))
+
+
+def shipped_machines() -> tuple[str, ...]:
+    """Names of the machines that come with Eivor."""
+    names = (entry.name for entry in (resources.files("eivor.motions") / "machines").iterdir())
+    return tuple(sorted(name.removesuffix(ENDING) for name in names if name.endswith(ENDING)))
+
+
+def machine_text(name: str) -> str:
+    """Text of a shipped machine, or of a file."""
+    if name not in shipped_machines():
+        return Path(name).read_text(encoding="utf-8")
+    return (resources.files("eivor.motions") / "machines" / f"{name}{ENDING}").read_text(encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """Mappings and sequences as TOML has them."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+# -- Reading --
+
+
+@dataclass(frozen=True)
+class _Names:
+    """What expressions of a declaration may name."""
+
+    top: TomlTable
+    channels: Mapping[str, MachineChannel]
+    units: Mapping[str, Unit]
+    lets: Mapping[str, str]  # Texts in place of names
+    let_units: Mapping[str, Unit]
+
+    def expanded(self, text: str) -> str:
+        """The text with names of `[let]` put in place."""
+        return _put_in(text, self.lets)
+
+    def unit(self, section: TomlTable, key: str, text: str) -> tuple[Unit, bool]:
+        """Unit of an expression, with every name in it checked."""
+        expression = _checked(section, key, text)
+        units = {**self.units, **self.let_units}
+        for name in expression.columns:
+            if name not in units:
+                expected = f"an expression over {', '.join(units)}"
+                remedy = did_you_mean(name, tuple(units), "Declare the channel: its unit and role.")
+                raise section.wrong(key, expected, f"{text!r} with '{name}'", remedy)
+        return _unit(section, key, lambda: unit_of(expression, units))
+
+
+def _put_in(text: str, lets: Mapping[str, str]) -> str:
+    if text.strip() in lets:
+        return lets[text.strip()]
+    parts = re.split(r'("[^"]*")', text)
+    for position in range(0, len(parts), 2):
+        parts[position] = _NAME.sub(lambda m: _whole(lets[m[0]]) if m[0] in lets else m[0], parts[position])
+    return "".join(parts)
+
+
+def _whole(text: str) -> str:
+    """An expression that stands in another one: in parentheses, unless it is a name or a function."""
+    return text if isinstance(_tree(text), ast.Name | ast.Call | ast.Constant) else f"({text})"
+
+
+def _tree(text: str) -> ast.expr:
+    return ast.parse(text.strip(), mode="eval").body
+
+
+def _checked(section: TomlTable, key: str, text: str) -> Expression:
+    try:
+        return parsed(text)
+    except ChannelMapError as error:
+        raise section.wrong(key, "an expression", error.received, error.remedy) from None
+
+
+def _unit(section: TomlTable, key: str, make: Any) -> Any:
+    try:
+        return make()
+    except UnitError as error:
+        received, remedy = error.args
+        raise section.wrong(key, "units that fit", received, remedy) from None
+
+
+def _tables(top: TomlTable, name: str, short: str) -> dict[str, TomlTable]:
+    """Tables of a section by name; a text stands for a table with one key."""
+    part = top.values.get(name, {})
+    if not isinstance(part, dict):
+        raise top.wrong(name, f"a table [{name}]", repr(part))
+    whole = {key: {short: value} if isinstance(value, str) else value for key, value in part.items()}
+    outer = top.part(name, whole)
+    for key in whole:
+        if not _NAME.fullmatch(key):
+            raise outer.wrong(key, "a name of letters, digits and _", repr(key), "Rename it.")
+    return {key: outer.part(key) for key in whole}
+
+
+def machine_of(top: TomlTable) -> Machine:
+    """Machine of a declaration; its channels are known from then on."""
+    given = top.convert(_File)
+    channels = {name: _channel(name, section) for name, section in _tables(top, "channels", "unit").items()}
+    names = _names(top, channels)
+    delays = _actuators(top)
+    if bool(given.axes) == bool(given.terms):
+        both = "both" if given.axes else "neither"
+        raise top.wrong(
+            "terms", "one equation by response and [terms], or several by [axes.NAME]", both, "Give one."
+        )
+    sections = _tables(top, "axes", "response") if given.axes else {given.title or given.name: top}
+    axes = tuple(_axis(name, part, names, tuple(delays)) for name, part in sections.items())
+    terms = {term.name: term for axis in axes for term in axis.terms}
+    if len(terms) < sum(len(axis.terms) for axis in axes):
+        raise top.wrong(
+            "axes", "parameters with names of their own", "the same name in two axes", "Rename one."
+        )
+    derived = _derived(top, terms)
+    quality = top.part("quality").convert(_Quality) if given.quality else _Quality()
+    headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)
+    known = (*terms, *(item.name for item in derived))
+    for name in headline:
+        if name not in known:
+            remedy = did_you_mean(name, known, "Name some of them.")
+            raise top.part("quality").wrong(
+                "headline", f"quantities out of {', '.join(known)}", f"'{name}'", remedy
+            )
+    if not 0.0 < quality.half_width <= quality.weak_half_width:
+        received = f"{quality.half_width:g} and {quality.weak_half_width:g}"
+        raise top.part("quality").wrong("half_width", "0 < half_width <= weak_half_width", received)
+    used = _used(axes)
+    if not any(channels[name].role == "input" for name in used):
+        raise top.wrong("channels", "an equation with an input", "none", 'Give a channel role = "input".')
+    unused = [name for name in channels if name not in used and channels[name].role in ("input", "response")]
+    if unused:
+        part = top.part("channels")
+        raise part.wrong(
+            unused[0], "a channel that the equation uses", f"'{unused[0]}', unused", "Leave it out."
+        )
+    logged = tuple(channels.values())
+    result = Machine(
+        given.name,
+        given.title or given.name,
+        _equation(axes),
+        logged,
+        axes,
+        headline,
+        given.move,
+        given.log or f"Log {', '.join(channel.name for channel in logged)} at 50 Hz or more.",
+        derived,
+        (quality.half_width, quality.weak_half_width),
+        _activity(top, names, axes),
+        _band(top),
+        top.values,
+        next(iter(delays.values()), ((0.0,), (0.0,))),
+    )
+    declare_channels(*result.channels.added, replacing=True)
+    return result
+
+
+def _channel(name: str, section: TomlTable) -> MachineChannel:
+    given = section.convert(_Channel)
+    role = section.choose("role", given.role, ROLES)
+    unit = _unit(section, "unit", lambda: parsed_unit(given.unit))
+    held = role in ("input", "reference") if given.held is None else given.held
+    noise: float | DataSheet | None = given.noise
+    if given.quantisation is not None:
+        if given.noise is not None or not given.quantisation > 0.0:
+            expected = "noise, or a quantisation above zero"
+            raise section.wrong("quantisation", expected, f"{given.quantisation:g}", "Leave out one of them.")
+        noise = DataSheet(0.0, None, given.quantisation)
+    elif given.noise is not None and not given.noise >= 0.0:
+        raise section.wrong("noise", "a standard deviation of zero or more", f"{given.noise:g}")
+    shown = "" if given.unit == "1" else given.unit
+    known = canonical_channel(name)
+    if known is not None and known in BUILT_IN and not known.free_unit and parsed_unit(known.unit) != unit:
+        expected = f"the unit of the canonical channel {name}, {known.unit or 'a pure number'}"
+        raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or rename the channel.")
+    return MachineChannel(name, shown, role, held, given.feedback, noise)
+
+
+def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
+    """Channels and the names of [let], each with its unit; every name of the latter stands for a text."""
+    names = _Names(top, channels, {name: parsed_unit(item.unit) for name, item in channels.items()}, {}, {})
+    for name, section in _tables(top, "let", "is").items():
+        given = section.convert(_Let)
+        if name in channels:
+            raise section.wrong("", "a name that no channel has", f"'{name}'", "Rename it.")
+        unit, scaled = names.unit(section, "is", given.of)
+        unit = _declared_unit(section, given.unit, unit, scaled)
+        lets = {**names.lets, name: names.expanded(given.of)}
+        _checked(section, "is", lets[name])
+        names = _Names(top, channels, names.units, lets, {**names.let_units, name: unit})
+    return names
+
+
+def _declared_unit(section: TomlTable, text: str | None, unit: Unit, scaled: bool) -> Unit:
+    """Unit of an expression, or the one that is declared: where a number is a factor it may be any."""
+    if text is None:
+        return unit
+    declared: Unit = _unit(section, "unit", lambda: parsed_unit(text))
+    if declared != unit and not scaled:
+        expected = f"the unit that follows, {unit_text(unit) or '1'}"
+        raise section.wrong("unit", expected, f"'{text}'", "Leave it out, or correct the expression.")
+    return declared
+
+
+def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
+    """Lags and delays to search for each actuator [s]."""
+    results = {}
+    for name, section in _tables(top, "actuators", "lag_ms").items():
+        given = section.convert(_Actuator)
+        if given.order != 1:
+            raise section.wrong("order", "an actuator of first order", f"{given.order}", "Give order = 1.")
+        for key in ("lag_ms", "delay_ms"):
+            ends = getattr(given, key)
+            if len(ends) != 2 or not 0.0 <= ends[0] <= ends[1] <= LONGEST_MS:
+                expected = f"[least, largest] in ms, from 0 to {LONGEST_MS:g}"
+                raise section.wrong(key, expected, f"{ends}", "Such as [10, 300].")
+        (lag, last), (delay, end) = given.lag_ms, given.delay_ms
+        first = max(lag, 0.005 * last)
+        lags = np.geomspace(first, last, LAGS) if last > first else np.array([last])
+        delays = np.linspace(delay, end, DELAYS) if end > delay else np.array([end])
+        results[name] = tuple((1e-3 * lags).tolist()), tuple((1e-3 * delays).tolist())
+    if len(results) > 1:
+        received = ", ".join(results)
+        raise top.wrong("actuators", "one actuator, which all terms share", received, "Declare the slowest.")
+    return results
+
+
+def _axis(name: str, section: TomlTable, names: _Names, actuators: tuple[str, ...]) -> AxisEquation:
+    top = names.top
+    given = section.convert(_Axis) if section is not top else top.convert(_File)
+    responses = [given.response] if isinstance(given.response, str) else given.response
+    if not any(responses):
+        raise section.wrong("response", "an expression, such as ddt(p)", "none", "Add it.")
+    units = [names.unit(section, "response", text)[0] for text in responses]
+    _refuse_references(section, "response", names, responses)
+    if any(unit != units[0] for unit in units):
+        pair = " and ".join(unit_text(unit) or "a pure number" for unit in units)
+        raise section.wrong("response", "candidates of one unit", pair, "Correct one of them.")
+    expanded = tuple(names.expanded(text) for text in responses)
+    terms = tuple(
+        _term(key, part, names, actuators, expanded, units[0])
+        for key, part in _tables(section, "terms", "of").items()
+    )
+    if all(term.is_intercept for term in terms):
+        raise section.wrong("terms", "a term with a channel", "none", "Add one: NAME = EXPRESSION.")
+    texts = (*expanded, *(term.of for term in terms))
+    columns = dict.fromkeys(column for text in texts for column in parsed(text).columns)
+    inputs = tuple(column for column in columns if names.channels[column].role == "input")
+    offered = [item.name for item in names.channels.values() if item.role == "reference"]
+    references = (given.references if isinstance(given, _Axis) else None) or offered
+    for item in references:
+        if item not in offered:
+            remedy = did_you_mean(item, offered, "Give its channel that role.")
+            raise section.wrong("references", f"references out of {', '.join(offered)}", f"'{item}'", remedy)
+    steady = [column for term in terms if not term.behind for column in parsed(term.of).columns]
+    steady += [column for text in expanded for column in parsed(text).columns]
+    moving = " + ".join(f"{term.symbol} {term.of}" for term in terms if term.behind)
+    unit = unit_text(units[0])
+    return AxisEquation(
+        name,
+        inputs,
+        expanded,
+        terms,
+        (responses[-1], unit.replace("^2", "²"), "the sum of terms", moving or "nothing behind an actuator"),
+        tuple(ReferenceSource(item) for item in references),
+        state=_state(expanded[-1], names, inputs),
+        mirrors=tuple(_mirrors(terms, names, references)),
+        instruments_of=_instruments(top, names),
+        averaged=tuple(name for name in inputs if name in steady and names.channels[name].held),
+    )
+
+
+def _term(
+    name: str,
+    section: TomlTable,
+    names: _Names,
+    actuators: tuple[str, ...],
+    responses: tuple[str, ...],
+    response_unit: Unit,
+) -> Term:
+    given = section.convert(_Term)
+    unit, _ = names.unit(section, "of", given.of)
+    _refuse_references(section, "of", names, [given.of])
+    text = names.expanded(given.of)
+    expression = _checked(section, "of", text)
+    if text in responses:
+        raise section.wrong("of", "a term that is not the response", f"'{given.of}'", "Leave it out.")
+    inputs = [column for column in expression.columns if names.channels[column].role == "input"]
+    if given.behind:
+        section.choose("behind", given.behind, actuators)
+        if not inputs:
+            expected = "an expression over an input, which the actuator follows,"
+            raise section.wrong(
+                "of", expected, f"'{given.of}'", 'Leave out behind, or give a role = "input".'
+            )
+    elif any(column in inputs for column in _derived_channels(expression)):
+        remedy = "Put the term behind an actuator, or leave ddt out."
+        raise section.wrong(
+            "of", "a derivative of what was measured", f"'{given.of}' of a held input", remedy
+        )
+    symbol = given.symbol or name
+    declared = over(response_unit, unit)
+    text_of_unit = unit_text(declared)
+    if given.unit is not None:
+        written = _unit(section, "unit", lambda: parsed_unit(given.unit or ""))
+        if written != declared:
+            expected = f"the unit that makes the term one of the response, {text_of_unit or '1'}"
+            raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or the expression.")
+        text_of_unit = given.unit
+    return Term(name, text, symbol, text_of_unit, behind=bool(given.behind))
+
+
+def _derived_channels(expression: Expression) -> list[str]:
+    """Channels whose derivative is taken directly."""
+    steps = expression.steps
+    return [
+        str(first)
+        for first, step in pairwise(steps)
+        if isinstance(first, str) and isinstance(step, InTime) and step.lag_s is None
+    ]
+
+
+def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:
+    for text in texts:
+        for name in parsed(names.expanded(text)).columns:
+            if names.channels[name].role == "reference":
+                expected = (
+                    "an equation over states and inputs: a reference is an instrument and stands in no term"
+                )
+                raise section.wrong(
+                    key, expected, f"{text!r} with the reference '{name}'", "Name what was measured."
+                )
+
+
+def _state(response: str, names: _Names, inputs: tuple[str, ...]) -> tuple[str, str, str] | None:
+    """Channel, words and unit of the state whose derivative is explained."""
+    steps = parsed(response).steps
+    if (
+        len(steps) == 2
+        and isinstance(steps[0], str)
+        and isinstance(steps[1], InTime)
+        and steps[0] not in inputs
+    ):
+        channel = names.channels[steps[0]]
+        return channel.name, channel.name.replace("_", " "), channel.unit
+    return None
+
+
+#: Functions that are no curves: what moves their argument moves them in proportion.
+_LINEAR = {np.add, np.subtract, np.negative}
+
+
+def _mirrors(terms: Sequence[Term], names: _Names, references: Sequence[str]) -> Iterator[Mirror]:
+    """Terms that are curves, each over every reference that has, derived in time, the units of its states."""
+    for term in terms:
+        curved = [
+            step for step in term.expression.steps if isinstance(step, np.ufunc) and step not in _LINEAR
+        ]
+        if not curved or term.behind or term.is_intercept:
+            continue
+        for name in references:
+            unit, orders = names.units[name], {}
+            for column in term.expression.columns:
+                for order in range(3):
+                    if over(unit, {"s": Fraction(order)} if order else {}) == names.units[column]:
+                        orders[column] = order
+                        break
+            if len(orders) == len(term.expression.columns):
+                yield Mirror(name, term.of, orders)
+
+
+def _instruments(top: TomlTable, names: _Names) -> tuple[str, ...]:
+    if "instruments" not in top.values:
+        return ()
+    part = top.part("instruments")
+    texts = part.convert(_Instruments).of
+    for text in texts:
+        names.unit(part, "of", text)
+        for name in parsed(names.expanded(text)).columns:
+            if names.channels[name].role != "reference":
+                expected = "instruments that are expressions over references"
+                raise part.wrong("of", expected, f"{text!r} with '{name}'", "Use references only.")
+    return tuple(names.expanded(text) for text in texts)
+
+
+def _derived(top: TomlTable, terms: Mapping[str, Term]) -> tuple[Derived, ...]:
+    results = []
+    known = {name: term for name, term in terms.items() if not term.is_intercept}
+    units = {name: parsed_unit(term.unit) for name, term in known.items()}
+    for name, section in _tables(top, "derived", "is").items():
+        given = section.convert(_Let)
+        expression = _checked(section, "is", given.of)
+        for item in expression.columns or ("",):
+            if item not in units:
+                remedy = did_you_mean(item, tuple(units), "Name parameters.")
+                expected = f"an expression over the parameters {', '.join(units)}"
+                raise section.wrong("is", expected, f"{given.of!r} with '{item}'", remedy)
+        if name in terms:
+            raise section.wrong("", "a name that no parameter has", f"'{name}'", "Rename it.")
+        unit, scaled = _unit(section, "is", lambda e=expression: unit_of(e, units))
+        declared = _declared_unit(section, given.unit, unit, scaled)
+        text = given.unit if given.unit is not None else unit_text(declared)
+        results.append(Derived(name, given.of, given.symbol or given.of, "" if text == "1" else text))
+    return tuple(results)
+
+
+def _activity(top: TomlTable, names: _Names, axes: Sequence[AxisEquation]) -> Activity:
+    if "active" in top.values:
+        part = top.part("active")
+        when = part.convert(_Active).when
+        names.unit(part, "when", when)
+        return Activity(names.expanded(when))
+    speeds = (speed for axis in axes for term in axis.terms for speed in _signs(term.of))
+    return Activity("", tuple(dict.fromkeys(speeds)))
+
+
+def _signs(text: str) -> Iterator[str]:
+    """Arguments of the signs in an expression."""
+    for node in ast.walk(_tree(text)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id.lower() == "sign":
+            yield ast.unparse(node.args[0]).replace("'", '"')
+
+
+def _band(top: TomlTable) -> tuple[float, float] | None:
+    if "band" not in top.values:
+        return None
+    part = top.part("band")
+    ends = part.convert(_Band).hz
+    if len(ends) != 2 or not 0.0 <= ends[0] < ends[1]:
+        raise part.wrong("hz", "[low, high] in Hz with low < high", f"{ends}", "Such as [0.05, 5].")
+    return ends[0], ends[1]
+
+
+def _used(axes: Sequence[AxisEquation]) -> set[str]:
+    """Channels in the equations."""
+    texts = (text for axis in axes for text in (*axis.response, *(term.of for term in axis.terms)))
+    return {column for text in texts for column in parsed(text).columns}
+
+
+def _shown(term: Term) -> str:
+    """A term with its sign, as equations show it."""
+    if term.is_intercept:
+        return f" + {term.symbol}"
+    of, sign = term.of.strip(), "+"
+    if of.startswith("-") and not isinstance(getattr(_tree(of), "op", None), ast.Add | ast.Sub):
+        of, sign = of[1:].strip(), "-"
+    return f" {sign} {term.symbol} {_whole(of)}"
+
+
+def _equation(axes: Sequence[AxisEquation]) -> tuple[str, str]:
+    """The equations in one line, and what stands behind the actuator."""
+    lines = []
+    for axis in axes:
+        text = "".join(map(_shown, axis.terms)).removeprefix(" + ")
+        intercept = "" if any(term.is_intercept for term in axis.terms) else " + b"
+        lines.append(f"{axis.response[-1]} = {text.strip()}{intercept}")
+    lagging = sorted({name for axis in axes for t in axis.terms if t.behind for name in parsed(t.of).columns})
+    behind_words = f"; {', '.join(lagging)} behind tau x' + x = input(t - d)" if lagging else ""
+    return "; ".join(lines), f"b an intercept for each run{behind_words}"

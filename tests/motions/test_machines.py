@@ -1,0 +1,163 @@
+"""Declared machines: what a declaration says and refuses, and what is identified from simulated records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import eivor as ev
+from eivor.cli.main import app
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.motions.declaration import machine_text, shipped_machines
+from eivor.signals import channels
+
+ROLL = """name = "roll"
+response = "ddt(p)"
+[channels]
+p = { unit = "rad/s", noise = 0.003 }
+aileron = { unit = "1", role = "input" }
+phi_reference = { unit = "rad", role = "reference" }
+[let]
+drag = { is = "2 * p", unit = "rad/s" }
+[terms]
+L_p = "drag"
+L_da = { of = "aileron", behind = "servo", unit = "rad/s^2" }
+[actuators.servo]
+lag_ms = [2, 300]
+[derived]
+time_constant = "-1 / L_p"
+[active]
+when = "abs(p) < 3"
+[quality]
+headline = ["L_p"]
+"""
+
+
+@pytest.fixture(autouse=True)
+def table(monkeypatch):
+    """The table of channels, which is as it was after the test."""
+    monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
+
+
+def held(rng, count, step_s, size, lasting):
+    """Levels to both sides that last from one time to another [s]."""
+    levels = np.zeros(count)
+    begin = 0
+    while begin < count:
+        end = begin + int(rng.uniform(*lasting) / step_s)
+        levels[begin:end] = size * rng.uniform(-1.0, 1.0)
+        begin = end
+    return levels
+
+
+def logs_of(columns):
+    """A recording for each record that was simulated side by side."""
+    records = max(item.shape[1] for item in columns.values() if item.ndim > 1)
+    for record in range(records):
+        made = {name: item if item.ndim == 1 else item[:, record] for name, item in columns.items()}
+        yield ev.recording_from_columns(made, name=f"record {record}")
+
+
+# -- Declarations --
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"drag"', '"drg"', r"L_p.of of m.toml, line 10; received 'drg' with 'drg'. Did you mean 'drag'"),
+        ('L_p = "drag"', 'L_p = "phi_reference"', "a reference is an instrument .* line 10"),
+        ('L_p = "drag"', 'L_p = "ddt(p)"', "a term that is not the response .*line 10"),
+        ('L_p = "drag"', 'L_p = "ddt(aileron)"', "a derivative of what was measured .*line 10"),
+        ('L_p = "drag"', 'L_p = "drag + aileron"', "units that fit .*line 10; .*joins 1/s and a pure"),
+        ('L_p = "drag"', 'L_p = "p**9"', r"an expression .*exponent that is no number from -8 to 8"),
+        ('L_p = "drag"', 'L_p = "sin(1.0"', "an expression .*not understood"),
+        ('unit = "rad/s^2"', 'unit = "m/s^2"', r"makes the term one of the response, 1/s\^2 .*line 11"),
+        ('behind = "servo"', 'behind = "sevro"', "one of servo .*line 11; received 'sevro'. Did you mean"),
+        ('"rad/s", noise', '"deg/s", noise', "the unit 'deg/s'. Give it in rad, and convert"),
+        ('"rad/s", noise', '"parsec", noise', "line 4; received the unit 'parsec'"),
+        ("noise = 0.003", "noise = -1.0", "a standard deviation of zero or more .*line 4"),
+        ('role = "input"', 'role = "inptu"', "one of state, .*line 5; .*Did you mean 'input'"),
+        ('role = "input"', 'rol = "input"', "no keys but .*line 5; received the unknown key 'rol'"),
+        ('name = "roll"', 'name = "roll"\ncolour = "red"', "no keys but .*the unknown key 'colour'"),
+        ("[2, 300]", "[300, 2]", r"\[least, largest\] in ms.*line 13"),
+        ("lag_ms = [2, 300]", "lag_ms = [2, 300]\norder = 2", "an actuator of first order .*line 14"),
+        ('"-1 / L_p"', '"-1 / L_q"', "over the parameters L_p, L_da .*line 15; received .*'L_q'"),
+        ('"abs(p) < 3"', '"abs(p) < < 3"', "an expression at active.when of m.toml, line 17"),
+        ('headline = ["L_p"]', 'headline = ["L"]', "quantities out of .*line 19; received 'L'"),
+        ('headline = ["L_p"]', "half_width = 0.9", "0 < half_width <= weak_half_width .*line 19"),
+        ("[let]", "[let]\np = '2 * aileron'", "a name that no channel has .*line 8"),
+        ('is = "2 * p", unit = "rad/s"', 'is = "p", unit = "m"', "the unit that follows, 1/s .*line 8"),
+        ('response = "ddt(p)"', "", "an expression, such as ddt.*received none"),
+        ('"input" }', '"input" }\nq = { unit = "1", role = "input" }', "a channel that .* uses .*line 6"),
+        ("[active]", "[band]\nhz = [3, 1]\n[active]", r"\[low, high\] in Hz .*line 17"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_answered_in_one_sentence_with_its_line(tmp_path, old, new, said):
+    assert old in ROLL
+    (tmp_path / "m.toml").write_text(ROLL.replace(old, new, 1))
+    with pytest.raises(InputError, match=said):
+        ev.load_machine(tmp_path / "m.toml")
+    done = CliRunner().invoke(app, ["identify", "no.csv", "--machine", str(tmp_path / "m.toml")])
+    assert done.exit_code == 1
+    assert done.output.count("\n") < 12
+    assert "Traceback" not in done.output
+
+
+def test_a_file_and_python_declare_the_same(tmp_path):
+    (tmp_path / "m.toml").write_text(ROLL)
+    of_file = ev.load_machine(tmp_path / "m.toml")
+    assert ev.motion_by_name(str(tmp_path / "m.toml")) == of_file
+    in_python = ev.machine(
+        "roll",
+        response="ddt(p)",
+        channels={
+            "p": {"unit": "rad/s", "noise": 0.003},
+            "aileron": ev.input("1"),
+            "phi_reference": ev.reference("rad"),
+        },
+        let={"drag": {"is": "2 * p", "unit": "rad/s"}},
+        terms={"L_p": "drag", "L_da": ev.behind("aileron", "servo", unit="rad/s^2")},
+        actuators={"servo": ev.actuator(lag_s=(0.002, 0.3))},
+        derived={"time_constant": "-1 / L_p"},
+        active="abs(p) < 3",
+        headline=["L_p"],
+    )
+    assert in_python.axes == of_file.axes
+    assert in_python.quantities == of_file.quantities
+    assert of_file.quantities["L_p"].unit == "1/s"
+    assert of_file.quantities["time_constant"].unit == "s"
+    assert of_file.equation[0] == "ddt(p) = L_p (2 * p) + L_da aileron + b"
+
+
+def test_channels_that_a_log_or_a_machine_lacks():
+    log = ev.recording_from_columns({"time": np.arange(9.0), "velocity_z": np.arange(9.0)})
+    boat = ev.load_machine("boat-yaw")
+    with pytest.raises(MissingChannelError, match="the channel 'rudder' in arrays"):
+        ev.identify_flight(log, model=boat)
+    with pytest.raises(UsageError, match=r"the inputs that the machine declares \(rudder\)"):
+        ev.identify_flight(log, model=boat, input="velocity_z")
+    with pytest.raises(InputError, match=r"one of boat-yaw, .*received 'boat-jaw'\. Did you mean 'boat-yaw'"):
+        ev.load_machine("boat-jaw")
+    with pytest.raises(InputError, match="the unit of the canonical channel velocity_z, m/s"):
+        ev.machine(
+            "x", channels={"velocity_z": "m", "u": ev.input()}, response="ddt(velocity_z)", terms={"a": "u"}
+        )
+    with pytest.raises(UsageError, match="values of a, g, actuator_lag, delay; received none of delay"):
+        boat.simulate({"a": 1.0, "g": 1.0, "actuator_lag": 0.1}, {})
+    with pytest.raises(UsageError, match="signals of rudder, reference_heading"):
+        boat.simulate({"a": 1.0, "g": 1.0, "actuator_lag": 0.1, "delay": 0.0}, {})
+
+
+def test_machines_are_listed_shown_and_begun(tmp_path):
+    run = CliRunner().invoke
+    listed = run(app, ["machine", "list"]).output
+    assert all(name in listed for name in shipped_machines())
+    assert run(app, ["machine", "show", "rover"]).output == machine_text("rover")
+    new = tmp_path / "mine.toml"
+    assert run(app, ["machine", "new", str(new), "--like", "servo"]).exit_code == 0
+    assert ev.load_machine(new).title == "Servo"
+    again = run(app, ["machine", "new", str(new)])
+    assert (again.exit_code, "would be lost" in again.output) == (2, True)
+    assert run(app, ["machine", "new", "--like", "sevro"]).exit_code == 2
+    assert run(app, ["identify", "x.csv", "--machine", "rover", "--model", "rates"]).exit_code == 2
