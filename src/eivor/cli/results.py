@@ -146,6 +146,8 @@ def validate(
     picture = figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
     result = load_fit(fit)
+    if result.document.prediction is not None:
+        _ = result.motion  # whose channels the log may have
     (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)
     with step(f"Predicting {recording.name}"):
         validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)

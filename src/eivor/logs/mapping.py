@@ -67,7 +67,7 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
         f"'{table}' with the columns {listed(names)}",
         "Write a channel map (TOML) that says which column is which channel, and give it with "
         "`channel_map` (--map). Columns that a motion adds are known once it is named (--model, "
-        "ev.motion_by_name).",
+        "--machine, ev.motion_by_name, ev.machine).",
     )
 
 

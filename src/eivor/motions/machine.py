@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.derived import derived_from
 from eivor.estimation.estimate import Estimate
@@ -180,160 +181,124 @@ class Activity:
 
 #: Steps of the integration are no longer than this [s].
 LONGEST_STEP_S = 0.005
-Derivatives = dict[str, int]
 
 
-def _by_order(expression: Expression) -> tuple[Expression, Derivatives]:
-    """The expression with derivatives of channels as columns (``q''``), and the highest order of each."""
+def _by_order(expression: Expression) -> Expression:
+    """The expression with derivatives of channels as columns, such as ``q''``."""
     steps: list[Any] = []
-    orders: Derivatives = {}
     for step in expression.steps:
         if isinstance(step, InTime):
-            if step.lag_s is not None or not isinstance(steps[-1], str):
-                expected = "derivatives of channels alone in an equation that is simulated"
-                raise UsageError(expected, f"'{expression.text}'", "Declare a channel for what is derived.")
+            checks.require(
+                step.lag_s is None and isinstance(steps[-1], str),
+                "derivatives of channels alone in an equation that is simulated",
+                f"'{expression.text}'",
+                "Declare a channel for what is derived.",
+            )
             steps[-1] += "'"
         else:
             steps.append(step)
     columns = tuple(dict.fromkeys(step for step in steps if isinstance(step, str)))
-    for column in columns:
-        name = column.rstrip("'")
-        orders[name] = max(orders.get(name, 0), len(column) - len(name))
-    return replace(expression, steps=tuple(steps), columns=columns), orders
+    return replace(expression, steps=tuple(steps), columns=columns)
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """Equations of a machine, with numbers and signals."""
+class _Simulated:
+    """Equation of one axis with numbers: what its highest derivative is."""
 
-    machine: Machine
-    values: Mapping[str, float]
-    signals: Mapping[str, np.ndarray | Callable[..., Any]]
-    noise: Mapping[str, float]
-    disturbance: tuple[float, float]
+    response: Expression
+    terms: tuple[tuple[float, Expression, bool], ...]  # Parameter, expression, behind the actuator
+    others: tuple[str, ...]  # Channels that may be logged of the response
 
     @cached_property
-    def equations(self) -> list[tuple[Expression, list[tuple[float, Expression, bool]], str]]:
-        """Response, terms with their parameters, and the derivative that each axis determines."""
-        results = []
-        needed = [term.name for term in self.machine.terms]
-        needed += list(LAGS) if self.machine.has_lag else []
-        missing = [name for name in needed if name not in self.values]
-        if missing:
-            raise UsageError(
-                f"values of {', '.join(needed)}", f"none of {', '.join(missing)}", "Give them too."
-            )
-        for axis in self.machine.axes:
-            response, orders = _by_order(parsed(axis.response[-1]))
-            terms = []
-            for term in axis.terms:
-                made, more = _by_order(term.expression)
-                terms.append((self.values[term.name], made, term.behind))
-                orders = {name: max(orders.get(name, 0), more.get(name, 0)) for name in {*orders, *more}}
-            solved = [name for name, order in orders.items() if order]
-            if len(solved) != 1:
-                expected = f"one state with a derivative in the equation of {axis.name}"
-                raise UsageError(expected, ", ".join(solved) or "none", "Simulate it by other means.")
-            results.append((response, terms, solved[0] + orders[solved[0]] * "'"))
-        return results
+    def solved(self) -> str:
+        """The derivative that the equation determines."""
+        columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
+        derived = sorted({name for name in columns if name.endswith("'")}, key=len)
+        states = {name.rstrip("'") for name in derived}
+        received = ", ".join(states) or "none"
+        expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
+        checks.require(len(states) == 1, expected, received, remedy)
+        return derived[-1]
 
-    def columns(
-        self, count: int, step_s: float, records: int, rng: np.random.Generator
-    ) -> dict[str, np.ndarray]:
-        """Columns of a log, see `Machine.simulate`."""
-        machine, parts = self.machine, max(math.ceil(step_s / LONGEST_STEP_S - 1e-9), 1)
-        h, size = step_s / parts, (records,)
-        state = {solved[:end]: np.zeros(size) for *_, solved in self.equations for end in _ends(solved)}
-        given = [c.name for c in machine.logged if c.role != "response" and c.name not in state]
-        absent = [name for name in given if name not in self.signals]
-        if absent:
-            raise UsageError(
-                f"signals of {', '.join(given)}", f"none of {', '.join(absent)}", "Give them too."
-            )
-        lag_s, delay_s = (self.values[name] if machine.has_lag else 0.0 for name in LAGS)
-        late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
-        inputs = [c.name for c in machine.logged if c.role == "input"]
-        pushed, lasting = self.disturbance
-        kept, push = math.exp(-h / lasting), np.zeros((len(self.equations), records))
-        logged = {c.name: np.zeros((count, records)) for c in machine.logged}
-        queue: list[dict[str, np.ndarray]] = []
-        acting: dict[str, np.ndarray] = {}
-        for k in range(count):
-            measured = {
-                name: value + self.noise.get(name, 0.0) * rng.standard_normal(records)
-                for name, value in state.items()
-            }
-            now = {}
-            for name in given:
-                signal = self.signals[name]
-                value = signal(k * step_s, measured) if callable(signal) else np.asarray(signal)[k]
-                now[name] = np.broadcast_to(np.asarray(value, dtype=np.float64), size)
-            command = {name: now[name] for name in inputs}
-            acting = acting or command
-            for part in range(parts):
-                queue.append(command)
-                driving = queue.pop(0) if len(queue) > late else queue[0]
-                acting = {name: driving[name] + decay * (acting[name] - driving[name]) for name in inputs}
-                push = kept * push + pushed * math.sqrt(1.0 - kept**2) * rng.standard_normal(push.shape)
-                first, responses = self._derivative(state, now, acting, push)
-                if not part:
-                    self._log(logged, k, now, measured, responses, rng)
-                moved = {name: value + h * first[name] for name, value in state.items()}
-                second, _ = self._derivative(moved, now, acting, push)
-                state = {
-                    name: value + 0.5 * h * (first[name] + second[name]) for name, value in state.items()
-                }
-        columns = {"time": step_s * np.arange(count), **logged}
-        return {
-            name: item[:, 0] if item.ndim > 1 and records == 1 else item for name, item in columns.items()
-        }
+    def derivative(self, known: Mapping[str, Any], acting: Mapping[str, Any], push: Any) -> np.ndarray:
+        """Value of it at which response and terms agree: both are affine in it."""
 
-    def _log(
-        self,
-        logged: dict[str, np.ndarray],
-        k: int,
-        now: Mapping[str, np.ndarray],
-        measured: Mapping[str, np.ndarray],
-        responses: Mapping[str, np.ndarray],
-        rng: np.random.Generator,
-    ) -> None:
-        """Put a sample into the columns."""
-        for name, series in logged.items():
-            known = measured if name in measured else now if name in now else responses
-            std = 0.0 if name in measured else self.noise.get(name, 0.0)
-            series[k] = known[name] + std * rng.standard_normal(series.shape[1])
+        def left(value: float) -> Any:
+            columns = {**known, self.solved: value}
+            lagging = {**columns, **acting}
+            right = sum(p * item.evaluate(lagging if behind else columns) for p, item, behind in self.terms)
+            return self.response.evaluate(columns) - right - push
 
-    def _derivative(
-        self,
-        state: Mapping[str, np.ndarray],
-        now: Mapping[str, np.ndarray],
-        acting: Mapping[str, np.ndarray],
-        push: Float[np.ndarray, "axes records"],
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Derivative of each state, and responses by the names of their channels."""
-        known: dict[str, np.ndarray] = {**now, **state}
-        highest, responses = {}, {}
-        for number, (response, terms, solved) in enumerate(self.equations):
-
-            def left(value: float, at: int = number) -> np.ndarray:
-                """Response less terms, with a value of the derivative that is sought."""
-                response, terms, solved = self.equations[at]
-                columns = {**known, solved: np.full(push.shape[1], value)}
-                lagging = {**columns, **acting}
-                right = sum(p * item.evaluate(lagging if behind else columns) for p, item, behind in terms)
-                return np.asarray(response.evaluate(columns) - right - push[at])
-
-            at_zero = left(0.0)
-            highest[solved] = known[solved] = -at_zero / (left(1.0) - at_zero)
-            for text in self.machine.axes[number].response[:-1]:
-                responses[text] = response.evaluate(known)
-        derivative = {name: highest.get(f"{name}'", state.get(f"{name}'", np.zeros(1))) for name in state}
-        return derivative, responses
+        at_zero = left(0.0)
+        return np.asarray(-at_zero / (left(1.0) - at_zero))
 
 
-def _ends(solved: str) -> Iterator[int]:
-    """Lengths of the names of a state and of its derivatives but the highest."""
-    return iter(range(len(solved.rstrip("'")), len(solved)))
+def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> None:
+    missing = [name for name in names if name not in given]
+    checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
+
+
+def _simulated(
+    machine: Machine,
+    values: Mapping[str, float],
+    signals: Mapping[str, Any],
+    noise: Mapping[str, float],
+    disturbance: tuple[float, float],
+    shape: tuple[int, int],
+    step_s: float,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """Columns of a log, see `Machine.simulate`."""
+    _refuse_missing(
+        "values", [*(term.name for term in machine.terms), *(LAGS if machine.has_lag else ())], values
+    )
+    equations = [
+        _Simulated(
+            _by_order(parsed(axis.response[-1])),
+            tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
+            axis.response[:-1],
+        )
+        for axis in machine.axes
+    ]
+    parts, (lasting_std, lasting_s) = math.ceil(step_s / LONGEST_STEP_S - 1e-9), disturbance
+    h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
+    lower = [e.solved[: -1 - n] for e in equations for n in range(e.solved.count("'"))]
+    state = {name: np.zeros(shape[1]) for name in lower}
+    given = [item.name for item in machine.logged if item.role != "response" and item.name not in state]
+    _refuse_missing("signals", given, signals)
+    lag_s, delay_s = (values[name] if machine.has_lag else 0.0 for name in LAGS)
+    late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
+    logged = {item.name: np.zeros(shape) for item in machine.logged}
+    push = np.zeros((len(equations), shape[1]))
+    queue: list[dict[str, np.ndarray]] = []
+    acting: dict[str, np.ndarray] = {}
+
+    def slopes(at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        known: dict[str, Any] = {**now, **at}
+        for number, item in enumerate(equations):
+            known[item.solved] = item.derivative(known, acting, push[number])
+        return known
+
+    for k in range(shape[0]):
+        drawn = {name: noise.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
+        measured = {name: state[name] + drawn[name] for name in state if name in logged}
+        made = {name: signals[name] for name in given}
+        now = {n: made[n](k * step_s, measured) if callable(made[n]) else made[n][k] for n in given}
+        now = {name: np.broadcast_to(np.asarray(value, np.float64), shape[1]) for name, value in now.items()}
+        for part in range(parts):
+            queue.append({item.name: now[item.name] for item in machine.logged if item.role == "input"})
+            driving = queue.pop(0) if len(queue) > late else queue[0]
+            acting = {n: value + decay * (acting.get(n, value) - value) for n, value in driving.items()}
+            push = kept * push + lasting_std * math.sqrt(1.0 - kept**2) * rng.standard_normal(push.shape)
+            first = slopes(state)
+            if not part:
+                answers = {n: e.response.evaluate(first) for e in equations for n in e.others}
+                for name, series in logged.items():
+                    series[k] = {**now, **state, **answers}[name] + drawn[name]
+            second = slopes({name: value + h * first[f"{name}'"] for name, value in state.items()})
+            state = {n: v + 0.5 * h * (first[f"{n}'"] + second[f"{n}'"]) for n, v in state.items()}
+    columns = {name: series[:, 0] if shape[1] == 1 else series for name, series in logged.items()}
+    return {"time": step_s * np.arange(shape[0]), **columns}
 
 
 # -- Machine --
@@ -482,17 +447,15 @@ class Machine(DeclaredMotion):
             When a number or a signal is missing, or an equation has no state whose derivative it determines.
         """
         values = parameters.parameters if isinstance(parameters, FlightEstimate) else dict(parameters)
-        count = round(seconds / step_s)
-        return Simulation(self, values, dict(signals), dict(noise or {}), disturbance).columns(
-            count, step_s, records, np.random.default_rng(seed)
-        )
+        shape, rng = (round(seconds / step_s), records), np.random.default_rng(seed)
+        return _simulated(self, values, signals, noise or {}, disturbance, shape, step_s, rng)
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """States, responses and commands, with the noise that is declared."""
-        if options.input:
-            inputs = ", ".join(item.name for item in self._of_role("input"))
+        names = [item.name for item in self._of_role("input")]
+        if options.input not in ("", *names):
             raise UsageError(
-                f"the inputs that the machine declares ({inputs})",
+                f"the inputs that the machine declares ({', '.join(names)})",
                 f"--input {options.input}",
                 "Leave it out, or name another channel in the declaration.",
             )

@@ -17,13 +17,14 @@ from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageE
 from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
+from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
 from eivor.inference.distributions import check_level
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
-from eivor.motions.table import name_of_model
+from eivor.motions.table import motion_of_model, name_of_model
 from eivor.report.json_document import (
     LOG_SCHEMA,
     MOTION_SCHEMA,
@@ -252,6 +253,12 @@ class SavedFit:
         if draws is None:
             return target_by_name(to).export(fitted, supplied)
         return randomisation_by_name(to).export(fitted, supplied, self.sample(draws, seed), seed)
+
+    @property
+    def motion(self) -> Motion[Any]:
+        """Motion that was identified, of its vehicle or declaration; its channels are known from then on."""
+        prediction = self.document.prediction
+        return motion_of_model(self.document.model.name, None if prediction is None else prediction.vehicle)
 
     @property
     def fitted(self) -> Fitted:

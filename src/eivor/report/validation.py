@@ -32,7 +32,6 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
-from eivor.motions.table import motion_of_model
 from eivor.report.document import (
     Document,
     Facts,
@@ -323,7 +322,7 @@ def validate(
             f"one without: {' '.join(result.reasons).rstrip('.')}",
             "Validate a flight that carries some information.",
         )
-    motion = motion_of_model(result.document.model.name, prediction.vehicle)
+    motion = result.motion
     state = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
     motion, (flight,) = state.motion, state.prepared
     level, input_level = prediction.input_level, flight.input_level
