@@ -402,3 +402,28 @@ def test_a_wrong_map_shows_in_the_intercept(example):
     )[0]
     assert wrong.parameters["intercept"] == pytest.approx(float(stated), abs=0.06)
     assert abs(example.parameters["intercept"]) < 0.1
+
+
+LOGS = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
+
+
+def test_formats_and_limits_are_named():
+    from eivor.logs.read import log_formats, readable_formats
+    from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
+
+    formats = LOGS.partition("## Formats")[2].partition("## Channels")[0]
+    for row in readable_formats():
+        assert re.search(rf"^\| .*{row.label}.* \| yes \|", formats, flags=re.MULTILINE), row.label
+    unread = {"tlog": ".tlog", "dji": "DJI", "arrow": "Arrow"}
+    assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
+    assert all(words in formats for words in unread.values())
+    assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
+    assert f"{MAX_CELLS // 1_000_000} million needed numbers" in formats
+
+
+def test_maps_of_the_page_are_maps():
+    from eivor.logs.channel_map import parse_channel_map
+
+    blocks = re.findall(r"^```toml\n(.*?)^```", LOGS, flags=re.MULTILINE | re.DOTALL)
+    names = [parse_channel_map(block, "page").name for block in blocks]
+    assert {"mycopter", "rig"} <= set(names)

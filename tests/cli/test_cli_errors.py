@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-import gc
-import io
-import math
 import os
 import re
 import runpy
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
 import pytest
-
-import eivor as ev
-from eivor import __main__ as entry
-from eivor.cli import main, outputs
-from eivor.cli.outputs import ExitCode, guarded
-from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_names, parse_window
-from eivor.errors import CorruptLogError, UsageError
-from eivor.signals.recording import DataSheet
-from eivor.tools import Stage
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
@@ -75,35 +62,6 @@ def test_a_wrong_command_is_wrong_usage(eivor):
     assert "identify" in run.err
 
 
-def _failing(error):
-    def command():
-        raise error
-
-    return guarded(command)
-
-
-@pytest.mark.parametrize(
-    ("error", "code", "message"),
-    [
-        (ZeroDivisionError("seven"), 1, "unexpected ZeroDivisionError: seven"),
-        (MemoryError(), 1, "Not enough memory"),
-        (KeyboardInterrupt(), 130, "interrupted"),
-    ],
-)
-def test_an_unexpected_error_is_one_message(capsys, monkeypatch, error, code, message):
-    import typer
-
-    monkeypatch.delenv("EIVOR_DEBUG", raising=False)
-    with pytest.raises(typer.Exit) as left:
-        _failing(error)()
-    assert left.value.exit_code == code
-    assert message in capsys.readouterr().err
-    monkeypatch.setenv("EIVOR_DEBUG", "1")
-    if isinstance(error, ZeroDivisionError):
-        with pytest.raises(ZeroDivisionError):
-            _failing(error)()
-
-
 @pytest.mark.thorough
 def test_an_interrupt_leaves_with_130():
     code = (
@@ -119,36 +77,6 @@ def test_an_interrupt_leaves_with_130():
     assert "interrupted" in run.stderr
 
 
-#: Ctrl-C while a module is loaded: what was loaded by half cannot be used, not even to say so.
-LOADING = """
-class Interrupted:
-    def find_spec(self, name, path=None, target=None):
-        if name == {!r}: raise KeyboardInterrupt
-sys.meta_path.insert(0, Interrupted())
-"""
-#: The same while arguments are read.
-READING = """
-from eivor.cli.main import Commands
-def interrupted(*args, **more): raise KeyboardInterrupt
-Commands.{} = interrupted
-"""
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        *(LOADING.format(name) for name in ("numpy._typing", "eivor.cli.main", "typer", "eivor.errors")),
-        *(READING.format(step) for step in ("parse_args", "get_command")),
-    ],
-)
-def test_an_interrupt_before_a_command_runs_leaves_with_130(code):
-    """The console script watches from its first line on."""
-    called = "sys.argv = ['eivor', 'identify', '--example']\nfrom eivor.__main__ import run; run()"
-    code = f"import sys{code}{called}"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
-
-
 def test_the_console_script_begins_before_anything_is_loaded():
     """What is loaded before `run` watches cannot be interrupted without a traceback."""
     metadata = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
@@ -159,18 +87,6 @@ def test_the_console_script_begins_before_anything_is_loaded():
     )
     listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
-
-
-def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(monkeypatch):
-    before, seen = gc.get_threshold(), []
-    monkeypatch.setattr(main, "run", lambda: seen.append(gc.get_threshold()[0]))
-    try:
-        entry.run()
-        assert seen == [entry.OBJECTS_BETWEEN_COLLECTIONS]
-        assert gc.get_freeze_count() > 0
-    finally:
-        gc.unfreeze()
-        gc.set_threshold(*before)
 
 
 @pytest.mark.thorough
@@ -207,22 +123,6 @@ def test_a_name_that_is_no_text(flight, tmp_path):
         )
         assert run.returncode in {0, 1, 3}
         assert b"Traceback" not in run.stderr
-
-
-class _Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_a_step_is_announced_on_terminals_only(monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
-        monkeypatch.setattr(sys, "stderr", stream)
-        with outputs.step("Reading [red]\x1b[2J.ulg"):
-            end = time.monotonic() + (600.0 if announced else 0.2)  # so long only when something hangs
-            while "Reading" not in stream.getvalue() and time.monotonic() < end:
-                time.sleep(0.01)
-        assert ("Reading [red]\\x1b[2J.ulg" in stream.getvalue()) is announced
 
 
 @pytest.mark.parametrize(
@@ -334,95 +234,3 @@ def test_the_file_of_the_page_is_valid(eivor, written):
     assert all(
         option in splitline for option in ("lag 65:15", "map mycopter.toml", "align", "term quadratic-drag")
     )
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("4:67", (4.0, 67.0)),
-        ("-26.5:-1", (-26.5, -1.0)),
-        ("0:1e2", (0.0, 100.0)),
-        (" 4 : 67 ", (4.0, 67.0)),
-        ("4:", (4.0, math.inf)),
-        (":67", (-math.inf, 67.0)),
-    ],
-)
-def test_a_window_is_two_seconds(text, expected):
-    assert parse_window(text) == expected
-
-
-@pytest.mark.parametrize("text", ["", "4", "67:4", "4:4", "a:b", "4:nan", "nan:", "1:2:3", "4-67"])
-def test_a_window_that_is_none_is_refused(text):
-    with pytest.raises(UsageError, match="START before END"):
-        parse_window(text)
-
-
-def test_a_log_may_bring_its_window():
-    assert log_argument("a/b.ulg@4:67") == LogArgument(Path("a/b.ulg"), (4.0, 67.0))
-    assert log_argument("b.ulg@-4:6.5") == LogArgument(Path("b.ulg"), (-4.0, 6.5))
-    assert log_argument("me@home.csv") == LogArgument(Path("me@home.csv"))
-    assert log_argument("me@home.csv@1:2") == LogArgument(Path("me@home.csv"), (1.0, 2.0))
-    assert log_argument("@1:2") == LogArgument(Path("@1:2"))
-
-
-def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path):
-    path = tmp_path / "flight@4:67"
-    path.touch()
-    assert log_argument(str(path)) == LogArgument(path)
-
-
-@pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
-def test_instruments_that_exclude_each_other_are_refused(text):
-    with pytest.raises(UsageError, match="alone"):
-        parse_names(text)
-
-
-def test_an_error_names_its_log_once():
-    with pytest.raises(CorruptLogError, match=r"bits, in b\.ulg"), named("a/b.ulg", several=True):
-        raise CorruptLogError("a log", "bits, in b.ulg", "Try again.")
-    with pytest.raises(CorruptLogError, match=r"bits, in a/b\.ulg"), named("a/b.ulg", several=True):
-        raise CorruptLogError("a log", "bits", "Try again.")
-    with pytest.raises(CorruptLogError, match=r"bits\. Try"), named("a/b.ulg", several=False):
-        raise CorruptLogError("a log", "bits", "Try again.")
-
-
-def test_numbers_units_sheets_and_the_word():
-    assert declared_noise([]) is None
-    assert declared_noise(["estimate"]) == "estimate"
-    assert declared_noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
-    assert declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"]) == {
-        "velocity_z": pytest.approx(0.02),
-        "specific_force_z": pytest.approx(0.2942, rel=1e-3),
-    }
-    assert declared_noise(
-        ["velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s", "rotor_speed=3"]
-    ) == {"velocity_z": DataSheet(0.002, 50.0, 0.01), "rotor_speed": 3.0}
-
-
-@pytest.mark.parametrize(
-    ("texts", "words"),
-    [
-        (["velocity_z"], "NAME=STD"),
-        (["velocity_z="], "NAME=STD"),
-        (["velocity_z=-1"], "zero or more for velocity_z"),
-        (["velocity_z=nan"], "zero or more for velocity_z"),
-        (["velocity_z=lots"], "zero or more for velocity_z"),
-        (["velocity_z=1 m"], "in m/s, or a unit of that kind"),
-        (["velocity_z=1 parsec"], "in m/s, or a unit of that kind"),
-        (["velocity_z=1", "velocity_z=2"], "twice"),
-        (["velocity_z=densty:1"], "density"),
-        (["velocity_z=bandwidth:50"], "sheet of velocity_z; received 'bandwidth:50'. Give --noise"),
-        (["velocity_z=density:0,bandwidth:50"], "above zero of the data sheet of velocity_z"),
-        (["estimate", "velocity_z=2"], "estimate alone"),
-    ],
-)
-def test_noises_that_are_none(texts, words):
-    with pytest.raises(UsageError, match=words):
-        declared_noise(texts)
-
-
-def test_stages_come_in_order():
-    log = ev.example_flight()
-    stages: list[Stage] = []
-    ev.identify_flight(log, window=(0.0, 20.0), progress=stages.append)
-    assert stages == list(Stage)

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-import tomllib
 from importlib import resources
 
 import numpy as np
@@ -18,10 +17,6 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.lab.scenario_files import shipped_rigid_body_flight
-from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
-from eivor.signals.thrust_map import input_map
-from eivor.simulation.rigid_body_spec import vehicle_text
 
 FLIGHT = """
 viscous_friction = 0.3
@@ -184,39 +179,11 @@ def test_wrong_calls(eivor, tmp_path, arguments, code, said):
     assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == FLIGHT
 
 
-def test_the_vehicle_file_is_of_the_vehicle_that_flew(eivor, tmp_path):
-    (tmp_path / "mine.toml").write_text(
-        'kind = "rigid-body"\nduration = 0.1\n[vehicle]\nmass = 1.1\ninertia = [0.01, 0.01, 0.02]\n'
-        "[vehicle.rotors]\n"
-        "positions = [[0.1, 0.2, 0.0], [-0.1, -0.2, 0.0], [0.1, -0.2, 0.0], [-0.1, 0.2, 0.0]]\n"
-        "spins = [1, 1, -1, -1]\nhighest_speed = 2500.0\nthrust_quadratic = 3e-6\nthrust_linear = 1e-6\n"
-        "torque_ratio = 0.02\nlag_up = 0.03\nlag_down = 0.04\n[sensors.angular_rate]\ncutoff_hz = 40.0\n",
-        encoding="utf-8",
-    )
-    run = eivor("simulate", "mine.toml", "-o", "log.parquet", "--vehicle", "known.toml")
-    assert (run.code, run.err) == (0, "")
-    vehicle = load_vehicle(tmp_path / "known.toml")
-    assert (vehicle.name, vehicle.mass, vehicle.spins) == ("mine", KnownNumber(1.1), (1, 1, -1, -1))
-    assert vehicle.positions == ((0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2))
-    assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (40.0, None)
-    assert (vehicle.torque_ratio, vehicle.speed_scale) == (KnownNumber(0.02), KnownNumber(1.0))
-    thrust = input_map(vehicle.thrust_map)
-    assert thrust(np.array([900.0])) / thrust(np.array([300.0])) == pytest.approx(
-        (3e-6 * 900.0**2 + 1e-6 * 900.0) / (3e-6 * 300.0**2 + 1e-6 * 300.0)
-    )
-
-
 def test_a_scenario_without_rotors_has_no_vehicle_file(eivor, tmp_path):
     run = eivor("simulate", "rich", "-o", "log.parquet", "--vehicle", "known.toml")
     assert run.code == 2
     assert "'rich', whose rotors are nowhere" in run.err
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(("name", "told"), [('🚁 "ä"\\', '🚁 "ä"\\'), ("a\x7f\ud800\nb", "a???b")])
-def test_a_vehicles_name_is_text_in_its_file(name, told):
-    text = vehicle_text(shipped_rigid_body_flight("crazyflie"), name)
-    assert tomllib.loads(text.encode("utf-8").decode("utf-8"))["name"] == told
 
 
 STUDY = """

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shlex
 import shutil
-import threading
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +15,6 @@ import pytest
 
 import eivor as ev
 from coarse_search import full
-from eivor.cli import tools
-from eivor.cli.tools import PublicLog, fetched, public_logs
-from eivor.errors import InputError
-from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles, vehicle_template
-from eivor.report import other_results
 from exports.documents import document, refused, written
 from exports.identified import TRUE, px4_log
 from exports.test_autopilots import qgc
@@ -194,7 +185,7 @@ def asked(monkeypatch):
         calls.append({"vehicle": vehicle, **options})
         return plan_of(options["shape"] or "multisine")
 
-    monkeypatch.setattr(other_results, "make_plan", made)
+    monkeypatch.setattr("eivor.report.other_results.make_plan", made)
     return calls
 
 
@@ -250,38 +241,6 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_new_writes_a_file_that_show_accepts(eivor, tmp_path):
-    run = eivor("vehicle", "new", "mine.toml")
-    assert (run.code, run.out, run.err) == (0, "mine.toml: fill in what you know\n", "")
-    assert load_vehicle(tmp_path / "mine.toml").name == "My quadrotor"
-    run = eivor("vehicle", "show", "mine.toml")
-    assert (run.code, run.out, run.err) == (0, vehicle_template(), "")
-
-
-def test_new_takes_nobodys_file(eivor, tmp_path):
-    assert eivor("vehicle", "new").out == vehicle_template()
-    (tmp_path / "mine.toml").write_text("name = 'kept'", encoding="utf-8")
-    for file, code, told in (
-        ("mine.toml", 2, "which would be lost"),
-        ("mine.txt", 2, "ends in .toml"),
-        ("none/mine.toml", 1, "does not exist"),
-        (".", 2, "the folder"),
-    ):
-        run = eivor("vehicle", "new", file)
-        assert run.code == code
-        assert told in run.err
-    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "name = 'kept'"
-
-
-def test_list_names_what_show_shows(eivor):
-    listed = eivor("vehicle", "list").out
-    for name in shipped_vehicles():
-        assert name in listed
-        run = eivor("vehicle", "show", name)
-        assert run.code == 0
-        assert "[rotors]" in run.out
-
-
 def test_show_tells_what_is_wrong(eivor, tmp_path):
     (tmp_path / "mine.toml").write_text("mas = 1\n[rotors]\nlayout = 'quad-x'\nnumbering = 'px4'", "utf-8")
     run = eivor("vehicle", "show", "mine.toml")
@@ -290,96 +249,6 @@ def test_show_tells_what_is_wrong(eivor, tmp_path):
     run = eivor("vehicle", "show", "hexacopter")
     assert run.code == 1
     assert "crazyflie-2x" in run.err
-
-
-CONTENT = b"a log"
-
-
-class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, format, *args):
-        pass
-
-
-@pytest.fixture
-def server(tmp_path):
-    """Address of a server on this machine that has one file."""
-    folder = tmp_path / "origin"
-    folder.mkdir()
-    (folder / "x.ulg").write_bytes(CONTENT)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as result:
-        thread = threading.Thread(target=result.serve_forever, daemon=True)
-        thread.start()
-        yield f"http://127.0.0.1:{result.server_address[1]}"
-        result.shutdown()
-        thread.join()
-
-
-def _log(base, content=CONTENT):
-    return PublicLog("x", f"{base}/x.ulg", hashlib.sha256(content).hexdigest(), "A log.", "MIT")
-
-
-def test_a_log_is_fetched_once(server, tmp_path):
-    folder = tmp_path / "cache"
-    path = fetched(_log(server), folder=folder)
-    assert path == folder / "x.ulg"
-    assert path.read_bytes() == CONTENT
-    (tmp_path / "origin" / "x.ulg").unlink()
-    assert fetched(_log(server), folder=folder) == path
-
-
-def test_what_cannot_be_fetched_is_told(server, tmp_path):
-    nowhere = "http://127.0.0.1:1"
-    (tmp_path / "x.ulg").write_bytes(b"damage")
-    (tmp_path / "a file").touch()
-    for base, folder, words in (
-        (f"{server}/none", "cache", "404"),
-        (nowhere, "cache", r"received no connection\. Check"),
-        (nowhere, ".", r"no connection; and '.*x\.ulg' is there with another content"),
-        (server, "a file", "EIVOR_CACHE"),
-    ):
-        with pytest.raises(InputError, match=words):
-            fetched(_log(base), folder=tmp_path / folder)
-    assert (tmp_path / "x.ulg").read_bytes() == b"damage"
-
-
-def test_fetch_prints_the_path(eivor, tmp_path, monkeypatch):
-    origin = tmp_path / "origin folder"
-    origin.mkdir()
-    (origin / "x.ulg").write_bytes(CONTENT)
-    monkeypatch.setenv("EIVOR_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(origin.as_uri())})
-    for name in ("x", "x.ulg"):
-        run = eivor("example", "fetch", name)
-        assert run.code == 0
-        assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
-    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
-    run = eivor("example", "fetch", "x")
-    assert run.code == 1
-    assert run.err.startswith("eivor: Expected")
-
-
-def test_list_path_and_sources(eivor):
-    run = eivor("example", "fetch", "nothing")
-    assert run.code == 2
-    assert "ekf_failure" in run.err
-    assert Path(eivor("example", "path").out.strip()).is_file()
-    listed = eivor("example", "list").out
-    for name, log in public_logs().items():
-        assert name in listed
-        assert log.url.startswith("https://raw.githubusercontent.com/")
-        assert any(len(part) == 40 and set(part) <= set("0123456789abcdef") for part in log.url.split("/"))
-        assert len(log.sha256) == 64
-
-
-@pytest.mark.recordings
-def test_the_hashes_are_those_of_the_files(recordings):
-    hashes = {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in recordings.glob("*/*")
-        if path.is_file()
-    }
-    for log in public_logs().values():
-        assert hashes[log.file_name] == log.sha256
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "getting-started.md").read_text(encoding="utf-8")

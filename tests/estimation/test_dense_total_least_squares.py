@@ -3,19 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mpmath
 import numpy as np
 import pytest
 import scipy
 import scipy.linalg
+import scipy.optimize
+from scipy import stats
+from scipy.signal import lfilter
+from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 
 import eivor as ev
-from eivor.errors import CollinearError, InstrumentError
-from eivor.estimation import methods
+import shape_checks
+from eivor.errors import (
+    CollinearError,
+    ConvergenceError,
+    InstrumentError,
+    MissingNoiseError,
+    TooFewSamplesError,
+    UsageError,
+)
+from eivor.estimation import methods, unknown_noise
+from eivor.estimation.linear import LinearMethod, refined_nuisances
+from eivor.estimation.methods import identify, least_squares, reference_iv, total_least_squares
+from eivor.estimation.moments import Instrumental
 from eivor.estimation.products import lags_without_gaps
-from eivor.linalg import AugmentedLeastSquares
-from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS
+from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise, long_memory_covariance
+from eivor.estimation.weighting import TwoStage
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.linalg import AugmentedLeastSquares, LeastSquares
+from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS, LinearSystem
+from eivor.linalg.total_least_squares import LeastSquares as LeastSquares_objectives
+from eivor.linalg.total_least_squares import TotalLeastSquares
+from eivor.models.signal_regression import shared_noise
 
 ROWS, LAGS = 90, 4
 NOISE = {
@@ -272,7 +294,7 @@ def test_standard_errors_are_right_or_the_problem_is_refused(name):
 LONG_ROWS = 4 * PASSED_ROWS
 
 
-def problem(*, quiet: int) -> ev.Regression:
+def with_quiet_rows(*, quiet: int) -> ev.Regression:
     """Two regressors with three instruments; over the first rows all of them are one signal."""
     rng = np.random.default_rng(3)
     Z = rng.standard_normal((LONG_ROWS, 3))
@@ -285,7 +307,7 @@ def problem(*, quiet: int) -> ev.Regression:
 
 @pytest.mark.parametrize("quiet", [0, PASSED_ROWS + 1, 2 * PASSED_ROWS])
 def test_covariances_are_those_of_all_rows(quiet):
-    made = problem(quiet=quiet)
+    made = with_quiet_rows(quiet=quiet)
     fit = ev.identify(made, ev.methods.extended_iv()).with_covariance(
         ev.covariances.HeteroskedasticityRobust()
     )
@@ -312,3 +334,356 @@ def test_filtered_lags_have_the_covariance_of_their_rows(lags):
     assert lags_without_gaps(fast.problem)
     slow = ev.identify(cut.rows(), method)
     np.testing.assert_allclose(fast.covariance, slow.covariance, rtol=1e-9)
+
+
+# Estimates of fractional difference equations: exact without noise, settled, and covered by intervals.
+
+ORDER = ev.UnknownOrder("order", 0.3, 1.1)
+MODEL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0,))
+TRUTH = {"output_coefficient_2": 8.0, "input_coefficient_1": 1.0, "order": 0.7}
+REACH = (0, 1, 2, 4, 8, 16, 32)
+FRACTIONAL_LAGS = tuple(ev.Column("input", lag) for lag in REACH)
+REFERENCE = tuple(ev.Column("reference", lag) for lag in REACH)
+FRACTIONAL_METHODS = {
+    "least_squares": (methods.least_squares(), ()),
+    "total_least_squares": (methods.total_least_squares(), ()),
+    "bias_compensated_least_squares": (methods.bias_compensated_least_squares(), ()),
+    "extended_iv": (methods.extended_iv(), REFERENCE),
+    "extended_iv_tls": (methods.extended_iv_tls(), REFERENCE),
+    "generalized_iv": (methods.generalized_iv(), FRACTIONAL_LAGS),
+    "generalized_iv_two_stage": (methods.generalized_iv(methods.TwoStage()), FRACTIONAL_LAGS),
+    "generalized_iv_tls": (methods.generalized_iv_tls(), FRACTIONAL_LAGS),
+}
+
+
+def record(seed=0, count=1500, noise_ratio=0.01, model=MODEL, truth=TRUTH, shape=None):
+    """Record of the equation, driven by an input with memory, with both its signals noisy."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal(count)
+    driven = np.convolve(white, 0.8 ** np.arange(60))[:count]
+    true = {"output": model.simulate(truth, driven), "input": driven}
+    noise = {
+        name: (shape or ev.WhiteNoise(1.0)).with_std(noise_ratio * series.std())
+        for name, series in true.items()
+    }
+    measured = {name: series + noise[name].sample(count, rng) for name, series in true.items()}
+    return ev.Signals(1.0, measured | {"reference": driven}, noise=noise)
+
+
+@pytest.mark.parametrize("name", FRACTIONAL_METHODS)
+def test_without_noise_every_method_finds_the_truth(name):
+    method, instruments = FRACTIONAL_METHODS[name]
+    result = ev.identify(MODEL.problem(record(noise_ratio=0.0), instruments), method)
+    assert result.parameters == pytest.approx(TRUTH, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", FRACTIONAL_METHODS)
+def test_known_orders_are_a_linear_problem(name):
+    method, instruments = FRACTIONAL_METHODS[name]
+    model = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))
+    result = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
+    assert result.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
+
+
+def test_the_estimate_is_one_like_all_others():
+    problem = MODEL.problem(record(noise_ratio=0.05), FRACTIONAL_LAGS)
+    result = ev.identify(problem, methods.generalized_iv())
+    for name, value in TRUTH.items():
+        low, high = result.interval(name, 0.999)
+        assert low < value < high
+    assert result.covariance.shape == (3, 3)
+    time_constant = ev.derived(result, lambda item: item["output_coefficient_2"] ** (1.0 / item["order"]))
+    assert time_constant.interval[0] < 8.0 ** (1.0 / 0.7) < time_constant.interval[1]
+    assert "order" in result.summary()
+    assert result.with_covariance(ev.covariances.Classical()).std_error("order") > 0.0
+
+
+@pytest.mark.parametrize(
+    ("method", "instruments", "error", "text"),
+    [
+        (
+            methods.generalized_iv(),
+            FRACTIONAL_LAGS,
+            MissingNoiseError,
+            "a declared noise of channel 'input'",
+        ),
+        (methods.bias_compensated_least_squares(), (), MissingNoiseError, "a declared noise of channel"),
+        (
+            methods.generalized_iv(),
+            FRACTIONAL_LAGS[:2],
+            InstrumentError,
+            "at least 3 independent instruments for 3 unknowns",
+        ),
+        (methods.whitened_least_squares(), (), UsageError, "a flight, whose runs have spectra"),
+    ],
+)
+def test_what_a_method_lacks_is_told(method, instruments, error, text):
+    known = record()
+    bare = ev.Signals(1.0, known.channels)
+    with pytest.raises(error, match=text):
+        ev.identify(MODEL.problem(bare, instruments), method)
+
+
+def test_instruments_that_share_noise_are_refused_by_methods_that_do_not_compensate():
+    """Past inputs are no way out: a difference of the input has the noise of all of them in it."""
+    model = ev.FractionalDifferenceModel((0.0, ORDER), (0.0, 0.5))
+    with pytest.raises(InstrumentError, match="whose measurement noise no regressor"):
+        ev.identify(model.problem(record(), ev.lags("input", 1, 10)), methods.extended_iv())
+
+
+def test_too_short_a_record_is_refused():
+    with pytest.raises(TooFewSamplesError, match="more rows than the 3 unknowns"):
+        ev.identify(MODEL.problem(record(count=3)), methods.least_squares())
+    with pytest.raises(TooFewSamplesError, match="Give a longer record"):
+        ev.identify(MODEL.problem(record(count=8), FRACTIONAL_LAGS), methods.generalized_iv())
+
+
+def test_an_order_outside_its_range_is_told():
+    model = ev.FractionalDifferenceModel((0.0, ev.UnknownOrder("order", 0.2, 0.5)), (0.0,))
+    with pytest.raises(ConvergenceError, match=r"inside the range of order; received one at its end, 0\.5"):
+        ev.identify(model.problem(record()), methods.total_least_squares())
+
+
+def test_an_order_that_the_data_do_not_tell_is_told():
+    """Without an output there is nothing that one order explains better than another."""
+    signals = record()
+    flat = ev.Signals(1.0, dict(signals.channels) | {"output": np.zeros(1500)})
+    with pytest.raises(CollinearError, match="is zero"):
+        ev.identify(MODEL.problem(flat), methods.least_squares())
+
+
+def test_steps_that_never_end_are_told():
+    problem = MODEL.problem(record(noise_ratio=0.0))
+
+    class Wandering:
+        """Asks for a change of the same size, forth and back."""
+
+        calls = 0
+
+        def __call__(self, linear):
+            solved = methods.least_squares().solve(linear)
+            if len(linear.parameters) == 3:
+                type(self).calls += 1
+                solved.solution.theta[-1] = 0.1 * (-1.0) ** self.calls
+            return solved
+
+    with pytest.raises(ConvergenceError, match="steps of order that end"):
+        refined_nuisances(problem, Wandering(), {"order": 0.7})
+
+
+INSTRUMENTS = ev.lags("input", 0, 10)
+UNKNOWN_MODEL = ev.VerticalMotion(intercept=False)
+
+
+def record_unknown(name="rich-high", order=0.0, samples=3000, seed=1, **changes):
+    scenario = replace(shipped_scenario(name), samples=samples, **changes)
+    noise = ev.FractionalNoise(1.0, order) if order else ev.WhiteNoise(1.0)
+    scenario = replace(scenario, noise={**scenario.noise, "velocity_z": noise})
+    return ev.simulate(scenario, np.random.default_rng(seed)).signals
+
+
+def undeclared(signals, instruments=INSTRUMENTS):
+    return UNKNOWN_MODEL.regression(replace(signals, noise={}), instruments)
+
+
+def test_a_white_input_is_refused_with_the_reason():
+    signals = record_unknown("white", samples=2000)
+    estimate = ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise())
+    assert estimate.status.value == "refused"
+    assert any(
+        "does not distinguish the input gain from the noises" in reason.sentence
+        for reason in estimate.reasons
+    )
+
+
+def test_noise_of_any_order_adds_what_its_autocovariance_says():
+    problem = undeclared(record_unknown(samples=400))
+    psi = EquationChoice.GENERALIZED.columns(problem, ("velocity_z",))
+    shared = SharedMoments(UNKNOWN_MODEL.regression(problem.signals, psi), ())
+    order = -0.317
+    signals = replace(
+        problem.signals, noise={"velocity_z": ev.FractionalNoise(1.0, order), "input": ev.WhiteNoise(0.0)}
+    )
+    right = (*problem.regressor_columns, problem.equation.response)
+    expected = shared_noise(psi, right[:2], signals, shared.problem.first)
+    unit = shared.unit(UnknownNoise("velocity_z", fractional=True), order)
+    np.testing.assert_allclose(unit[:, :2], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_what_it_cannot_use():
+    method = ev.methods.generalized_iv_unknown_noise()
+    with pytest.raises(UsageError, match="regression of signals"):
+        ev.identify(ev.regression(response=np.arange(9.0), regressors=np.ones((9, 1))), method)
+    signals = record_unknown(samples=200)
+    with pytest.raises(UsageError, match="height"):
+        ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise(orders=("height",)))
+    with pytest.raises(InstrumentError, match="4 unknowns"):
+        ev.identify(undeclared(signals, ()), ev.methods.bias_eliminating_least_squares())
+    with pytest.raises(UsageError, match="zero lags"):
+        ev.methods.generalized_iv_unknown_noise(lags=-1)
+
+
+def test_errors_of_noises_add_up_those_of_all_lags():
+    """Of independent white series the sum of products has the product of their powers as its variance."""
+    rng = np.random.default_rng(4)
+    count = 4000
+    influence, error = rng.standard_normal((count, 2)), 3.0 * rng.standard_normal(count)
+    covariance = long_memory_covariance(influence, error)
+    np.testing.assert_allclose(np.diag(covariance) / count, [9.0, 9.0], rtol=0.2)
+    assert abs(covariance[0, 1]) < 0.2 * covariance[0, 0]
+    # of an instrument that is the error before and after, twice the powers, and as much again for the answers
+    around = np.roll(error, 1) + np.roll(error, -1)
+    assert long_memory_covariance(around[:, None], error)[0, 0] / count > 1.5 * 2.0 * 81.0
+
+
+def weights_of(psi, error):
+    """Soderstrom's covariance of sums of instruments times errors, over the root of their number."""
+    rows = SimpleNamespace(instruments=psi, response=error, regressors=np.zeros((error.size, 0)))
+    fit = SimpleNamespace(cross=np.zeros((psi.shape[1], 1)), rows=rows, _count=error.size)
+    return unknown_noise._MomentSearch._covariance(fit, np.zeros(0))
+
+
+def test_weights_of_unknown_noise_allow_for_memory_and_for_answers():
+    rng = np.random.default_rng(8)
+    white = rng.standard_normal((2, 20_000))
+    slow = lfilter([0.6], [1.0, -0.8], white)  # of variance one
+    # of independent series with memory the sum of products of their correlations, 1.64 / 0.36
+    assert 3.0 < weights_of(slow[:1].T, slow[1])[0, 0] < 5.0
+    # of an instrument that is the error before and after: two, and as much again for the answers
+    error = white[0]
+    around = np.roll(error, 1) + np.roll(error, -1)
+    assert weights_of(around[:, None], error)[0, 0] == pytest.approx(4.0, rel=0.1)
+
+
+# The search for lag and delay against one joint nonlinear least squares; intervals that know the lag.
+
+TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
+
+
+def residual_at(flight, joint, delay_s=0.0):
+    """Residual of the equation of motion in time, with the actuator written out sample by sample."""
+    K, K_u, lag = joint
+    command = flight.signals.channel("rotor_command_1")
+    whole = round(delay_s / STEP_S)
+    state, states = command[0], [command[0]]
+    for k in range(1, command.size):
+        received = command[max(k - 1 - whole, 0)]
+        state = received + (state - received) * np.exp(-STEP_S / lag)
+        states.append(state)
+    run = flight.runs[0]
+    terms = [flight.signals.channel(name)[run] for name in ("specific_force_z", "velocity_z")]
+    terms.append(np.array(states)[run] ** 2)
+    s, v, U = (term - term.mean() for term in terms)
+    return s + K * v - K_u * U
+
+
+def test_direct_search_is_joint_nonlinear_least_squares():
+    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=1)
+    fit = identify(problem(flight), least_squares())
+    start = np.array([1.0, 30.0, 0.02])
+    joint = scipy.optimize.least_squares(
+        lambda x: residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    np.testing.assert_allclose(fit.values, joint.x, rtol=1e-4)
+    np.testing.assert_allclose(fit.residuals, joint.fun, atol=1e-4)
+    # The white part of the joint covariance is that of nonlinear least squares.
+    variance = float(joint.fun @ joint.fun) / (joint.fun.size - 3)
+    wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
+    np.testing.assert_allclose(fit.joint_covariance.part("classical").matrix, wanted, rtol=2e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("method", [least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name)
+def test_intervals_include_the_uncertainty_of_the_lag(method):
+    (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
+    searched = identify(problem(flight), method)
+    fixed = identify(problem(flight, lags=np.array([searched.nuisances["actuator_lag"]])), method)
+    assert "actuator_lag" not in fixed.names
+    for number, name in enumerate(("viscous_friction", "input_gain")):
+        assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
+        both = [fit.joint_covariance.part("classical").matrix[number, number] for fit in (searched, fixed)]
+        assert both[1] < both[0]
+    # The lag tells on the gain: an interval that took it for known would be much too narrow.
+    assert both[1] < 0.9 * both[0]
+
+
+def test_unknown_names_and_levels_are_refused():
+    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=6)
+    fit = identify(problem(flight), least_squares())
+    with pytest.raises(UsageError, match=r"Expected a parameter out of viscous_friction, .*; received 'K'"):
+        fit.interval("K")
+    for level in (0.0, 1.0, 95.0):
+        with pytest.raises(UsageError, match="Expected a confidence level between 0 and 1"):
+            fit.interval("viscous_friction", level)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    "method", [least_squares(), total_least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name
+)
+@pytest.mark.parametrize("unit", [1e-4, 1e5])
+def test_the_unit_of_the_command_changes_the_gain_only(method, unit):
+    (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=7)
+    channels = dict(flight.signals.channels)
+    channels["rotor_command_1"] = unit * channels["rotor_command_1"]
+    scaled = replace(flight, signals=replace(flight.signals, channels=channels))
+    plain, other = (identify(problem(f), method) for f in (flight, scaled))
+    for name, power in (("viscous_friction", 0), ("actuator_lag", 0), ("input_gain", -2)):
+        assert other.parameters[name] == pytest.approx(plain.parameters[name] * unit**power, rel=1e-5)
+        ends = np.array(plain.interval(name)) * unit**power
+        assert other.interval(name) == pytest.approx(tuple(ends), rel=1e-4)
+
+
+RUNS = 100
+PROJECTED_TRUTH = np.array([FRICTION, GAIN, LAG_S])
+
+
+@pytest.fixture(scope="module")
+def spread():
+    """Estimates of many calm flights with white noise, with their joint covariances."""
+    with shape_checks.unchecked():
+        return estimates_of_many()
+
+
+def estimates_of_many():
+    fits = [
+        identify(problem(flight, lags=np.geomspace(0.02, 0.12, 4)), reference_iv())
+        for flight in flights(RUNS, seconds=15.0, noise=Noise(), seed=9)
+    ]
+    return np.array([fit.values for fit in fits]), [fit.joint_covariance for fit in fits]
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("number", range(3))
+def test_intervals_cover(spread, number):
+    values, covariances = spread
+    direction = np.eye(3)[number]
+    half = np.array([C.half_width(direction) for C in covariances])
+    covered = int((np.abs(values[:, number] - PROJECTED_TRUTH[number]) <= half).sum())
+    # The wider of two intervals covers at least as often as either: only the lower bound is sharp.
+    assert covered >= stats.binom.ppf(1e-4, RUNS, 0.95)
+    robust = np.array(
+        [
+            stats.t(8).ppf(0.975) * np.sqrt(C.part("equal_weighted_cosines").matrix[number, number])
+            for C in covariances
+        ]
+    )
+    covered = int((np.abs(values[:, number] - PROJECTED_TRUTH[number]) <= robust).sum())
+    assert covered >= stats.binom.ppf(1e-4, RUNS, 0.92)
+
+
+@pytest.mark.parametrize(
+    ("solver", "equations"),
+    [
+        (LeastSquares_objectives(), 3),
+        (LeastSquares_objectives(), 7),
+        (AugmentedLeastSquares(), 7),
+        (TotalLeastSquares(), 7),
+    ],
+)
+def test_objectives_are_those_of_each_system(solver, equations):
+    systems = np.random.default_rng(equations).normal(size=(5, equations, 4)) * [1.0, 1e3, 1e-3, 1.0]
+    each = [solver.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
+    np.testing.assert_allclose(solver.objectives(systems), each, rtol=1e-9, atol=1e-20)

@@ -7,7 +7,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 import pytest
 
 import eivor as ev
-from eivor.planning.plan import ExpectedInterval
+from eivor.planning.plan import ExpectedInterval, mavsdk_text
 from eivor.planning.vehicle import candidates
 
 LIMITS = ev.FlightLimits(duration_s=30.0)
@@ -21,6 +21,11 @@ def planned(kind):
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
     return ev.FlightPlan(ev.VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
+
+
+def program_text(plan):
+    """The program that `eivor plan -o flight.py` writes."""
+    return mavsdk_text(plan)
 
 
 def written_module(text, folder):

@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eivor.planning.plan import MARK, mavsdk_text
-from planning.conftest import planned, written_module
+from planning.conftest import planned, program_text, written_module
 from planning.fake_autopilot import Autopilot, Received
 
+#: Where the numbers of a plan stand in the program.
+MARK = "# -- numbers --\n"
 #: After a mode message: setpoints that are still in a socket [s].
 IN_FLIGHT_S = 0.2
 #: Setpoints of a short plan at 20 Hz, and its duration [s].
@@ -53,7 +54,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="signals and /proc of
 @pytest.fixture(scope="module")
 def program(multisine, tmp_path_factory):
     """The program as a module."""
-    return written_module(mavsdk_text(multisine), tmp_path_factory.mktemp("program"))
+    return written_module(program_text(multisine), tmp_path_factory.mktemp("program"))
 
 
 def telemetry(program, **changes):
@@ -164,7 +165,7 @@ def test_only_numbers_enter_the_program(multisine, steps):
     assert blank.count(MARK) == 1
     before, after = blank.split(MARK)
     for plan in (multisine, steps):
-        text = mavsdk_text(plan)
+        text = program_text(plan)
         assert text.startswith(before)
         assert text.endswith(after)
         for statement in ast.parse(text[len(before) : len(text) - len(after)]).body:
@@ -177,7 +178,7 @@ def test_another_mavsdk_is_refused_with_the_installation_line(multisine, tmp_pat
     package = tmp_path / "mavsdk"
     package.mkdir()
     (package / "__init__.py").write_text("class LegacyModuleError(Exception): ...\nraise LegacyModuleError\n")
-    (tmp_path / "fly.py").write_text(mavsdk_text(multisine), encoding="utf-8")
+    (tmp_path / "fly.py").write_text(program_text(multisine), encoding="utf-8")
     run = subprocess.run([sys.executable, tmp_path / "fly.py"], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (3, "")
     assert "pip install 'mavsdk>=3,<4'" in run.stdout
@@ -188,7 +189,7 @@ def test_another_mavsdk_is_refused_with_the_installation_line(multisine, tmp_pat
 
 def short_program():
     """The program with the first setpoints of a plan, and shorter waits."""
-    lines = mavsdk_text(planned("multisine")).splitlines(keepends=True)
+    lines = program_text(planned("multisine")).splitlines(keepends=True)
     first = lines.index("SETPOINTS = (\n") + 1
     text = "".join(lines[: first + SHORT] + lines[lines.index(")\n", first) :])
     for old, new in QUICK.items():
