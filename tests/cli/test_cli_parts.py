@@ -33,6 +33,11 @@ from eivor.simulation.rigid_body_spec import vehicle_text
 from eivor.tools import Stage
 
 
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
 def _failing(error):
     def command():
         raise error

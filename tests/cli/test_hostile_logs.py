@@ -263,7 +263,7 @@ def test_calls_end_in_a_result_or_a_sentence(good_fit, seed):
     check_library(seed, good_fit)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_commands_end_in_a_documented_code(eivor, good_fit, tmp_path, seed):
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 

@@ -260,6 +260,7 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
         assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
 
 
+@pytest.mark.thorough
 @pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])

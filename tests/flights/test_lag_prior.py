@@ -331,7 +331,7 @@ def commanded(log, true, *, thrust, side=CurveSide.BEFORE):
 @pytest.mark.parametrize(
     ("true", "thrust", "value"),
     [
-        (Power(1.5), False, 1.5),
+        pytest.param(Power(1.5), False, 1.5, marks=pytest.mark.thorough),
         (Mixed(0.5), True, 0.5),
         pytest.param(Mixed(0.0), True, 0.0, marks=pytest.mark.thorough),
     ],
@@ -447,7 +447,9 @@ def test_intervals_hold_every_pair_and_are_cut_to_the_range(in_force):
             {},
             r"THR_MDL_FAC \(PX4\) would be set to 0\.5.* MOT_THST_EXPO \(ArduPilot\) would be",
         ),
-        (CurveSide.BEFORE, {}, "no value of it that is in force is known"),
+        pytest.param(
+            CurveSide.BEFORE, {}, "no value of it that is in force is known", marks=pytest.mark.thorough
+        ),
         (CurveSide.UNKNOWN, {"THR_MDL_FAC": 0.0}, "does not say whether input is before or behind"),
     ],
 )

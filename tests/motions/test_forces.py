@@ -317,6 +317,7 @@ def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, proble
     assert low <= ONE_SPEC.vehicle.rotors.lag_up <= high
 
 
+@pytest.mark.thorough
 def test_couplings_that_are_not_told_leave_three_columns(problem):
     free = identify(problem, METHOD)
     assert identified_ratios(free) is not None

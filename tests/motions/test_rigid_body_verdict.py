@@ -424,6 +424,7 @@ def calm():
     return identify_flight(log_of(LAGS_SPEC), model=RigidBody(KNOWN), method=DIRECT)
 
 
+@pytest.mark.thorough
 def test_axes_agree_in_calm_air(calm, monkeypatch):
     assert lag_consistency_test(calm.fit.estimate) is None
     assert calm.fit.motion_checks.lags is None
@@ -625,6 +626,7 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
     return load_fit(path)
 
 
+@pytest.mark.thorough
 def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
     validate = ev.validate(saved(truth, tmp_path), flown_ahead.recording, window=(0.0, 7.0))
     assert validate.predicts

@@ -233,7 +233,9 @@ def test_the_policy_allows_what_is_in_the_page_and_nothing_else(pages, name):
     )
 
 
-@pytest.mark.parametrize("text", HOSTILE)
+@pytest.mark.parametrize(
+    "text", [HOSTILE[0], *(pytest.param(t, marks=pytest.mark.thorough) for t in HOSTILE[1:])]
+)
 def test_what_a_log_says_stays_text(fit, recording, pages, text):
     flight = replace(fit.prepared[0], recording=replace(recording, name=text, format=text))
     reasons = (Reason(Status.REFUSED, f"It says {text}.", f"Do {text}."),)

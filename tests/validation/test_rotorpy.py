@@ -41,6 +41,7 @@ def example_script():
     return module
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stamps", [600, pytest.param(6000, marks=pytest.mark.long)])
 def test_example_is_what_its_script_makes(stamps, monkeypatch):
     """Each stamp follows from the one before it: the first tenth serves, and the long one has them all."""
