@@ -175,6 +175,8 @@ CHOICES: tuple[dict[str, Any], ...] = (
     {"model": "rates"},
 )
 
+#: Larger recordings take too long to read fifty times [bytes].
+LARGEST_DAMAGED = 700_000
 COMMANDS = {
     "identify": {0, 1, 3},
     "inspect": {0, 1},
@@ -295,3 +297,40 @@ def test_parts_of_real_flights_end_so(recordings, good_fit, seed):
     log = cut_short(ev.read_log(files[int(rng.integers(0, len(files)))]), rng)
     library = use_library(log, good_fit, CHOICES[int(rng.integers(0, len(CHOICES)))])
     assert not INTERNAL.search(library), library
+
+
+def damaged(data, rng):
+    """Bytes of a file with some changed, cut off, lost, written twice or zero."""
+    blob, at, count = bytearray(data), int(rng.integers(len(data))), int(rng.integers(1, 400))
+    part = blob[at : at + count]
+    kinds = (rng.bytes(len(part)), b"", part + part, bytes(len(part)))
+    kind = int(rng.integers(len(kinds) + 2))
+    if kind < len(kinds):
+        blob[at : at + count] = kinds[kind]
+        return bytes(blob)
+    return bytes(blob[:at] if kind == len(kinds) else blob[at:])
+
+
+@pytest.mark.thorough
+def test_damaged_recordings_end_so(eivor, recordings, tmp_path):
+    """Fifty random cuts and corruptions are read; every tenth is inspected as well."""
+    import eivor as ev
+    from eivor.errors import EivorError
+
+    rng = np.random.default_rng(0)
+    files = sorted((*recordings.glob("px4*/*.ulg"), *recordings.glob("nano*/*.csv")))
+    small = [file for file in files if file.stat().st_size < LARGEST_DAMAGED]
+    for number in range(50):
+        file = small[int(rng.integers(len(small)))]
+        log = tmp_path / f"{number}{file.suffix}"
+        log.write_bytes(damaged(file.read_bytes(), rng))
+        try:
+            said = str(ev.read_log(log).findings)
+        except EivorError as error:
+            said = str(error)
+            assert re.fullmatch(r"Expected .*; received .*[.?]", said, re.DOTALL), (number, said)
+        if number % 10 == 0:
+            run = eivor("inspect", log)
+            assert run.code in COMMANDS["inspect"], (number, run.err)
+            said = " ".join(f"{said} {run.out} {run.err}".split())
+        assert not INTERNAL.search(said), (number, said)

@@ -127,6 +127,35 @@ def test_clear_errors(tmp_path, text, error, words):
         csv(tmp_path, text)
 
 
+def test_units_in_brackets_are_read(tmp_path):
+    r = csv(tmp_path, "time [ms],velocity_z (ft/s),specific_force_z [g]\n0,1,1\n10,2,1\n")
+    np.testing.assert_allclose(r.channels["velocity_z"].time_s, [0.0, 0.01])
+    np.testing.assert_allclose(r.channels["velocity_z"].values, [0.3048, 0.6096])
+    np.testing.assert_allclose(r.channels["specific_force_z"].values, 9.80665)
+
+
+def test_a_table_with_names_of_its_own_is_answered_with_the_map_that_reads_it(tmp_path):
+    text = (
+        "Time (ms);Altitude (ft);Vz (ft/s);Acc Z (g);Roll (deg);Pitch (deg);Motor 1 (us);Target alt (ft)\n"
+        "0;10;1,5;1;60;0;1500;11\n10;10;2;1;60;0;1600;11\n"
+    )
+    with pytest.raises(ChannelMapError, match="Save the lines below") as caught:
+        csv(tmp_path, text)
+    own = tmp_path / "own.toml"
+    own.write_text("\n".join(caught.value.__notes__), encoding="utf-8")
+    r = csv(tmp_path, text, channel_map=own)
+    assert {name: channel.values[0] for name, channel in r.channels.items()} == pytest.approx(
+        {
+            "position_z": 3.048,
+            "velocity_z": 0.4572,
+            "specific_force_body_z": 9.80665,
+            "cos_tilt": 0.5,
+            "rotor_command_1": 1500.0,
+            "reference_position_z": 3.3528,
+        }
+    )
+
+
 def test_decimal_commas_in_any_row(tmp_path):
     r = csv(tmp_path, "time;velocity_z;input\n0;0;0\n1;1,5;10\n2;-,5e1;20\n")
     assert r.channels["velocity_z"].values.tolist() == [0.0, 1.5, -5.0]

@@ -335,7 +335,7 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
 
 def reported(error: EivorError) -> ExitCode:
     """Print the message of an error, and return its exit code."""
-    complain(str(error))
+    complain(str(error), *getattr(error, "__notes__", ()))
     return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
 
 

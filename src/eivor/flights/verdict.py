@@ -403,6 +403,14 @@ def below_zero_rule(name: str, came_out: str, status: Status, why: str, remedy: 
     )
 
 
+def _anywhere(low: float, high: float) -> str:
+    """Where a set with or without ends lies, in words."""
+    if math.isfinite(low) and math.isfinite(high):
+        return f"anywhere in [{low:.2g}, {high:.2g}]"
+    bounds = [f"above {low:.2g}"] * math.isfinite(low) + [f"below {high:.2g}"] * math.isfinite(high)
+    return f"anywhere{''.join(f' {bound}' for bound in bounds)}"
+
+
 @dataclass(frozen=True, slots=True)
 class FlightWords:
     """How the rules that motions share speak of one of them."""
@@ -447,7 +455,7 @@ def flight_rules(
         known = inputs.strength.robust.get(set_of)
         if known is not None and not known.is_empty:
             low, high = known.hull
-            sentence += f" They leave the {set_of.replace('_', ' ')} anywhere in [{low:.2g}, {high:.2g}]."
+            sentence += f" They leave the {set_of.replace('_', ' ')} {_anywhere(low, high)}."
         return f"{sentence}{inputs.moved}"
 
     def fly(inputs: VerdictInputs) -> str:

@@ -664,7 +664,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     for si_unit, units in {
         "": {"": 1.0, "1": 1.0, "%": 0.01},
         "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
-        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6},
+        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "ft/s": 0.3048},
         "m/s^2": {"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
         "rad": {"rad": 1.0, "deg": math.pi / 180.0},
         "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},

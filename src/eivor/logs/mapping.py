@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -21,11 +23,13 @@ from eivor.logs.channel_map import (
 )
 from eivor.logs.common import (
     TIME_UNITS,
+    UNITS,
     Columns,
     channel_findings,
     noted,
     on_channel_clock,
     own_clock_findings,
+    unit_fits,
     without_extrapolation,
 )
 from eivor.signals.channels import canonical_channel, canonical_channels, held_by_default, unit_of
@@ -37,18 +41,86 @@ from eivor.tools import Bool, Float
 #: First stamps beyond this are a calendar's, not a log's [s].
 EPOCH_S = 1e7
 _MOST_LISTED = 12
+#: Columns that are recognised before a map of them is of use: time, a state and a command.
+LEAST_SUGGESTED = 3
+
+
+#: A column's name, and its unit in brackets behind it.
+_WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
+#: Units as people write them.
+_WRITTEN = {"-": "", "°": "deg", "degrees": "deg", "°/s": "deg/s", "sec": "s", "seconds": "s", "µs": "us"}
+_WRITTEN |= {"m/s²": "m/s^2", "m/s2": "m/s^2", "G": "g", "feet": "ft"}
+#: What people call channels, in small letters and without signs between the words.
+_CALLED = {
+    **dict.fromkeys(("time", "t", "timestamp"), "time"),
+    **dict.fromkeys(("altitude", "alt", "height", "z", "pz"), "position_z"),
+    **dict.fromkeys(("vz", "velocityz", "climbrate", "verticalspeed", "verticalvelocity"), "velocity_z"),
+    **dict.fromkeys(("targetalt", "targetaltitude", "altitudesetpoint", "zsetpoint"), "reference_position_z"),
+    **dict.fromkeys(("targetclimbrate", "climbratesetpoint", "vzsetpoint"), "reference_velocity_z"),
+    **{f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"},
+    **{f"{word}{n}": f"rotor_command_{n}" for word in ("motor", "rotor", "esc", "pwm") for n in range(1, 9)},
+    **dict.fromkeys(("throttle", "thrust", "collective"), "input"),
+    **dict.fromkeys(("voltage", "vbat", "batteryvoltage"), "battery_voltage"),
+    **{angle: angle for angle in ("roll", "pitch")},
+}
+
+
+def _named(column: str) -> tuple[str, str | None]:
+    """Name and unit of a column that has one in brackets; None for none."""
+    match = _WITH_UNIT.fullmatch(column)
+    if match is None:
+        return column, None
+    unit = match[2].strip()
+    return match[1], _WRITTEN.get(unit, unit)
 
 
 def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
-    """Map of a table with canonical column names; None when it has no `time`, or no canonical column."""
-    rules = tuple(
-        ChannelRule(name, Expression.of_column(name), held=held_by_default(name))
-        for name in names
-        if canonical_channel(name) is not None
-    )
-    if "time" not in names or not rules:
+    """Map of a table with canonical column names, units in brackets; None without `time` or a channel."""
+    rules, times = [], []
+    for column in names:
+        name, unit = _named(column)
+        known = canonical_channel(name)
+        si_unit, factor = UNITS.get(unit or "", ("", 1.0))
+        if name == "time" and (unit or "s") in TIME_UNITS:
+            times.append((column, unit or "s"))
+        elif known is not None and (unit is None or (unit in UNITS and unit_fits(known, si_unit))):
+            expression = Expression.of_column(column)
+            rules.append(ChannelRule(name, expression, factor, held=held_by_default(name)))
+    if len(times) != 1 or not rules:
         return None
-    return ChannelMap("canonical", "time", "s", rules, Frame.Z_UP, "", {}, origin)
+    return ChannelMap("canonical", *times[0], tuple(rules), Frame.Z_UP, "", {}, origin)
+
+
+def suggested_map(names: Sequence[str]) -> list[str]:
+    """Lines of a channel map for columns that are called as people call them; none for too few."""
+    found: dict[str, tuple[str, str | None]] = {}
+    for column in names:
+        name, unit = _named(column)
+        channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
+        if channel in _CALLED.values() or canonical_channel(channel) is not None:
+            found.setdefault(channel, (column, unit))
+    if "time" not in found or len(found) < LEAST_SUGGESTED:
+        return []
+    column, unit = found.pop("time")
+    lines = [
+        'name = "own"',
+        'frame = "z_up"',
+        "[time]",
+        f"column = {_toml(column)}",
+        f'unit = "{unit or "s"}"',
+    ]
+    angles = [found.pop(name) for name in ("roll", "pitch") if name in found]
+    for channel, (column, unit) in found.items():
+        of_channel = unit_of(channel) if unit is None else unit
+        lines += [f"[channels.{channel}]", f"column = {_toml(column)}", f'unit = "{of_channel}"']
+    if len(angles) == len(("roll", "pitch")):
+        columns = ", ".join(_toml(column) for column, _ in angles)
+        lines += ["[channels.cos_tilt]", f"roll_pitch = [{columns}]", f'unit = "{angles[0][1] or "rad"}"']
+    return lines
+
+
+def _toml(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
 
 
 def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding | None]:
@@ -61,14 +133,23 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
         if set(shipped.required_columns) <= set(names):
             message = f"The shipped channel map '{name}' fits the table's columns and is used."
             return shipped, Finding("channel_map", message)
-    raise ChannelMapError(
+    lines = suggested_map(names)
+    write = (
+        "Save the lines below as own.toml, correct what is wrong in them, and give --map own.toml."
+        if lines
+        else "Write a channel map (TOML) that says which column is which channel, and give it with "
+        "`channel_map` (--map)."
+    )
+    error = ChannelMapError(
         "canonical column names ('time', 'velocity_z', 'rotor_command_1', ...), or the columns of a "
         f"shipped map ({', '.join(shipped_maps())})",
         f"'{table}' with the columns {listed(names)}",
-        "Write a channel map (TOML) that says which column is which channel, and give it with "
-        "`channel_map` (--map). Columns that a motion adds are known once it is named (--model, "
-        "--machine, ev.motion_by_name, ev.machine).",
+        f"{write} Columns that a motion adds are known once it is named (--model, --machine, "
+        "ev.motion_by_name, ev.machine).",
     )
+    for line in lines:
+        error.add_note(line)
+    raise error
 
 
 def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[ChannelRule, ...]:

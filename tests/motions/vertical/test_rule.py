@@ -140,7 +140,7 @@ CASES = [
         {FRICTION: replace(UNKNOWN, interval=(0.2, np.inf))},
         {"strength": strength(viscous_friction=((0.2, np.inf),))},
         REFUSED,
-        r"how long the lag is at most. They leave the viscous friction anywhere in \[0\.2, inf\]\.$",
+        r"how long the lag is at most. They leave the viscous friction anywhere above 0\.2\.$",
     ),
     # widths
     (FRICTION, {FRICTION: quantity(0.0, 0.1)}, {}, REFUSED, "cannot be distinguished from zero"),
