@@ -270,7 +270,12 @@ def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path):
 CHILDREN = {
     "sdf": {"model"},
     "model": {"link", "joint", "plugin"},
-    "link": {"pose", "inertial"},
+    "link": {"pose", "inertial", "visual", "collision", "sensor"},
+    "visual": {"geometry"},
+    "collision": {"geometry"},
+    "geometry": {"cylinder"},
+    "cylinder": {"radius", "length"},
+    "sensor": {"always_on", "update_rate"},
     "inertial": {"pose", "mass", "inertia"},
     "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
     "joint": {"parent", "child", "axis"},

@@ -10,15 +10,27 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import NotIdentifiedError, UsageError
+from eivor.exports.autopilots import thrust_linear
 from eivor.exports.fitted import Supplied
 from eivor.exports.simulators import WITH_LARGEST
-from eivor.exports.vehicle import REPLAY_SPEED, REPLAY_STEP_S, describe, manoeuvre, replayed, rotors_of
+from eivor.exports.vehicle import (
+    REPLAY_SPEED,
+    REPLAY_STEP_S,
+    coefficients,
+    describe,
+    manoeuvre,
+    replayed,
+    rotors_of,
+)
+from eivor.motions.rigid_body.dynamics import body_derivative, speed_derivative
 from eivor.motions.rigid_body.vehicle import KnownNumber
+from eivor.signals.thrust_map import Mixed
 from exports.documents import (
     COMBINATIONS,
     GAIN,
@@ -27,8 +39,10 @@ from exports.documents import (
     KNOWN_VEHICLE,
     LAG,
     climb,
+    document,
     of_rigid_body,
     quad_params,
+    quantity,
     saved,
     written,
 )
@@ -228,3 +242,70 @@ def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
     page = (tmp_path / "all" / "README.md").read_text(encoding="utf-8")
     assert "## px4: not written" in page
     assert "errs by" in page
+
+
+def test_equations_of_casadi_are_those_of_the_result(lopsided, tmp_path):
+    pytest.importorskip("casadi", reason="CasADi is not installed")
+    fit, made, commands, states = lopsided
+    (tmp_path / "f.py").write_text(fit.export("casadi"), encoding="utf-8")
+    function = runpy.run_path(str(tmp_path / "f.py"))["f"]
+    c, speeds, wind = coefficients(made), commands[3] + 20.0, (1.0, -2.0, 0.5)
+    spin_up = speed_derivative(c, speeds.tolist(), commands[3].tolist())
+    expected = [
+        *body_derivative(c, states[30].tolist(), speeds.tolist(), spin_up, wind, (0.0,) * 3),
+        *spin_up,
+    ]
+    got = np.array(function([*states[30], *speeds], commands[3], wind)).ravel()
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_state_space_of_six_axes_is_the_slope_of_the_equations(lopsided):
+    fit = lopsided[0]
+    space = fit.to_statespace()
+    at = {name: number for number, name in enumerate(space.states)}
+    assert space.A[at["velocity_x"], at["pitch"]] == pytest.approx(GRAVITY, rel=1e-3)
+    assert space.A[at["velocity_x"], at["velocity_x"]] == pytest.approx(-0.25, rel=0.01)
+    assert space.A[at["angular_rate_x"], at["angular_rate_x"]] == pytest.approx(-0.35, rel=0.03)
+    assert space.A[at["rotor_speed_1"], at["rotor_speed_1"]] == pytest.approx(-1.0 / 0.068)
+    document = json.loads(fit.export("statespace"))
+    forward = np.array(document["forward"]["A"])
+    assert forward[at["velocity_x"], at["velocity_x"]] < space.A[at["velocity_x"], at["velocity_x"]] - 0.3
+    draws = np.array(json.loads(fit.export("statespace", draws=40))["draws"]["A"])
+    spread = draws[:, at["velocity_x"], at["velocity_x"]]
+    assert np.std(spread) == pytest.approx(0.01, rel=0.4)
+
+
+def test_a_state_space_of_rates_has_each_axis(tmp_path):
+    reported = document()
+    reported["model"] |= {"name": "rates"}
+    numbers = {"roll_effectiveness": 150.0, "roll_damping": 2.0, "actuator_lag": 0.05, "delay": 0.01}
+    reported["parameters"] = {name: quantity(value, 0.01) for name, value in numbers.items()}
+    reported["covariance"] = None
+    space = ev.load_fit(written(reported, tmp_path)).to_statespace()
+    np.testing.assert_allclose(space.A, [[-20.0, 0.0], [150.0, -2.0]])
+    assert (space.inputs, space.delay_s) == (("torque_setpoint_x",), 0.01)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7])
+def test_the_percentage_of_betaflight_makes_thrust_straight(share):
+    output = np.linspace(0.05, 1.0, 500)
+
+    def unlike(percent):
+        motor = output * (1.0 + 0.01 * percent * (1.0 - output) ** 2)
+        return np.sum(((1.0 - share) * motor + share * motor**2 - output) ** 2)
+
+    chosen = thrust_linear(Mixed(share))
+    assert chosen == pytest.approx(
+        minimize_scalar(unlike, bounds=(-10.0, 150.0), method="bounded").x, abs=1.5
+    )
+
+
+def test_sitl_hovers_and_drags_as_the_flight_says(lopsided):
+    fit = lopsided[0]
+    text = fit.export("sitl", priors={"largest_command": (2500.0, 0.0)})
+    frame = json.loads("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+    thrust = 2.3e-8 * 2500.0**2 * 4
+    assert frame["hoverThrOut"] == pytest.approx(0.03 * GRAVITY / thrust)
+    speed = frame["refSpd"]
+    push = 0.03 * (0.25 * speed + 0.065 * speed**2)
+    assert push == pytest.approx(0.03 * GRAVITY * np.tan(np.radians(frame["refAngle"])))

@@ -38,9 +38,9 @@ EXPORT_EXIT_CODES = (
     "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
     "2 wrong usage, such as rotor speeds for an autopilot's share of thrust. 1 a file that cannot be read "
     "or written.\n\n"
-    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
-    "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
-    "gazebo (SDF), drone-models (TOML). all writes those that the result supports into a folder, with a page."
+    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
+    "(Python); of simulators, which need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco "
+    "(MJCF), pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). all writes those that the result supports into a folder, with a page."
 )
 
 

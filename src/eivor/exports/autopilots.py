@@ -1,26 +1,15 @@
-"""Exports to PX4 and ArduPilot parameters, and to a state space model."""
+"""Exports to PX4 and ArduPilot parameters."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from importlib import import_module
-from typing import Any, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from eivor.errors import MissingReaderError, UsageError
-from eivor.exports.fitted import (
-    VERTICAL,
-    Exported,
-    Fitted,
-    Number,
-    Supplied,
-    Target,
-    hash_comments,
-    one_line,
-)
+from eivor.errors import UsageError
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import (
     DECLARE,
@@ -31,7 +20,7 @@ from eivor.motions.vertical.model import (
     proposed,
 )
 from eivor.signals.channels import CurveSide
-from eivor.tools import Float
+from eivor.signals.thrust_map import InputMap, Mixed, Power
 
 # -- Autopilot parameters --
 
@@ -225,73 +214,41 @@ def parameter_changes(fitted: Fitted, logged: Mapping[str, float]) -> tuple[Para
     return tuple(changes)
 
 
-# -- State space --
+# -- Betaflight --
 
-SCHEMA = "eivor.statespace/1"
-#: What the arrays are made of.
-NEEDED = ("viscous_friction", "input_gain", HOVER)
-LAGS = ("actuator_lag", "delay")
+#: Percent that Betaflight takes, and the outputs over which a curve is made straight.
+MOST_LINEAR, OUTPUTS = 150, np.linspace(0.05, 1.0, 96)
 
 
-@dataclass(frozen=True)
-class StateSpace:
-    """x' = A x + B u(t - delay), y = C x + D u."""
-
-    A: Float[np.ndarray, "n n"]
-    B: Float[np.ndarray, "n 1"]
-    C: Float[np.ndarray, "1 n"]
-    D: Float[np.ndarray, "1 1"]
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    delay_s: float
-    numbers: dict[str, Number] = field(default_factory=dict)
-
-    def to_control(self) -> Any:
-        """The same as a ``control.StateSpace`` of python-control, without the delay."""
-        try:
-            control = import_module("control")
-        except ImportError as error:
-            raise MissingReaderError(
-                "python-control, which to_control makes its model with",
-                "a Python without it",
-                "Install it: pip install control. The arrays A, B, C and D are there without it.",
-            ) from error
-        names = {name: list(getattr(self, name)) for name in ("states", "inputs", "outputs")}
-        return control.ss(self.A, self.B, self.C, self.D, **names)
+def thrust_linear(curve: InputMap) -> int:
+    """Percent t with which x (1 + t (1 - x)^2) makes thrust go with x, by least squares."""
+    percents = np.arange(MOST_LINEAR + 1)
+    motor = OUTPUTS * (1.0 + np.multiply.outer(0.01 * percents, (1.0 - OUTPUTS) ** 2))
+    unlike = curve(np.minimum(motor, 1.0)) / float(curve(np.ones(1))[0]) - OUTPUTS
+    return int(percents[np.argmin(np.square(unlike).sum(axis=1))])
 
 
-def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
-    """State space of a result of the vertical motion."""
-    fitted.check_vertical("a state space")
-    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
-    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
-    friction, gain, hover = (numbers[name].value for name in NEEDED)
-    lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
-    slope = gain * fitted.input_map.slope(hover)
-    inputs, outputs, D = (fitted.input,), ("velocity_z",), np.zeros((1, 1))
-    if lag > 0.0:
-        A, B = np.array([[-1.0 / lag, 0.0], [slope, -friction]]), np.array([[1.0 / lag], [0.0]])
-        states = ("actuator", "velocity_z")
-        return StateSpace(A, B, np.array([[0.0, 1.0]]), D, states, inputs, outputs, delay, numbers)
-    A, B = np.array([[-friction]]), np.array([[slope]])
-    return StateSpace(A, B, np.ones((1, 1)), D, ("velocity_z",), inputs, outputs, delay, numbers)
-
-
-def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
-    supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
-    made = state_space(fitted, supplied)
-    document = {
-        "schema": SCHEMA,
-        "comments": [one_line(line) for line in fitted.origin()],
-        **{name: getattr(made, name).tolist() for name in "ABCD"},
-        "states": made.states,
-        "inputs": made.inputs,
-        "outputs": made.outputs,
-        "delay_s": made.delay_s,
-        "numbers": {name: asdict(number) for name, number in made.numbers.items()},
-    }
-    return Exported(json.dumps(document, indent=2) + "\n")
+def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
+    """A line of the command line of Betaflight, made of a fitted curve of motor outputs."""
+    supplied.check_only((), "betaflight", body=False)
+    fitted.check_vertical("Betaflight")
+    if not set(fitted.formats) <= {"blackbox"} or fitted.curve_side is CurveSide.BEFORE:
+        raise UsageError(
+            "motor outputs of a Betaflight log",
+            f"'{fitted.input}' of {', '.join(fitted.formats)}",
+            "Give its log.",
+        )
+    curve = fitted.identified_number(CURVE)
+    if curve is None:
+        missing = f"thrust_linear is not written: {fitted.why_not(CURVE)} Identify with --input-map fit."
+        return Exported("\n".join(hash_comments((*fitted.origin(), missing))) + "\n", (missing,))
+    family = Mixed if isinstance(fitted.input_map, Mixed) else Power
+    low, value, high = (
+        thrust_linear(family(item)) for item in (curve.interval[0], curve.value, curve.interval[1])
+    )
+    line = f"thrust_linear: {value}, 95 % interval [{low}, {high}], of the curve {curve.words}"
+    text = [*hash_comments((*fitted.origin(), line)), f"set thrust_linear = {value}", "save"]
+    return Exported("\n".join(text) + "\n")
 
 
 # -- Table --
@@ -299,7 +256,5 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
 AUTOPILOTS = (
     Target("px4", "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC", ".params", _px4),
     Target("ardupilot", "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO", ".param", _ardupilot),
-    Target(
-        "statespace", "arrays A, B, C, D of the motion about hover (JSON)", ".json", _state_space_document
-    ),
+    Target("betaflight", "a line of Betaflight's command line (.txt): thrust_linear", ".txt", _betaflight),
 )

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
-from functools import cache
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -31,6 +29,7 @@ from eivor.exports.vehicle import (
     delay_comments,
     describe,
     drag_centre,
+    filled,
     first,
     mapped_hover,
     mean_distances,
@@ -41,42 +40,11 @@ from eivor.exports.vehicle import (
 from eivor.motions.vertical.model import GRAVITY
 from eivor.tools import Float
 
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
 #: What simulators take gravity for [m/s^2].
 GAZEBO_GRAVITY = PYBULLET_GRAVITY = 9.8
 ROTORPY_GRAVITY = ISAAC_LAB_GRAVITY = 9.81
 PER_MINUTE = 2.0 * math.pi / 60.0
 WITH_LARGEST = (*BODY, "largest_command")
-
-
-@cache
-def _templates() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(  # noqa: S701 - comments are escaped as each format has them, all else are numbers
-        loader=PackageLoader("eivor.exports"),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )
-
-
-def _filled(file: str, made: VehicleDescription, comments: Iterable[str], **values: object) -> Exported:
-    """A template with what all of them take: the first row, the rotors' places and spins, and the centre."""
-    value = first(made.values)
-    arm = value["arm_scale"]
-    values = {
-        "comments": list(comments),
-        "value": value,
-        "centre": [value.get(name, 0.0) for name in CENTRE],
-        "dragged": drag_centre(made),
-        "positions": [(arm * x, arm * y) for x, y in made.vehicle.positions],
-        "spins": list(made.vehicle.spins),
-    } | values
-    return Exported(_templates().get_template(file).render(values), made.omitted, made.lost)
 
 
 def _first_rotor(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, float]:
@@ -151,13 +119,13 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
     disc = each * radius**2 * np.diag([0.25, 0.25, 0.5])
     if "rotor_inertia" in value:
-        disc[2, 2] = SLOWDOWN * value["rotor_inertia"]
+        disc = SLOWDOWN * value["rotor_inertia"] * np.diag([0.5, 0.5, 1.0])
     # the body without its rotors, about its own centre of mass
     whole, at = np.array([value.get(name, 0.0) for name in CENTRE]), places(made)[0]
     centre = 0.0 - each * at.sum(axis=0) / rest
     inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(*centre)
     inertia -= sum(disc + each * _of_point(x, y) for x, y in at)
-    return _filled(
+    return filled(
         "gazebo.sdf",
         made,
         xml_comments(comments),
@@ -166,9 +134,35 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
         each=each,
         centre=(whole + centre).tolist(),
         slowdown=SLOWDOWN,
+        size=arm * made.vehicle.arm,
+        radius=radius,
         disc=disc.tolist(),
         inertia=inertia.tolist(),
     )
+
+
+def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
+    """Elements to put into an existing model of PX4, whose geometry stays."""
+    made = describe(fitted, supplied, "a model of PX4", WITH_LARGEST, lacks=GAZEBO_LACKS)
+    value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
+    motor = {
+        "timeConstantUp": value["actuator_lag"],
+        "timeConstantDown": value["actuator_lag"],
+        "maxRotVelocity": rotor["largest_speed"],
+        "motorConstant": rotor["thrust_constant"],
+        "momentConstant": value["torque_ratio"],
+        "rotorDragCoefficient": rotor["drag_across"],
+    }
+    inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in INERTIAS}}
+    remark = (
+        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the whole vehicle."
+    )
+    lines = xml_comments((*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), remark))
+    for tag, rows in (("motor", motor), ("inertial", inertial)):
+        inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
+        lines += [f"<{tag}>", *inside, f"</{tag}>"]
+    text = "\n".join(["<patch>", *lines, "</patch>"]) + "\n"
+    return Exported(text, made.omitted, made.lost)
 
 
 def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
@@ -210,7 +204,7 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
         f"com_{axis}": values[name] for axis, name in zip("xy", CENTRE, strict=True) if name in values
     }
     speeds = speed_comments(made, "Isaac Lab", ISAAC_LAB_GRAVITY)
-    return _filled(
+    return filled(
         "isaaclab.txt",
         made,
         hash_comments((JOINT, *made.comments, *speeds, *ISAAC_LAB_REMARKS)),
@@ -246,7 +240,7 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
         drag = np.array([value[name] for name in QUADRATIC])
         unit = drag.prod() ** (1.0 / 3.0) / size**2
         fluid = (unit / (math.pi * THIN), (np.sqrt(drag.prod() / unit) / drag).tolist())
-    return _filled(
+    return filled(
         "mujoco.xml",
         made,
         xml_comments(
@@ -329,7 +323,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
         "dw_coeff_3": 1.0,
     }
     speeds = speed_comments(made, PYBULLET, PYBULLET_GRAVITY)
-    return _filled(
+    return filled(
         "pybullet.urdf",
         made,
         xml_comments((*made.comments, *speeds, *PYBULLET_REMARKS)),
@@ -361,7 +355,7 @@ def _rotorpy_file(made: VehicleDescription, head: tuple[str, ...], **drawn: obje
     comments = (*head, *made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
     row = first(_rotorpy_columns(made))
     at = places(made)[0].tolist()
-    return _filled("rotorpy.txt", made, hash_comments(comments), row=row, positions=at, **drawn)
+    return filled("rotorpy.txt", made, hash_comments(comments), row=row, positions=at, **drawn)
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
@@ -429,6 +423,54 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted, made.lost)
 
 
+# -- SITL --
+
+#: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
+SITL_TILT, SITL_FASTEST = math.radians(20.0), 100.0
+SITL_LACKS = (*SIH_LACKS, TURNING, "lag of the rotors")
+SITL_REMARKS = (
+    "For sim_vehicle.py -f quad:FILE.json. Battery and PWM are typical values, not the flight's.",
+    "SITL makes the inertia of mass and diagonal_size: the identified moments are not in this file.",
+)
+
+
+def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
+    """A frame of ArduPilot's simulator."""
+    made = describe(fitted, supplied, "SITL", WITH_LARGEST, lacks=SITL_LACKS)
+    value = first(made.values)
+    largest = made.vehicle.count * value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
+    weight, linear = value["mass"] * GRAVITY, value.get("drag_x", value.get("drag_z", 0.0))
+    quadratic, push = value.get("quadratic_drag_x", 0.0), weight * math.tan(SITL_TILT)
+    steady = max(linear + math.sqrt(linear**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
+    share = getattr(made.thrust_map, "share", 0.0 if made.thrust_map.name == "linear" else 1.0)
+    frame = {
+        "mass": value["mass"],
+        "diagonal_size": 2.0 * value["arm_scale"] * made.vehicle.arm,
+        "refSpd": 2.0 * push / steady,
+        "refAngle": math.degrees(SITL_TILT),
+        "refVoltage": 12.1,
+        "refCurrent": 20.0,
+        "refAlt": 0.0,
+        "refTempC": 15.0,
+        "refBatRes": 0.01,
+        "maxVoltage": 12.6,
+        "battCapacityAh": 0.0,
+        "propExpo": share,
+        "refRotRate": 120.0,
+        "hoverThrOut": weight / largest,
+        "pwmMin": 1000,
+        "pwmMax": 2000,
+        "spin_min": 0.0,
+        "spin_max": 1.0,
+        "slew_max": 0,
+        "num_motors": made.vehicle.count,
+    }
+    if made.vehicle.rotor_radius:
+        frame["disc_area"] = made.vehicle.count * math.pi * made.vehicle.rotor_radius**2
+    lines = [*hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)]
+    return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
+
+
 # -- Tables --
 
 SIMULATORS = (
@@ -442,6 +484,8 @@ SIMULATORS = (
     Target("mujoco", "a vehicle of MuJoCo (MJCF)", ".xml", _mujoco),
     Target("pybullet", "a vehicle of gym-pybullet-drones (URDF)", ".urdf", _pybullet),
     Target("gazebo", "a vehicle of Gazebo (SDF with motor models)", ".sdf", _gazebo),
+    Target("px4-gazebo", "motor constants and mass for a model of PX4 (XML)", ".xml", _px4_gazebo),
+    Target("sitl", "a frame of ArduPilot's simulator SITL (JSON)", ".json", _sitl),
     Target(
         "drone-models", "physical parameters of drone-models and crazyflow (TOML)", ".toml", _drone_models
     ),

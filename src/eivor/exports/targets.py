@@ -5,11 +5,12 @@ from __future__ import annotations
 from eivor.errors import UsageError, did_you_mean
 from eivor.exports.autopilots import AUTOPILOTS
 from eivor.exports.fitted import Target
+from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.simulators import DRAWN, SIMULATORS
 from eivor.exports.vehicle import Randomisation
 
-RANDOMISATIONS: dict[str, Randomisation] = {item.name: item for item in DRAWN}
-TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *SIMULATORS)}
+RANDOMISATIONS: dict[str, Randomisation] = {item.name: item for item in (*DRAWN, *DRAWN_MODELS)}
+TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *MODELS, *SIMULATORS)}
 
 
 def randomisation_by_name(name: str) -> Randomisation:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from operator import itemgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body_spec import HeldInputs, runge_kutta
 from eivor.tools import Float
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 # -- Parts --
 
@@ -454,12 +458,15 @@ def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficient
     )
 
 
+def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:
+    """Force and torques of the first vehicle by the thrusts of its rotors."""
+    at, ratio = places(made)[0], made.values["torque_ratio"][0]
+    return np.stack([np.ones(len(at)), at[:, 1], -at[:, 0], ratio * np.array(made.vehicle.spins)])
+
+
 def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray, "steps rotors"]:
     """Rotor speeds that roll and pitch a vehicle to and fro, from hover [rad/s]."""
-    value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
-    turns = np.stack(
-        [np.ones(len(at)), at[:, 1], -at[:, 0], value["torque_ratio"] * np.array(made.vehicle.spins)]
-    )
+    value, rotor = first(made.values), first(rotors_of(made))
     phase = np.arange(0.0, REPLAY_S, REPLAY_STEP_S) / REPLAY_S
     roll = np.select([phase < 0.3, phase < 0.6], [1.0, -1.0])
     pitch = np.select([phase < 0.2, phase < 0.5, phase < 0.8], [0.0, -1.0, 1.0])
@@ -471,7 +478,7 @@ def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray
             0.0 * phase,
         ]
     )
-    thrust = np.linalg.pinv(turns) @ wanted
+    thrust = np.linalg.pinv(turns(made)) @ wanted
     return np.sqrt(np.maximum(thrust, 0.0).T / rotor["thrust_constant"])
 
 
@@ -522,6 +529,39 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             f"{target} has no {effect}{left_out}: a manoeuvre of {REPLAY_S:g} s to "
             f"{math.degrees(REPLAY_TILT):.0f} degrees errs by {angle:.2g} degrees and {speed:.2g} m/s."
         )
+
+
+# -- Templates --
+
+
+@cache
+def _templates() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(  # noqa: S701 - comments are escaped as each format has them, all else are numbers
+        loader=PackageLoader("eivor.exports"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
+
+
+def filled(file: str, made: VehicleDescription | None, comments: Iterable[str], **values: object) -> Exported:
+    """A template with what all of them take: the first row, the rotors' places and spins, and the centre."""
+    if made is None:
+        return Exported(_templates().get_template(file).render(comments=list(comments), **values))
+    value = first(made.values)
+    arm = value["arm_scale"]
+    values = {
+        "comments": list(comments),
+        "value": value,
+        "centre": [value.get(name, 0.0) for name in CENTRE],
+        "dragged": drag_centre(made),
+        "positions": [(arm * x, arm * y) for x, y in made.vehicle.positions],
+        "spins": list(made.vehicle.spins),
+    } | values
+    return Exported(_templates().get_template(file).render(values), made.omitted, made.lost)
 
 
 # -- Randomisation --

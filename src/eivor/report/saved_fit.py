@@ -14,8 +14,8 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError, did_you_mean
-from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
+from eivor.exports.models import StateSpace, state_space
 from eivor.exports.targets import randomisation_by_name, target_by_name
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity

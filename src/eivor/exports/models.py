@@ -1,0 +1,280 @@
+"""Exports of equations: linear state spaces, of python-control too, and functions of CasADi."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from eivor.errors import EstimationError, MissingReaderError, UsageError
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
+from eivor.exports.vehicle import (
+    BODY,
+    JOINT,
+    RIGID_BODY,
+    Columns,
+    Randomisation,
+    VehicleDescription,
+    coefficients,
+    delay_comments,
+    describe,
+    filled,
+    manoeuvre,
+    turns,
+)
+from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.thrust_map import Mixed, Power
+from eivor.tools import Float
+
+# -- State space --
+
+SCHEMA = "eivor.statespace/1"
+#: What the arrays of the vertical motion are made of.
+NEEDED = ("viscous_friction", "input_gain", "hover_input")
+LAGS = ("actuator_lag", "delay")
+#: Name in documents of the motion that turns, and its axes with channels of the inputs and outputs.
+RATES = "rates"
+TURNING = {"roll": "x", "pitch": "y", "yaw": "z"}
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B u(t - delay), y = C x + D u."""
+
+    A: Float[np.ndarray, "n n"]
+    B: Float[np.ndarray, "n m"]
+    C: Float[np.ndarray, "k n"]
+    D: Float[np.ndarray, "k m"]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    delay_s: float
+    numbers: dict[str, Number] = field(default_factory=dict)
+
+    def to_control(self) -> Any:
+        """The same as a ``control.StateSpace`` of python-control, without the delay."""
+        try:
+            control = import_module("control")
+        except ImportError as error:
+            raise MissingReaderError(
+                "python-control, which to_control makes its model with",
+                "a Python without it",
+                "Install it: pip install control. The arrays A, B, C and D are there without it.",
+            ) from error
+        names = {name: list(getattr(self, name)) for name in ("states", "inputs", "outputs")}
+        return control.ss(self.A, self.B, self.C, self.D, **names)
+
+
+def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> StateSpace:
+    """State space about hover of a result; of a rigid body about forward flight at a speed too."""
+    if fitted.model == RATES:
+        return _of_rates(fitted, supplied)
+    if fitted.model == RIGID_BODY:
+        return linearised(describe(fitted, supplied, "a state space", BODY), speed_m_s)
+    fitted.check_vertical("a state space")
+    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
+    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
+    friction, gain, hover = (numbers[name].value for name in NEEDED)
+    lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
+    slope = gain * fitted.input_map.slope(hover)
+    inputs, outputs, D = (fitted.input,), ("velocity_z",), np.zeros((1, 1))
+    if lag > 0.0:
+        A, B = np.array([[-1.0 / lag, 0.0], [slope, -friction]]), np.array([[1.0 / lag], [0.0]])
+        states = ("actuator", "velocity_z")
+        return StateSpace(A, B, np.array([[0.0, 1.0]]), D, states, inputs, outputs, delay, numbers)
+    A, B = np.array([[-friction]]), np.array([[slope]])
+    return StateSpace(A, B, np.ones((1, 1)), D, ("velocity_z",), inputs, outputs, delay, numbers)
+
+
+def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
+    """Rates by torque setpoints: each axis has a state of its actuators and one of its rate."""
+    axes = [axis for axis in TURNING if fitted.is_identified(f"{axis}_effectiveness")]
+    if not axes:
+        fitted.needed("roll_effectiveness", supplied, "a state space")
+    kinds = ("effectiveness", "damping")
+    names = (*LAGS, *(f"{axis}_{kind}" for axis in axes for kind in kinds))
+    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
+    lag = max(numbers["actuator_lag"].value, 1e-6)
+    n = len(axes)
+    A, B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+    for row, axis in enumerate(axes):
+        gain, damping = (numbers[f"{axis}_{kind}"].value for kind in kinds)
+        reaction = fitted.identified_number(f"{axis}_reaction")
+        jump = 0.0 if reaction is None else reaction.value / lag
+        A[row, row], B[row, row] = -1.0 / lag, 1.0 / lag
+        A[n + row, row], A[n + row, n + row], B[n + row, row] = gain - jump, -damping, jump
+    C = np.hstack([np.zeros((n, n)), np.eye(n)])
+    rates = tuple(f"angular_rate_{TURNING[axis]}" for axis in axes)
+    inputs = tuple(f"torque_setpoint_{TURNING[axis]}" for axis in axes)
+    states = (*(f"{axis}_actuator" for axis in axes), *rates)
+    delay = numbers["delay"].value
+    return StateSpace(A, B, C, np.zeros((n, n)), states, inputs, rates, delay, numbers)
+
+
+# -- Six axes --
+
+STATES = (
+    *(f"velocity_{axis}" for axis in "xyz"),
+    *TURNING,
+    *(f"angular_rate_{axis}" for axis in "xyz"),
+)
+#: Of the difference quotients, and of the trimmed accelerations [m/s^2, rad/s^2].
+STEP, TRIMMED = 1e-5, 1e-6
+FORWARD_M_S = 5.0
+
+
+def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
+    """Linear equations of the first vehicle about steady flight along x."""
+    from scipy.optimize import root
+
+    c, count = coefficients(made), made.vehicle.count
+    hover = manoeuvre(made, 0.0)[0]
+    effect = np.linalg.pinv(turns(made)) * made.values["mass"][0] * GRAVITY / c.thrust_quadratic
+
+    def speeds(shares: Float[np.ndarray, " 4"]) -> Float[np.ndarray, " rotors"]:
+        root_of: Float[np.ndarray, " rotors"] = np.sqrt(np.maximum(hover**2 + effect @ shares, 1e-12))
+        return root_of
+
+    def unsteady(trim: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
+        state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
+        change = _change(c, state, state[9:])
+        return np.concatenate([change[:3], change[6:9]])
+
+    trim = root(unsteady, np.zeros(6), tol=1e-12).x
+    if not np.abs(unsteady(trim)).max() < TRIMMED:
+        raise EstimationError(
+            f"a vehicle that flies steadily at {speed_m_s:g} m/s",
+            "equations that it cannot hold",
+            "Fly slower.",
+        )
+    state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
+    sizes = STEP * np.array([*[1.0] * 9, *state[9:]])
+    A = np.stack(
+        [
+            (_change(c, state + step, state[9:]) - _change(c, state - step, state[9:])) / (2.0 * step.sum())
+            for step in np.diag(sizes)
+        ],
+        axis=1,
+    )
+    B = np.zeros((state.size, count))
+    B[9:] = c.rate_up * np.eye(count)
+    C = np.eye(9, state.size)
+    inputs = tuple(f"rotor_command_{number}" for number in range(1, count + 1))
+    states = (*STATES, *(f"rotor_speed_{number}" for number in range(1, count + 1)))
+    delay = float(made.values["delay"][0]) if "delay" in made.values else 0.0
+    return StateSpace(A, B, C, np.zeros((9, count)), states, inputs, STATES, delay)
+
+
+def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.ndarray, " rotors"]) -> Any:
+    """Change of velocity, roll, pitch, yaw, rates and rotor speeds."""
+    (roll, pitch, yaw), (p, q, r), speeds = state[3:6], state[6:9], state[9:].tolist()
+    half = np.array([roll, pitch, yaw]) / 2.0
+    (cr, cp, cy), (sr, sp, sy) = np.cos(half), np.sin(half)
+    attitude = [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ]
+    still = (0.0, 0.0, 0.0)
+    body = [0.0, 0.0, 0.0, *state[:3].tolist(), *map(float, attitude), float(p), float(q), float(r)]
+    spin_up = speed_derivative(c, speeds, command.tolist())
+    change = body_derivative(c, body, speeds, spin_up, still, still)
+    across = q * np.sin(roll) + r * np.cos(roll)
+    angles = (p + across * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), across / np.cos(pitch))
+    return np.array([*change[3:6], *angles, *change[10:13], *spin_up], dtype=np.float64)
+
+
+def _document(fitted: Fitted, comments: tuple[str, ...], made: StateSpace, **parts: object) -> str:
+    document = {
+        "schema": SCHEMA,
+        "comments": [one_line(line) for line in (*fitted.origin(), *comments)],
+        **{name: getattr(made, name).tolist() for name in "ABCD"},
+        "states": made.states,
+        "inputs": made.inputs,
+        "outputs": made.outputs,
+        "delay_s": made.delay_s,
+        "numbers": {name: asdict(number) for name, number in made.numbers.items()},
+    }
+    return json.dumps(document | parts, indent=2) + "\n"
+
+
+def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
+    if fitted.model != RIGID_BODY:
+        supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
+        return Exported(_document(fitted, (), state_space(fitted, supplied)))
+    made = describe(fitted, supplied, "a state space", BODY)
+    hover, forward = linearised(made), linearised(made, FORWARD_M_S)
+    parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
+    remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
+    text = _document(fitted, (*made.comments, remark), hover, forward=parts)
+    return Exported(text, made.omitted)
+
+
+def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
+    """A and B of each draw about hover."""
+    if fitted.model == RIGID_BODY:
+        drawn = describe(fitted, supplied, "a state space", BODY, draws, seed)
+        rows: list[Columns] = [
+            {name: column[[row]] for name, column in drawn.values.items()}
+            for row in range(drawn.values["mass"].size)
+        ]
+        spaces = [linearised(replace(drawn, values=row)) for row in rows]
+    else:
+        spaces = []
+        for row in range(next(iter(draws.values())).size):
+            values = {name: float(column[row]) for name, column in draws.items()}
+            quantities = {
+                name: replace(item, value=values.get(name, item.value))
+                for name, item in fitted.quantities.items()
+            }
+            if fitted.model == VERTICAL and "input_gain" in values:
+                hover = fitted.input_map.inverse(GRAVITY / values["input_gain"])
+                quantities["hover_input"] = replace(quantities["hover_input"], value=hover)
+            spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
+    drawn_arrays = {name: [getattr(item, name).tolist() for item in spaces] for name in "AB"}
+    return Exported(_document(fitted, (JOINT,), state_space(fitted, supplied), draws=drawn_arrays))
+
+
+# -- CasADi --
+
+
+def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
+    """A function ``f(x, u)``, the derivative of the state."""
+    if fitted.model == RIGID_BODY:
+        made = describe(fitted, supplied, "CasADi", BODY)
+        comments = hash_comments((*made.comments, *delay_comments(made, "The function")))
+        return filled("casadi.txt", made, comments, c=asdict(coefficients(made)), vertical=None)
+    fitted.check_vertical("CasADi")
+    supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
+    numbers = {name: fitted.needed(name, supplied, "CasADi").value for name in (*NEEDED, *LAGS)}
+    match fitted.input_map:
+        case Mixed(share):
+            curve = f"{1.0 - share!r} * state + {share!r} * state**2"
+        case Power(exponent):
+            curve = f"state**{exponent!r}"
+        case _:
+            raise UsageError("an input map with a formula", f"'{fitted.map_name}'", "Give --input-map.")
+    vertical = numbers | {
+        "curve": curve,
+        "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
+    }
+    return filled("casadi.txt", None, hash_comments(fitted.origin()), vertical=vertical)
+
+
+# -- Table --
+
+MODELS = (
+    Target(
+        "statespace",
+        "arrays A, B, C, D of the motion about hover, of six axes also about forward flight (JSON)",
+        ".json",
+        _state_space_document,
+    ),
+    Target("casadi", "the equations as a function of CasADi (Python file)", ".py", _casadi),
+)
+DRAWN_MODELS = (Randomisation("statespace", "arrays A and B of each draw (JSON)", _state_space_draws),)
