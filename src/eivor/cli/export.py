@@ -39,8 +39,9 @@ EXPORT_EXIT_CODES = (
     "2 wrong usage, such as rotor speeds for an autopilot's share of thrust. 1 a file that cannot be read "
     "or written.\n\n"
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
-    "(Python); of simulators, which need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco "
-    "(MJCF), pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). all writes those that the result supports into a folder, with a page."
+    "(Python). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), "
+    "pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). The word all writes "
+    "those that the result supports into a folder, with a page."
 )
 
 
