@@ -452,7 +452,7 @@ def shipped_scenario(name: str) -> Scenario:
     UsageError
         If there is none of that name.
     """
-    if not isinstance(name, str) or name not in shipped_scenarios():
+    if name not in shipped_scenarios():
         expected = f"a scenario out of {', '.join(shipped_scenarios())}"
         raise UsageError(expected, described(name), "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
