@@ -22,6 +22,7 @@ from eivor.flights.grid import (
     RECOVERY_S,
     Grid,
     airborne,
+    airborne_by_log,
     command_on_grid,
     common_grid,
     curve_between,
@@ -256,6 +257,25 @@ def test_an_input_that_is_off_in_the_air_does_not_make_ground():
         profile((2.0, 0.0), (8.0, 0.5), (2.0, 0.0), (8.0, 0.5)), height=profile((2.0, 0.1), (18.0, 2.0))
     )
     assert stretches(started.mask) == [(200 + MARGIN, 1000 - MARGIN), (1200 + MARGIN, 2000)]
+
+
+def test_while_rotors_spool_up_the_ground_carries_the_rest():
+    """Height and land detector may say that it flies; a fall with little thrust is flight."""
+    level = np.concatenate([np.zeros(200), np.linspace(0.1, 0.5, 500), np.full(1000, 0.5), np.full(400, 0.2)])
+    grid = Grid(0.0, STEP_S, (range(level.size),))
+    falling = np.concatenate([np.zeros(1700), -0.6 * 9.80665 * STEP_S * np.arange(400)])
+
+    def ends(velocity, vehicle=""):
+        index = np.arange(level.size)
+        landed = ((index < 200) | (index >= 2080)).astype(float)
+        log = replace(recording({"landed": landed, "velocity_z": velocity}), vehicle=vehicle)
+        (found,) = stretches(airborne_by_log(log, grid, level).mask)
+        return found
+
+    standing = np.zeros(level.size)
+    assert ends(standing) == pytest.approx((200 + 500 * 0.35 / 0.4 + MARGIN, 1700 - MARGIN), abs=25)
+    assert ends(falling)[1] == ends(standing, "fixed wing")[1] == 2080 - MARGIN
+    assert ends(standing, "fixed wing")[0] == 200 + MARGIN
 
 
 def test_motors_at_idle_end_a_flight_whatever_the_land_detector_says():

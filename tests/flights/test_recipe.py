@@ -145,6 +145,16 @@ def test_without_a_reference_the_numbers_are_provisional(log):
     assert result.instruments == "none"
     (hover,) = [name for name, status in statuses(result).items() if status != "provisional"]
     assert hover == "hover_input"  # thrust is the weight: no instrument is needed
+    figures = {figure.name: figure for figure in result.figures}
+    assert {"hover_drift", "hover_next_flight", "thrust_exponent"} <= figures.keys()
+    low, high = figures["hover_next_flight"].interval
+    assert high - low >= 0.05 * figures["hover_next_flight"].value
+    # nor an estimate
+    still = ev.identify_flight(changed(log, velocity_z=np.zeros(log.channels["velocity_z"].time_s.size)))
+    assert still.fit is None
+    known, without = (item.quantities["hover_input"] for item in (result, still))
+    assert without.verdict is ev.Status.IDENTIFIED
+    assert without.value == pytest.approx(known.value, rel=0.01)
 
 
 def test_friction_of_the_wrong_sign_is_refused(log):

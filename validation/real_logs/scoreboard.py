@@ -1,7 +1,6 @@
 """Scoreboard of the recordings: what is identified of them, and whether halves, repeats and autopilots agree.
 
-    python -m validation.real_logs.scoreboard [--small] [--only WORD] [--page docs/studies/real-logs.md]
-        [--rows FILE.json] [--from FILE.json] [--list]
+    python -m validation.real_logs.scoreboard [--small] [--list] [--page docs/studies/real-logs.md]
 
 identifies the recordings of `EIVOR_DATA` that `scoreboard.toml` lists: alone, by halves of the time used,
 and those of the vehicle with a known lag with that lag. Two values agree when they differ by at most the root
@@ -14,14 +13,12 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import os
 import re
 import sys
-import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -40,7 +37,6 @@ SYMBOLS = {"viscous_friction": "K", "input_gain": "K_u", "effective_lag": "lag",
 #: Lag of the Crazyflie and its standard error [s].
 LAG = ev.Prior(0.065, 0.015)
 CORPORA = {"trefoil": "trefoils", "nanobench": "other NanoBench", "px4": "PX4", "ardupilot": "ArduPilot"}
-SUFFIXES = (".csv", ".ulg", ".bin", "")
 IDENTIFIED, ROUGH = "identified", "weak"
 #: A log is flown above this height [m] for so long [s].
 FLOWN_M, FLOWN_S = 0.5, 20.0
@@ -70,19 +66,12 @@ class Board(GridStruct, frozen=True):
     logs: tuple[Log, ...]
 
 
-def board() -> Board:
-    path = Path(__file__).with_suffix(".toml")
-    return read_as(Board, path, path.read_text(encoding="utf-8"))
-
-
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One identification, or why there is none."""
+    """One identification; without quantities where there is none."""
 
     log: str
     mode: Literal["alone", "lag", "half"]
-    error: str = ""
-    seconds: float = 0.0
     quantities: Sequence[Sequence[Any]] = ()  # Name, verdict, value, low, high
     own_hover: float | None = None  # The autopilot's estimate, away from its start and limits
 
@@ -97,10 +86,12 @@ class Row:
 
     def of(self, name: str) -> tuple[str, float, float]:
         """Verdict, value and half-width of a quantity."""
-        known = {
-            item: (verdict, value, 0.5 * (high - low)) for item, verdict, value, low, high in self.quantities
-        }
-        return known.get(name, ("refused", np.nan, np.nan))
+        known = (
+            (verdict, value, 0.5 * (high - low))
+            for item, verdict, value, low, high in self.quantities
+            if item == name
+        )
+        return next(known, ("refused", np.nan, np.nan))
 
 
 def row_of(
@@ -111,26 +102,20 @@ def row_of(
     window: tuple[float, float] | None = None,
 ) -> tuple[Row, tuple[float, float] | None]:
     """An identification, and the seconds that it used."""
-    begun = time.process_time()
     try:
         result = ev.identify_flight(log, ev.FlightOptions(lag=lag, window=window))
-    except EivorError as error:
-        return Row(name, mode, str(error)), None
-    seconds, flight = time.process_time() - begun, result.prepared[0]
+    except EivorError:
+        return Row(name, mode), None
+    flight = result.prepared[0]
     known = {word: result.quantities[word] for word in SYMBOLS}
     quantities = tuple((word, item.verdict.value, item.value, *item.interval) for word, item in known.items())
     own = comparable_estimates(flight) if flight.runs and is_setpoint(flight) else np.empty(0)
     own_hover = float(np.median(own)) if own.size else None
-    why = "" if result.fit is not None else result.verdict.sentences[0]
-    return Row(name, mode, why, seconds, quantities, own_hover), result.window_s
+    return Row(name, mode, quantities, own_hover), result.window_s
 
 
 def rows_of(name: str, path: Path) -> Iterator[Row]:
-    try:
-        log = ev.read_log(path)
-    except EivorError as error:
-        yield Row(name, "alone", str(error))
-        return
+    log = ev.read_log(path)
     row, used = row_of(log, name, "alone")
     yield row
     if used is not None:
@@ -146,13 +131,11 @@ def flown_s(log: ev.Recording) -> float:
     height = log.channels.get("position_z")
     families = [log.family(family.name) for family in INPUTS if not family.measured]
     members = next((members for members in families if members), [])
-    if height is None or not members:
+    if height is None or not members or not np.isfinite(height.values).any():
         return 0.0
     known = np.isfinite(height.values)
     times, values = height.time_s[known], height.values[known]
     level = np.mean([np.interp(times, item.time_s, np.nan_to_num(item.values)) for item in members], axis=0)
-    if times.size < 2:
-        return 0.0
     off = level < 0.1 * np.percentile(level, 95)
     on = np.flatnonzero(~off)
     ends = np.concatenate([values[: on[0]], values[on[-1] + 1 :]]) if on.size else values
@@ -164,7 +147,7 @@ def files(folder: Path) -> dict[str, tuple[Path, str]]:
     """Recordings of a folder by name, each content once, with its hash."""
     results: dict[str, tuple[Path, str]] = {}
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.suffix in SUFFIXES and path.stem != "LICENSE":
+        if path.is_file() and path.suffix in (".csv", ".ulg", ".bin", "") and path.stem != "LICENSE":
             sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
             results.setdefault(sha256, (path, str(path.relative_to(folder))))
     return {name: (path, sha256) for sha256, (path, name) in results.items()}
@@ -185,19 +168,19 @@ def listed(folder: Path, small: set[str]) -> Iterator[str]:
 # -- Shares --
 
 
-def verdicts(rows: list[Row], name: str) -> str:
-    """Counts of verdicts, and the median half-width of what is identified or rough."""
-    results = [row.of(name) for row in rows]
-    identified, rough = (sum(verdict == word for verdict, *_ in results) for word in (IDENTIFIED, ROUGH))
-    widths = [half for verdict, _, half in results if verdict in (IDENTIFIED, ROUGH) and np.isfinite(half)]
-    median = f" ({np.median(widths):.3g})" if widths else ""
-    return f"{identified}/{rough}/{len(rows) - identified - rough}{median}"
+def cell(rows: list[Row], name: str) -> str:
+    """Counts of verdicts, and pairs that agree of those that are identified or rough."""
+    verdicts = [row.of(name)[0] for row in rows]
+    identified, rough = (verdicts.count(word) for word in (IDENTIFIED, ROUGH))
+    agreed = agreeing(rows, name)
+    pairs = f"; {sum(agreed)} of {len(agreed)}" if agreed else ""
+    return f"{identified} / {rough} / {len(rows) - identified - rough}{pairs}"
 
 
-def agreeing(rows: list[Row], name: str, taken: tuple[str, ...]) -> list[bool]:
-    """Whether pairs agree, of those whose verdicts are among some."""
+def agreeing(rows: list[Row], name: str) -> list[bool]:
+    """Whether pairs agree, of those that are identified or rough."""
     pairs = [[row.of(name) for row in pair] for pair in combinations(rows, 2) if pair[0].pair == pair[1].pair]
-    known = [(a, b) for a, b in pairs if a[0] in taken and b[0] in taken]
+    known = [(a, b) for a, b in pairs if {a[0], b[0]} <= {IDENTIFIED, ROUGH}]
     return [bool(abs(a[1] - b[1]) <= np.hypot(a[2], b[2])) for a, b in known]
 
 
@@ -205,21 +188,17 @@ def measures(rows: list[Row]) -> dict[str, list[bool]]:
     """What the floors speak of, by the words of the file: one answer for each log or pair."""
     alone = [row for row in rows if row.mode == "alone"]
     hover = [row.of("hover_input") for row in alone]
-    compared = [(row, row.of("hover_input")) for row in alone if row.own_hover]
-    repeats = [row for row in alone if "nanobench" in row.log]
     return {
         "hover identified": [verdict == IDENTIFIED for verdict, *_ in hover],
         "hover identified or within 5 %": [verdict in (IDENTIFIED, ROUGH) for verdict, *_ in hover],
         "hover within 3 % of the autopilot's own": [
             abs(value / row.own_hover - 1.0) <= 0.03
-            for row, (verdict, value, _) in compared
+            for row, (verdict, value, _) in zip(alone, hover, strict=True)
             if row.own_hover and verdict != "refused"
         ],
         "a quantity identified": [any(row.of(name)[0] == IDENTIFIED for name in SYMBOLS) for row in alone],
-        "hover of halves agrees": agreeing(
-            [row for row in rows if row.mode == "half"], "hover_input", (IDENTIFIED, ROUGH)
-        ),
-        "hover of repeats agrees": agreeing(repeats, "hover_input", (IDENTIFIED, ROUGH)),
+        "hover of halves agrees": agreeing([row for row in rows if row.mode == "half"], "hover_input"),
+        "hover of repeats agrees": agreeing([row for row in alone if "nanobench" in row.log], "hover_input"),
     }
 
 
@@ -233,60 +212,39 @@ def below(rows: list[Row], floors: Sequence[Floor], *, small: bool) -> Iterator[
 
 
 def tables(rows: list[Row], floors: Sequence[Floor]) -> str:
-    corpora, lines, pairs = defaultdict[str, list[Row]](list), [], []
+    corpora, answers = defaultdict[str, list[Row]](list), measures(rows)
     for row in rows:
         corpora[row.corpus].append(row)
-    for corpus, here in corpora.items():
-        cells = [corpus, str(len(here)), f"{sum(row.seconds for row in here):.0f}"]
-        lines.append([*cells, *(verdicts(here, name) for name in SYMBOLS)])
-        agreed = [agreeing(here, name, (IDENTIFIED, ROUGH)) for name in SYMBOLS]
-        if any(agreed):
-            pairs.append([corpus, *(f"{sum(item)}/{len(item)}" for item in agreed)])
+    lines = [[corpus, *(cell(here, name) for name in SYMBOLS)] for corpus, here in corpora.items()]
     shares = [
-        [floor.measure, f"{sum(answers)} of {len(answers)}", f"{floor.least:.0%}", f"{floor.target:.0%}"]
+        [floor.measure, f"{sum(yes)} of {len(yes)}", f"{floor.least:.0%}", f"{floor.target:.0%}"]
         for floor in floors
-        for answers in [measures(rows)[floor.measure]]
+        for yes in [answers[floor.measure]]
     ]
-    return "\n\n".join(
-        [
-            markdown(["share of logs flown, or of pairs", "now", "floor", "target"], shares),
-            "Identified / rough / not, with the median half-width of both:",
-            markdown(["corpus", "n", "CPU s", *SYMBOLS.values()], lines),
-            "Pairs of repeats or halves, identified or rough, that agree:",
-            markdown(["pairs", *SYMBOLS.values()], pairs),
-        ]
-    )
+    title = "Identified / rough / not; pairs of repeats or halves that agree."
+    head = ["share of logs flown, or of pairs", "now", "floor", "target"]
+    return "\n\n".join([markdown(head, shares), title, markdown(["logs", *SYMBOLS.values()], lines)])
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser("validation.real_logs.scoreboard", description=__doc__)
     parser.add_argument("--small", action="store_true", help="the few logs that are marked so")
-    parser.add_argument("--only", default="", metavar="WORD", help="recordings whose name holds a word")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="page with the marks of the tables")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="where the rows are written")
-    parser.add_argument("--from", dest="kept", type=Path, metavar="FILE", help="rows of an earlier pass")
     parser.add_argument("--list", action="store_true", help="print the list of logs flown")
-    chosen, known = parser.parse_args(arguments), board()
-    logs = [log for log in known.logs if chosen.only in log.name and (log.small or not chosen.small)]
-    if chosen.kept:
-        rows = [Row(**item) for item in json.loads(chosen.kept.read_text(encoding="utf-8"))]
-    else:
-        folder = Path(os.environ["EIVOR_DATA"])
-        if chosen.list:
-            print("\n".join(listed(folder, {log.name for log in known.logs if log.small})))
-            return 0
-        paths = {sha256: path for path, sha256 in files(folder).values()}
-        absent = [log.name for log in logs if log.sha256 not in paths]
-        if absent:
-            print(f"Not in {folder}, and not counted: {', '.join(absent)}.")
-        rows = [row for log in logs if log.sha256 in paths for row in rows_of(log.name, paths[log.sha256])]
-    if chosen.rows:
-        chosen.rows.write_text(json.dumps([asdict(row) for row in rows]), encoding="utf-8")
+    chosen, known = parser.parse_args(arguments), read_as(Board, Path(__file__).with_suffix(".toml"))
+    logs = [log for log in known.logs if log.small or not chosen.small]
+    folder = Path(os.environ["EIVOR_DATA"])
+    if chosen.list:
+        print("\n".join(listed(folder, {log.name for log in known.logs if log.small})))
+        return 0
+    paths = {sha256: path for path, sha256 in files(folder).values()}
+    rows = [row for log in logs if log.sha256 in paths for row in rows_of(log.name, paths[log.sha256])]
     text = tables(rows, known.floors)
     if chosen.page:
         chosen.page.write_text(page_with(page_text(chosen.page, PART), {PART: text}), encoding="utf-8")
     print(text)
-    failures = list(below(rows, known.floors, small=chosen.small))
+    failures = [f"{log.name} is not in {folder}." for log in logs if log.sha256 not in paths]
+    failures += below(rows, known.floors, small=chosen.small)
     print("\n".join(failures))
     return 3 if failures else 0
 

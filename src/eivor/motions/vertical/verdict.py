@@ -677,8 +677,8 @@ START, RANGE, ESTIMATE = "MPC_THR_HOVER", "HTE_THR_RANGE", "hover_thrust_estimat
 LOWER_END, UPPER_END = (0.0, 0.8), (0.2, 0.9)
 #: An estimate so near to an end stands at it, and one so near to its start has not left it.
 NEAR_END, NEAR_START = 0.01, 1e-3
-#: So long after leaving its start it is still on its way [s].
-ON_ITS_WAY_S = 2.0
+#: So long after leaving its start it is still on its way [s]: PX4's is a filter, ArduPilot's learns in 10 s.
+ON_ITS_WAY_S = {START: 2.0, "MOT_THST_HOVER": 30.0}
 #: An estimate stands at an end when it is there for this share of the time used.
 AT_END_SHARE = 0.5
 
@@ -724,12 +724,12 @@ def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
     within = _within(flight, channel)
     for low, high, _ in _ends(flight):
         within &= ~((channel.values >= low) & (channel.values <= high))
-    start = flight.recording.parameters.get(START)
-    if start is not None:
+    for name, wait_s in ON_ITS_WAY_S.items():
+        start = flight.recording.parameters.get(name, np.nan)
         with np.errstate(invalid="ignore"):
             left = np.flatnonzero(np.abs(channel.values - start) > NEAR_START)
         since = channel.time_s[left[0]] if left.size else np.inf
-        within &= channel.time_s >= since + ON_ITS_WAY_S
+        within &= np.isnan(start) | (channel.time_s >= since + wait_s)
     return np.asarray(channel.values[within])
 
 
