@@ -80,7 +80,6 @@ def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_
     assert hover["verdict"] == "refused"
     assert "it needs ±5%" in hover["reasons"][0]
     sentence = {finding["name"]: finding["message"] for finding in document["findings"]}
-    assert "hover_parameter" not in sentence
     assert "hover_estimate" not in sentence
     assert "lower limit, 0.15 (MPC_THR_HOVER - HTE_THR_RANGE)" in sentence["hover_estimate_at_limit"]
     with coarse():

@@ -229,8 +229,6 @@ class Words:
 
     title: str  # Name of the motion, as a heading
     model: str  # Name in JSON documents
-    identified: str  # What the verdict means that the motion is identified
-    refused: str  # And that it is not
     fly: str  # What to fly when nothing else helps, one sentence
     #: What samples are limited by, after "three seconds in the air in runs of a second or more,"
     limits: str = "inside the window"
@@ -245,13 +243,6 @@ class Words:
     #: What to fly and to log, by the name of a log format
     advice: Callable[[str], tuple[CardSection, ...]] = lambda _format: ()
     planned: tuple[str, ...] = ()  # Quantities that flights of `eivor plan` are made for
-    provisional: str = "no instrument: the numbers may be biased more than the intervals say."
-    weak: str = "the numbers are indications; something keeps the intervals from being trusted."
-
-    def meaning(self, status: Status) -> str:
-        """What a verdict means."""
-        meaning: str = getattr(self, status.value)
-        return meaning
 
 
 @dataclass(frozen=True, slots=True)

@@ -361,15 +361,9 @@ class Machine(DeclaredMotion):
     @property
     def words(self) -> Words:  # type: ignore[override]
         """How reports speak of it."""
-        named = " and ".join(self.quantities[name].words for name in self.headline)
-        verb = "are" if len(self.headline) > 1 else "is"
-        intervals = "their intervals" if len(self.headline) > 1 else "its interval"
         return Words(
             title=self.title,
             model=self.name,
-            identified=f"{named} {verb} identified within {intervals}.",
-            refused=f"the log does not identify {named}.",
-            provisional="no instrument: disturbances may bias the numbers.",
             fly=self.move,
             no_lag="No actuator is declared:\nthere is no lag to find.",
             where="in use",

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from eivor.exports.autopilots import ParameterChange, parameter_changes
 from eivor.exports.fitted import Fitted
@@ -180,13 +181,19 @@ def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
         names.setdefault((_remedy(entry), _why(entry.reason)), []).append(entry)
     ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
     for place, (remedy, why) in enumerate(ordered):
-        of_reason = names[remedy, why]
-        words = ", ".join(entry.words for entry in of_reason)
-        result = of_reason[0].result
-        if len(of_reason) > 1 and len(of_reason) == len(list(_entries(result))):
-            words = result.motion.words.title
+        words = ", ".join(_names(names[remedy, why]))
         shared = place + 1 < len(ordered) and ordered[place + 1][0] == remedy
         yield CardLine(capitalised(words), f"{why}.", remark="" if shared else remedy)
+
+
+def _names(entries: Sequence[CardEntry]) -> Iterator[str]:
+    """Names of quantities; in place of all that a motion has, its title."""
+    for _, group in groupby(entries, lambda entry: id(entry.result)):
+        first, *others = group
+        if others and 1 + len(others) == len(list(_entries(first.result))):
+            yield first.result.motion.words.title
+        else:
+            yield from (entry.words for entry in (first, *others))
 
 
 def _why(reason: Reason) -> str:

@@ -507,14 +507,6 @@ def told(log, values=None, **parameters):
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
-def test_a_parameter_that_disagrees_is_pointed_out(log):
-    assert told(log) == {}
-    message = told(log, MPC_THR_HOVER=0.35)["hover_parameter"]
-    assert message.startswith("The log's own MPC_THR_HOVER is 0.35, but this vehicle hovered at 0.49")
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
 def test_an_estimate_is_compared_where_it_says_something(log):
     """It leaves its start at 10 s; what is invalid, and the two seconds after, are not looked at."""
     values = np.where(TIME < 10.0, START, np.where(TIME < 12.0 - 1e-9, 0.45, 0.5))

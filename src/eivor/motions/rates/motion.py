@@ -385,9 +385,6 @@ _SETPOINTS = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz
 WORDS = Words(
     title="Turning about the body axes",
     model="body_rates",
-    identified="the effectiveness of roll and pitch is identified, within its intervals.",
-    refused="the flight does not identify the effectiveness of roll and pitch.",
-    provisional="no instrument: least squares has the effectiveness too small, the lag too long.",
     fly=FLY,
     no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
     advice=partial(flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),

@@ -669,9 +669,6 @@ RULES = (
 
 #: Parameters in which an autopilot keeps its own idea of the hover input.
 HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
-#: A logged hover parameter that is off by more than this share is pointed out.
-HOVER_DISAGREEMENT = 0.15
-
 START, RANGE, ESTIMATE = "MPC_THR_HOVER", "HTE_THR_RANGE", "hover_thrust_estimate"
 #: The ends that the range is cut to, lower and upper.
 LOWER_END, UPPER_END = (0.0, 0.8), (0.2, 0.9)
@@ -693,11 +690,6 @@ def hover_findings(
     hover = quantities["hover_input"]
     if hover.verdict is not Status.IDENTIFIED or not np.isfinite(hover.value) or not flying:
         return
-    for name in HOVER_PARAMETERS:
-        value = flying[0].recording.parameters.get(name)
-        if value and abs(hover.value / value - 1.0) > HOVER_DISAGREEMENT:
-            sentence = f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover.value:.3g}."
-            yield Finding("hover_parameter", sentence)
     values = np.concatenate([comparable_estimates(flight) for flight in flying])
     if values.size:
         median = float(np.median(values))
