@@ -56,11 +56,6 @@ class VerticalExperiment(Experiment):
     def channels(self) -> tuple[str, ...]:
         return (*self.scenario.measured, *self.scenario.references)
 
-    @property
-    def exogenous_channel(self) -> str:
-        """What the vehicle does not answer: the input in open loop, the reference under control."""
-        return self.scenario.control.reference
-
     def record(self, rng: np.random.Generator) -> Signals:
         return simulate(self.scenario, rng).signals
 

@@ -435,24 +435,8 @@ def shipped_scenarios() -> tuple[str, ...]:
 
 
 def shipped_scenario(name: str) -> Scenario:
-    """Scenario that comes with the package.
-
-    Parameters
-    ----------
-    name : str
-        Such as "rich": the page of scenarios lists them.
-
-    Returns
-    -------
-    Scenario
-        What `simulate` takes.
-
-    Raises
-    ------
-    UsageError
-        If there is none of that name.
-    """
-    if name not in shipped_scenarios():
+    """Return a scenario that comes with the package ("rich" is one); raises UsageError, which names all."""
+    if not isinstance(name, str) or name not in shipped_scenarios():
         expected = f"a scenario out of {', '.join(shipped_scenarios())}"
         raise UsageError(expected, described(name), "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
