@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, g
 
 import msgspec
 
-from eivor.checks import described
+from eivor import checks
 from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
     Arma,
@@ -436,9 +436,10 @@ def shipped_scenarios() -> tuple[str, ...]:
 
 def shipped_scenario(name: str) -> Scenario:
     """Return a scenario that comes with the package ("rich" is one); raises UsageError, which names all."""
-    if not isinstance(name, str) or name not in shipped_scenarios():
+    checks.text("name", name)
+    if name not in shipped_scenarios():
         expected = f"a scenario out of {', '.join(shipped_scenarios())}"
-        raise UsageError(expected, described(name), "Name one of them.")
+        raise UsageError(expected, f"'{name}'", "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
 
 
