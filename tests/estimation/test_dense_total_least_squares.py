@@ -13,7 +13,6 @@ import scipy.linalg
 import scipy.optimize
 from scipy import stats
 from scipy.signal import lfilter
-from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 
 import eivor as ev
 import shape_checks
@@ -38,6 +37,7 @@ from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS, LinearSystem
 from eivor.linalg.total_least_squares import LeastSquares as LeastSquares_objectives
 from eivor.linalg.total_least_squares import TotalLeastSquares
 from eivor.models.signal_regression import shared_noise
+from flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 
 ROWS, LAGS = 90, 4
 NOISE = {

@@ -10,8 +10,6 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
-from vertical_flight_signals import Noise, flights
-from vertical_flight_signals import problem as flight_problem
 
 import eivor as ev
 import shape_checks
@@ -23,6 +21,8 @@ from eivor.estimation.products import FOLDED_FROM
 from eivor.inference.diagnostics.instruments import endogeneity, strength
 from eivor.inference.diagnostics.record import equation_products
 from eivor.inference.verdict import Status
+from flights.flight_logs import Noise, flights
+from flights.flight_logs import problem as flight_problem
 
 NOISE = 0.3
 """Standard deviation of the input's noise."""

@@ -48,7 +48,7 @@ from eivor.report.other_results import marks, report_changes, track_document, tr
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Recording
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from estimation.vertical_flight_signals import Noise, flights, problem
+from flights.flight_logs import Noise, flights, problem
 from motions.turning_logs import turned
 
 K = "viscous_friction"
