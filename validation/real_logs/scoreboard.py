@@ -211,15 +211,15 @@ def below(rows: list[Row], floors: Sequence[Floor], *, small: bool) -> Iterator[
             yield f"{floor.measure}: {np.mean(answers):.0%} of {len(answers)}, and {least:.0%} is the floor."
 
 
-def tables(rows: list[Row], floors: Sequence[Floor]) -> str:
+def tables(rows: list[Row], floors: Sequence[Floor], *, small: bool = False) -> str:
     corpora, answers = defaultdict[str, list[Row]](list), measures(rows)
     for row in rows:
         corpora[row.corpus].append(row)
     lines = [[corpus, *(cell(here, name) for name in SYMBOLS)] for corpus, here in corpora.items()]
     shares = [
-        [floor.measure, f"{sum(yes)} of {len(yes)}", f"{floor.least:.0%}", f"{floor.target:.0%}"]
+        [floor.measure, f"{sum(yes)} of {len(yes)}", f"{least:.0%}", f"{floor.target:.0%}"]
         for floor in floors
-        for yes in [answers[floor.measure]]
+        for yes, least in [(answers[floor.measure], floor.least_small if small else floor.least)]
     ]
     title = "Identified / rough / not; pairs of repeats or halves that agree."
     head = ["share of logs flown, or of pairs", "now", "floor", "target"]
@@ -239,7 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     paths = {sha256: path for path, sha256 in files(folder).values()}
     rows = [row for log in logs if log.sha256 in paths for row in rows_of(log.name, paths[log.sha256])]
-    text = tables(rows, known.floors)
+    text = tables(rows, known.floors, small=chosen.small)
     if chosen.page:
         chosen.page.write_text(page_with(page_text(chosen.page, PART), {PART: text}), encoding="utf-8")
     print(text)

@@ -48,11 +48,11 @@ def key_figures(
         yield from _supply(flights[0], quantities[HOVER])
 
 
-def _scattered(quantity: Quantity, *added: SystematicUncertainty) -> Interval:
-    """Interval without what it is at least, and with what is added."""
+def _scattered(quantity: Quantity) -> Interval:
+    """Interval without what it is at least."""
     half = normal_quantile(0.95) * quantity.std_error
     parts = [part for part in quantity.systematic_uncertainties if part.counts is not Counts.AT_LEAST]
-    return widened((quantity.value - half, quantity.value + half), quantity.value, [*parts, *added])
+    return widened((quantity.value - half, quantity.value + half), quantity.value, parts)
 
 
 def _of_hover(
@@ -73,7 +73,7 @@ def _of_hover(
         "hover input of another flight",
         hover.value,
         "",
-        _scattered(hover, between),
+        widened(hover.interval, hover.value, (between,)),
         "Another charge of the battery, the same payload: the number to set.",
     )
     first = flights[0]
