@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.logs.channel_map import parse_expression
 from eivor.motions.declaration import machine_text, shipped_machines
 from eivor.signals import channels
 
@@ -57,6 +58,68 @@ def logs_of(columns):
     for record in range(records):
         made = {name: item if item.ndim == 1 else item[:, record] for name, item in columns.items()}
         yield ev.recording_from_columns(made, name=f"record {record}")
+
+
+def smooth(levels, step_s, lag_s=0.15):
+    """Levels behind three lags."""
+    for _ in range(3):
+        levels = parse_expression(f"lag(x, {lag_s})", "here").evaluate({"x": levels}, step_s)
+    return levels
+
+
+def axis_case(rng, count, step_s):
+    """A linear axis under control: parameters, signals, noise, disturbance."""
+    position = smooth(held(rng, count, step_s, 0.15, (0.8, 2.0)), step_s)
+    speed = np.gradient(position, step_s)
+
+    def force(time, measured):
+        k = round(time / step_s)
+        asked = 95.0 * np.gradient(speed, step_s)[k] + 200.0 * speed[k] + 20.0 * np.sign(speed[k])
+        return asked + 4e4 * (position[k] - measured["position"])
+
+    truth = {"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.16}
+    return truth, {"force": force, "reference_position": position}, {"position": 1e-6}, (1.0, 0.02)
+
+
+def boat_case(rng, count, step_s):
+    """A boat with quadratic damping that is steered by its heading."""
+    asked, heading = held(rng, count, step_s, 0.8, (10.0, 25.0)), 0.0
+
+    def rudder(time, measured):
+        nonlocal heading
+        heading = heading + step_s * measured["yaw_rate"]
+        return np.clip(asked[round(time / step_s)] - heading - 2.0 * measured["yaw_rate"], -0.5, 0.5)
+
+    truth = {"a": 1.0 / 3.0, "a2": 2.0, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
+    signals = {"rudder": rudder, "reference_heading": asked}
+    return truth, signals, {"yaw_rate": 0.002}, (0.0005, 1.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    ("name", "case", "seconds", "step_s", "off"),
+    [("linear-axis", axis_case, 30.0, 0.005, 0.03), ("boat-yaw-quadratic", boat_case, 300.0, 0.1, 0.1)],
+)
+def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, seconds, step_s, off):
+    machine = ev.load_machine(name)
+    truth, signals, noise, disturbance = case(np.random.default_rng(1), round(seconds / step_s), step_s)
+    columns = machine.simulate(
+        truth, signals, seconds=seconds, step_s=step_s, noise=noise, disturbance=disturbance, records=2
+    )
+    for log in logs_of(columns):
+        fit = ev.identify_flight(log, model=machine)
+        assert fit.verdict.status.value == "identified"
+        values = {name: fit.quantities[name].value for name in machine.headline}
+        assert values == pytest.approx({name: truth[name] for name in machine.headline}, rel=off)
+        for item in fit.quantities.values():
+            assert item.interval[0] < item.value < item.interval[1]
+    standstill = [finding.message for finding in fit.findings if finding.name == "standstill"]
+    assert bool(standstill) == (name == "linear-axis")
+    if "offset" in truth:
+        low, high = fit.quantities["offset"].interval
+        assert low - (high - low) < truth["offset"] < high + (high - low)
+        assert fit.quantities["offset"].unit == "N"
 
 
 # -- Declarations --

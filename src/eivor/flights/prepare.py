@@ -157,7 +157,7 @@ def _selected(
 
 def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, Clock]:
     """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
-    rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
+    rates = (rate_hz, selected.command_rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
     held = {command.name: command for command in selected.commands if command.held}

@@ -116,8 +116,7 @@ class AxisEquation:
 
     def columns(self, signals: Signals, texts: Sequence[str]) -> Float[np.ndarray, "n k"]:
         """Columns of expressions, in which inputs do not lag."""
-        held = {name: signals.channel(name) for name in self.averaged}
-        held = {name: 0.5 * (value + np.concatenate([value[:1], value[:-1]])) for name, value in held.items()}
+        held = {name: _around_samples(signals.channel(name)) for name in self.averaged}
         columns = [_evaluated(parsed(text), signals, held) for text in texts]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
@@ -155,6 +154,15 @@ class AxisEquation:
                 chain = replace(rule, channels=(mirror.reference,), lags=lags).columns(drives[0]).T
                 columns += [column[:, None] for column in mirror.columns(signals, chain, lags[1])]
         return np.concatenate(columns, axis=1)
+
+
+def _around_samples(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """What values that hold over the step after each sample do at the samples, below the rate.
+
+    A hold has the gain sinc(f h) and is half a step late; these weights have both up to the third power of f.
+    """
+    padded = np.pad(values, (2, 1), mode="edge")
+    return (13.0 * (padded[1:-2] + padded[2:-1]) - padded[:-3] - padded[3:]) / 24.0
 
 
 @cache

@@ -179,7 +179,7 @@ class Activity:
 
 # -- Simulation --
 
-#: Steps of the integration are no longer than this [s].
+#: Steps of the integration are no longer than this, or for slow actuators four times as long [s].
 LONGEST_STEP_S = 0.005
 
 
@@ -260,13 +260,14 @@ def _simulated(
         )
         for axis in machine.axes
     ]
-    parts, (lasting_std, lasting_s) = math.ceil(step_s / LONGEST_STEP_S - 1e-9), disturbance
+    lag_s, delay_s = (values[name] if machine.has_lag else 0.0 for name in LAGS)
+    longest_s = min(max(LONGEST_STEP_S, 0.1 * lag_s), 4.0 * LONGEST_STEP_S)
+    parts, (lasting_std, lasting_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
     h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
     lower = [e.solved[: -1 - n] for e in equations for n in range(e.solved.count("'"))]
     state = {name: np.zeros(shape[1]) for name in lower}
     given = [item.name for item in machine.logged if item.role != "response" and item.name not in state]
     _refuse_missing("signals", given, signals)
-    lag_s, delay_s = (values[name] if machine.has_lag else 0.0 for name in LAGS)
     late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
     logged = {item.name: np.zeros(shape) for item in machine.logged}
     push = np.zeros((len(equations), shape[1]))
@@ -343,7 +344,7 @@ class Machine(DeclaredMotion):
         rows += [(item.name, item.symbol, item.unit, Kind.DERIVED) for item in self.derived]
         specs = {
             name: QuantitySpec(
-                name.replace("_", " "),
+                name if name.find("_") == 1 else name.replace("_", " "),
                 symbol,
                 unit,
                 kind,
@@ -475,6 +476,8 @@ class Machine(DeclaredMotion):
             states=states,
             responses=responses,
             band_hz=band,
+            # no lag makes up for commands between those that are logged
+            command_rate_hz=None if self.has_lag else min(channel.rate_hz for channel in commands),
             step_s=float(np.clip(step_s, *STEPS_S)),
             active=self.activity,
         )

@@ -22,7 +22,7 @@ def short_name(name: str) -> str:
 
 def capitalised(words: str) -> str:
     """Words with a capital letter first."""
-    return f"{words[:1].upper()}{words[1:]}"
+    return words if len(words) < 3 else f"{words[:1].upper()}{words[1:]}"  # symbols stay as they are
 
 
 # -- Document --
