@@ -11,6 +11,9 @@ import numpy as np
 import polars
 import pytest
 
+import eivor as ev
+from eivor.errors import UsageError
+
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
@@ -68,19 +71,22 @@ def test_tilt_method_map_and_input_are_passed_on(eivor, log):
     )
     document = json.loads(run.out)
     assert run.code == 3
-    assert document["method"] == "least_squares"
-    assert document["model"]["input_map"] == "power:1.9"
+    vertical = document["motions"]["vertical"]
+    assert vertical["method"] == "least_squares"
+    assert vertical["model"]["input_map"] == "power:1.9"
     assert document["provenance"]["options"]["max_tilt_deg"] == 15.0
-    assert document["verdict"] == "provisional"
+    assert vertical["verdict"] == "provisional"
 
 
 @pytest.mark.thorough
 def test_instruments_can_be_chosen(eivor, log):
-    document = json.loads(eivor("identify", log, "--instruments", "reference_position_z", "--json", "-").out)
-    assert document["instruments"] == "reference_position_z"
-    document = json.loads(eivor("identify", log, "--instruments", "lags", "--json", "-").out)
-    assert "lagged" in document["instruments"]
-    assert document["verdict"] != "identified"
+    by_name, by_lags = (
+        json.loads(eivor("identify", log, "--instruments", word, "--json", "-").out)["motions"]["vertical"]
+        for word in ("reference_position_z", "lags")
+    )
+    assert by_name["instruments"] == "reference_position_z"
+    assert "lagged" in by_lags["instruments"]
+    assert by_lags["verdict"] != "identified"
 
 
 @pytest.mark.thorough
@@ -250,6 +256,61 @@ def test_a_short_track_says_what_is_missing(eivor):
     assert (run.code, "no moment identifies it" in run.out) == (3, True)
 
 
+@pytest.mark.parametrize(
+    ("needs", "code"),
+    [
+        ("", 0),
+        ("hover,lag,gain,friction", 0),
+        ("hover_input", 0),
+        ("hover,torque", 3),
+        ("roll_effectiveness", 3),
+        ("hovr", 2),
+        ("hover,,lag", 2),
+    ],
+)
+def test_what_is_needed_decides_the_exit_code(eivor, needs, code):
+    run = eivor("identify", "--example", *(("--for", needs) if needs else ()))
+    assert run.code == code
+    assert (run.out == "") == (code == 2)
+    if needs == "hovr":
+        assert "Did you mean 'hover'?" in run.err
+
+
+def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
+    """A motion is chosen where one serves; where several do, it is to be named."""
+    result = ev.identify_log(ev.read_log(log))
+    assert list(result.motions) == ["vertical"]
+    assert "torque_setpoint" in result.left_out["rates"]
+    both = ev.LogEstimate({**result.motions, "rates": result.first})
+    files = {"1": result.first.to_json(), "2": result.to_json(), "several": both.to_json()}
+    answers = {}
+    for name, text in files.items():
+        file = tmp_path / f"{name}.json"
+        file.write_text(text)
+        model = ("--model", "vertical") if name == "several" else ()
+        answers[name] = [
+            eivor("export", file, "--to", "px4"),
+            eivor("export", file, "--draws", "3", "-o", tmp_path / "draws.parquet", *model),
+            eivor("validate", file, log, *model),
+            eivor("identify", log, "--lag-from", file, "--json", "-"),
+        ]
+        assert ev.load_fit(file, "vertical").parameters["hover_input"] == pytest.approx(
+            result.first.parameters["hover_input"]
+        )
+    assert answers["1"][1].code == answers["1"][3].code == 0
+    printed = [[(run.code, run.out.replace(str(tmp_path), "")) for run in runs] for runs in answers.values()]
+    assert printed[0][:3] == printed[1][:3] == printed[2][:3]
+    several = tmp_path / "several.json"
+    refused = eivor("validate", several, log)
+    assert (refused.code, "vertical, rates" in refused.err, "--model vertical" in refused.err) == (
+        2,
+        True,
+        True,
+    )
+    with pytest.raises(UsageError, match=r"Did you mean 'rates'\?"):
+        ev.load_fit(several, "rate")
+
+
 @pytest.mark.thorough
 def test_another_flight_is_predicted(eivor, log, tmp_path):
     fit, figure = tmp_path / "fit.json", tmp_path / "fit.svg"
@@ -263,10 +324,11 @@ def test_another_flight_is_predicted(eivor, log, tmp_path):
     assert json.loads(reported.out)["schema"] == "eivor.validate/1"
 
     document = json.loads(fit.read_text())
-    document["covariance"]["values"] = [9.0, 1.0, 0.2, 0.0]
+    vertical = document["motions"]["vertical"]
+    vertical["covariance"]["values"] = [9.0, 1.0, 0.2, 0.0]
     fit.write_text(json.dumps(document))
     assert eivor("validate", fit, log).code == 3
-    document["prediction"] = None
+    vertical["prediction"] = None
     fit.write_text(json.dumps(document))
     refused = eivor("validate", fit, log)
     assert refused.code == 2
@@ -292,7 +354,7 @@ def test_a_report_is_what_identify_finds(eivor, log, tmp_path):
 
 
 def test_a_report_on_standard_output_is_nothing_else(eivor, log):
-    reported = eivor("report", log, "--window", "0:4", "-o", "-")
+    reported = eivor("report", log, "--window", "0:4", "--for", "friction", "-o", "-")
     assert reported.code == 3
     assert reported.out.startswith("<!DOCTYPE html>")
     assert reported.out.endswith("</html>\n")

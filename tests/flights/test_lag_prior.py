@@ -286,15 +286,15 @@ def answering(log: Recording) -> Recording:
 )
 def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch):
     unmade(monkeypatch)
-    assert lags_from_rates((Rates(),), spoilt(turning), None) == ()
+    assert lags_from_rates((Rates(),), spoilt(turning), None, {}) == ()
     with pytest.raises(AssertionError, match="estimated"):
-        lags_from_rates((Rates(),), turning, None)
+        lags_from_rates((Rates(),), turning, None, {})
 
 
 @pytest.mark.thorough
 def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
     unmade(monkeypatch)
-    assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
+    assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None, {}) == ()
 
 
 def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,7 +307,7 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.thorough
 @pytest.mark.thorough
 def test_turning_that_is_not_trusted_says_nothing(turning):
-    assert lags_from_rates((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
+    assert lags_from_rates((Rates(),), turning, (5.0, 18.0), {}) == ()  # too short to be identified
 
 
 # The thrust curve that is found out: its value, what it rests on, and what it does to everything else.

@@ -58,7 +58,10 @@ def test_new_topic_names(tmp_path):
     [
         ([1, 1], {"MAV_TYPE": 1}, "rotary wing"),  # PX4's own word counts
         ([2, 2], {"MAV_TYPE": 2}, "fixed wing"),
-        ([2, 1], {"MAV_TYPE": 22}, "rotary wing"),  # a convertible plane that hovers for some time
+        ([1, 1], {"MAV_TYPE": 22}, "rotary wing"),  # a convertible plane that hovers all the time
+        ([2, 1], {"MAV_TYPE": 22}, "VTOL"),
+        ([1, 1], {"MAV_TYPE": 4}, "helicopter"),
+        ([3, 3], {"MAV_TYPE": 11}, "boat"),
         ([3, 3], {"MAV_TYPE": 2}, "rover"),
         ([0, 9], {"MAV_TYPE": 10}, "rover"),
         ([0, 0], {"MAV_TYPE": 2}, ""),
@@ -68,6 +71,9 @@ def test_new_topic_names(tmp_path):
         (None, {"CA_AIRFRAME": 0}, ""),
         (None, {"CA_AIRFRAME": 1}, "fixed wing"),
         (None, {"CA_AIRFRAME": 6}, "rover"),
+        (None, {"CA_AIRFRAME": 3}, "VTOL"),
+        (None, {"CA_AIRFRAME": 10}, "helicopter"),
+        (None, {"MAV_TYPE": 12}, "submarine"),
     ],
 )
 def test_the_vehicle_is_told(tmp_path, kinds, parameters, vehicle):

@@ -161,7 +161,7 @@ def logging(*names):
 )
 def test_what_is_not_logged_refuses_the_thrust_gain(turning, logged, missing):
     bare = replace(turning, findings=())
-    companions = with_coupled_axes(bare, MOTIONS, [logging(*logged)], [None])
+    companions = with_coupled_axes(bare, MOTIONS, [logging(*logged)], [None], {})
     (finding,) = companions.findings
     assert finding.name == "no_thrust_gain"
     assert missing in finding.message
@@ -183,7 +183,7 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
     of_turning = turning.quantities["effective_lag"]
     lag = replace(of_turning, interval=(0.04, 0.05), verdict=Status.IDENTIFIED)
     known = replace(turning, quantities={**turning.quantities, "effective_lag": lag})
-    companions = with_coupled_axes(known, MOTIONS, [logging("input", "acceleration_z")], [None])
+    companions = with_coupled_axes(known, MOTIONS, [logging("input", "acceleration_z")], [None], {})
     assert companions.quantities["thrust_gain"].value == 30.0
     assert companions.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
     assert companions.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]

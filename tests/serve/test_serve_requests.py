@@ -284,7 +284,8 @@ def test_options_are_declared_once(page):
     kinds = {name: words[item.get("type") or item["anyOf"][0]["type"]] for name, item in declared.items()}
     assert kinds == {name: typed[name] for name in kinds}
     assert {*kinds} == {*typed} - {
-        *("logs", "example", "model", "vehicle", "channel_map", "json", "figure", "html", "card", "help")
+        *("logs", "example", "model", "vehicle", "channel_map"),
+        *("needs", "json", "figure", "html", "card", "help"),
     }
     body = {"logs": ["1"], "options": {"surprise": 1}}
     refused = page.refused("POST", "/jobs", json.dumps(body).encode())
@@ -331,7 +332,7 @@ def test_options_are_words_of_the_command_line():
         "noise": ["estimate"],
     }
     several = parse_job(json.dumps({"logs": [LOG, {"log": LOG, "window": [None, 3]}]}).encode())
-    assert several == JobRequest(((LOG, ""), (LOG, ":3.0")), "vertical")
+    assert several == JobRequest(((LOG, ""), (LOG, ":3.0")))
 
 
 @pytest.mark.parametrize(

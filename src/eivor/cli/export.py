@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +16,7 @@ from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
+    FitModelOption,
     Reads,
     Writes,
     complain,
@@ -27,9 +28,9 @@ from eivor.cli.outputs import (
 )
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, Target, known_number, one_line
-from eivor.exports.targets import TARGETS
+from eivor.exports.targets import TARGETS, motions_for
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
-from eivor.report.saved_fit import SavedFit, draws_table, load_fit
+from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
 #: Word for every target, and the page of their folder.
 ALL, PAGE = "all", "README.md"
@@ -54,6 +55,7 @@ def export(
     ],
     *,
     to: Annotated[str, option("TARGET", "What for: see Targets below.")] = "",
+    model: FitModelOption = "",
     draws: Annotated[
         int | None,
         option(
@@ -115,11 +117,11 @@ def export(
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if to == ALL and (output == STANDARD_OUTPUT or draws is not None):
         raise UsageError("a folder for --to all, and no draws", "another", "Add -o FOLDER.")
-    result = load_fit(fit)
-    notes: tuple[str, ...] = ()
+    fits, notes = load_fits(fit), tuple[str, ...]()
+    result = fit_among(fits, model, motions_for(to) if to else ())
     try:
         if to == ALL:
-            omitted = _every_target(result, given, accept, Path(output))
+            omitted = _every_target(fits, model, given, accept, Path(output))
         elif draws is None or to:
             made = result.exported(to, given, draws, seed, accept)
             write_out(made.text, output)
@@ -135,12 +137,16 @@ def export(
     return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
 
 
-def _every_target(result: SavedFit, given: Supplied, accept: str, folder: Path) -> tuple[str, ...]:
+def _every_target(
+    fits: Mapping[str, SavedFit], model: str, given: Supplied, accept: str, folder: Path
+) -> tuple[str, ...]:
     """Write every target that the result supports, and a page that says what each holds."""
     sections: list[tuple[Target, str, tuple[str, ...]]] = []
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
+    result = next(iter(fits.values()))
     for target in TARGETS.values():
+        result = fit_among(fits, model, motions_for(target.name))
         try:
             try:
                 made = result.exported(target.name, given, None, 0, accept)

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from eivor.cli.options import FlightWords, LogWords
+from eivor.cli.options import NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
     ExitCode,
+    FitModelOption,
     JsonOption,
     Reads,
     Writes,
@@ -30,12 +31,23 @@ def _work(command: str, **given: Any) -> ExitCode:
 
 # -- Identify --
 
+NeedsOption = Annotated[
+    str,
+    option(
+        "NAMES",
+        f"What must be identified for exit code 0: {', '.join(NEEDS)} (of roll and pitch), or names of "
+        "quantities, with commas between them. Default: any of them.",
+        "--for",
+        values=NEEDS,
+    ),
+]
 IDENTIFY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 identified. 3 weak, provisional or refused (the numbers are printed all the "
-    "same). 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written (the numbers are "
-    "printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.identify/1): verdict and reasons; parameters and derived quantities, "
-    "each with value, unit, std_error, interval and its own verdict; diagnostics, findings and provenance."
+    "[bold]Exit codes[/bold]: 0 all that --for names is identified; without it, any of hover, lag, gain, "
+    "friction and torque. 3 not so (the numbers are printed all the same). 2 wrong usage. 1 a log that "
+    "cannot be read, or a file that cannot be written (the numbers are printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.identify/2): lists of what is identified, weak and refused, and "
+    "provenance. For each motion parameters and derived quantities, each with value, unit, std_error, "
+    "interval and its own verdict; diagnostics and findings."
 )
 
 
@@ -43,8 +55,11 @@ IDENTIFY_EXIT_CODES = (
 @with_options(FlightWords, LogWords)
 def identify(
     *,
+    needs: NeedsOption = "",
     json: JsonOption = "",
-    figure: Annotated[str, option("FILE", "Draw the fit: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
+    figure: Annotated[
+        str, option("FILE", "Draw the first fit: FILE.png, FILE.svg or FILE.pdf."), Writes()
+    ] = "",
     html: Annotated[
         str, option("FILE", "Write everything as one page that opens in any browser."), Writes()
     ] = "",
@@ -53,15 +68,15 @@ def identify(
     ] = False,
     **given: Any,
 ) -> ExitCode:
-    """Identify a motion from logs: the vertical one of a drone, or another with --model."""
-    return _work("identify", json=json, figure=figure, html=html, card=card, **given)
+    """Identify what logs support: vertical motion, turning, and the rigid body of a --vehicle."""
+    return _work("identify", needs=needs, json=json, figure=figure, html=html, card=card, **given)
 
 
 # -- Report --
 
 REPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 identified. 3 weak, provisional or refused (the page is written all the "
-    "same). 2 wrong usage. 1 a log that cannot be read, or a page that cannot be written.\n\n"
+    "[bold]Exit codes[/bold]: those of eivor identify; the page is written with 3, too. 1 a log that cannot "
+    "be read, or a page that cannot be written.\n\n"
     "The page holds the JSON of `eivor identify --json` too, and saves it."
 )
 
@@ -70,11 +85,12 @@ REPORT_EXIT_CODES = (
 @with_options(FlightWords, LogWords)
 def report(
     *,
+    needs: NeedsOption = "",
     out: Annotated[str, option("FILE", "The page, such as flight.html.", "--out", "-o"), Writes()] = "",
     **given: Any,
 ) -> ExitCode:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
-    return _work("report", out=out, **given)
+    return _work("report", needs=needs, out=out, **given)
 
 
 # -- Track --
@@ -175,6 +191,7 @@ def validate(
         Reads(log_paths),
     ],
     *,
+    model: FitModelOption = "",
     json: JsonOption = "",
     figure: Annotated[
         str,
@@ -190,6 +207,7 @@ def validate(
         "validate",
         fit=fit,
         log=log,
+        model=model,
         json=json,
         figure=figure,
         window=window,

@@ -12,8 +12,10 @@ from eivor.cli.outputs import MachineOption, ModelOption, Reads, VehicleOption, 
 
 #: Default of an option that may be given several times.
 NO_TEXTS: list[str] = []
-#: What is identified by default: `eivor.motions.DEFAULT`, which help does not load.
+#: What commands with one motion identify: `eivor.motions.table.DEFAULT`, which help does not load.
 DEFAULT_MODEL = "vertical"
+#: Words of --for: `QuantitySpec.need` of Eivor's own motions.
+NEEDS = ("hover", "lag", "gain", "friction", "torque")
 #: The names of `eivor.estimation.methods.TABLE`, which help does not load.
 METHODS = (
     *("reference_iv", "least_squares", "whitened_least_squares", "total_least_squares", "extended_iv"),
@@ -161,7 +163,7 @@ class LogWords(msgspec.Struct, kw_only=True):
         Reads(log_paths),
     ] = None
     example: Annotated[bool, flag("--example", "Use the example flight that comes with Eivor.")] = False
-    model: ModelOption = DEFAULT_MODEL
+    model: ModelOption = ""
     vehicle: VehicleOption = ""
     machine: MachineOption = ""
     channel_map: Annotated[

@@ -123,7 +123,6 @@ ModelOption = Annotated[
     option(
         "NAME",
         "What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
-        show_default=True,
         values=("vertical", "rates", "rigid-body"),
     ),
 ]
@@ -131,7 +130,7 @@ VehicleOption = Annotated[
     str,
     option(
         "FILE|NAME",
-        "What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list). The "
+        "What flies, for the rigid body: a vehicle file, or a shipped one (eivor vehicle list). The "
         "vertical motion takes the radius of its rotors.",
     ),
     Reads(),
@@ -144,6 +143,7 @@ MachineOption = Annotated[
     ),
     Reads(),
 ]
+FitModelOption = Annotated[str, option("NAME", "Motion of the result, where it has several that serve.")]
 JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
 
 

@@ -13,24 +13,23 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
-from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords, parse_pair
+from eivor.cli.options import NEEDS, FlightWords, LogWords, parse_pair
 from eivor.cli.outputs import step
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
 from eivor.estimation.methods import by_name
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, TYPICAL_LAGS
-from eivor.flights.motion import Motion, of_vehicle
+from eivor.flights.motion import Motion
 from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
 from eivor.flights.prepare import check_options
 from eivor.flights.references import ESTIMATE, Declared
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import LogEstimate
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.logs.common import UNITS, unit_fits
 from eivor.logs.read import example_flight
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.declaration import load_machine
-from eivor.motions.identify import identify_flight
-from eivor.motions.table import motion_by_name
+from eivor.motions.identify import identify_log, motions_of
 from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
@@ -154,12 +153,12 @@ def check_windows(recordings: list[Recording], windows: Sequence[Window | None])
 
 def identified(
     recordings: list[Recording],
-    motion: Motion[Any],
+    motions: Motions,
     options: FlightOptions,
     windows: list[Window | None],
     progress: Progress = no_stage_callback,
-) -> FlightEstimate:
-    """Result of the logs."""
+) -> LogEstimate:
+    """Results of the logs."""
     for recording in recordings:
         known = {"references", "lags", *recording.channels}
         absent = ", ".join(f"'{name}'" for name in options.instruments if name not in known)
@@ -167,12 +166,12 @@ def identified(
             expected = f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}"
             raise UsageError(expected, absent, "Name those, or references, or lags.")
     try:
-        return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
+        return identify_log(recordings, options, windows=windows, models=motions, progress=progress)
     except MissingChannelError as error:
         advice = [
             sentence
             for recording in recordings
-            for channel in missing_channels(recording, motion)
+            for channel in missing_channels(recording, motions[0])
             for sentence in logging_advice_for(recording, channel)
         ]
         remedy = " ".join((error.remedy, *dict.fromkeys(advice)))
@@ -212,26 +211,27 @@ def read_logs(
     return recordings, windows
 
 
-def result_of(given: dict[str, Any]) -> FlightEstimate:
-    """Read logs and identify them, of the options of `LogWords` and `FlightWords`."""
+def result_of(given: dict[str, Any], needs: str) -> tuple[LogEstimate, tuple[str, ...]]:
+    """Read logs and identify them, of the options of `LogWords` and `FlightWords`; and what is needed."""
     logs = LogWords(**{name: given.pop(name) for name in LogWords.__struct_fields__ if name in given})
-    motion = named_motion(logs.model, logs.vehicle, logs.machine)
-    options = flight_options(motion, **given)
-    return pooled_result(motion, options, logs.logs, example=logs.example, channel_map=logs.channel_map)
+    motions = named_motions(logs.model, logs.vehicle, logs.machine)
+    options, needed = flight_options(motions, **given), parse_needs(needs, motions)
+    result = pooled_result(motions, options, logs.logs, example=logs.example, channel_map=logs.channel_map)
+    return result, needed
 
 
 def pooled_result(
-    motion: Motion[Any],
+    motions: Motions,
     options: FlightOptions,
     logs: list[str] | None,
     *,
     example: bool,
     channel_map: str,
-) -> FlightEstimate:
+) -> LogEstimate:
     """Read logs and identify them with options of the library."""
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
     with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
-        return identified(recordings, motion, options, windows)
+        return identified(recordings, motions, options, windows)
 
 
 # -- Noise --
@@ -323,16 +323,32 @@ def _size(name: str, text: str, what: str) -> float:
 # -- Options of an identification --
 
 
-def named_motion(name: str, vehicle: str = "", machine: str = "") -> Motion[Any]:
-    """Return the motion of a name, or of a vehicle or a machine; its channels are known from then on."""
-    if machine and (name != DEFAULT_MODEL or vehicle):
+Motions = Sequence[Motion[Any]]
+
+
+def named_motions(name: str, vehicle: str = "", machine: str = "") -> tuple[Motion[Any], ...]:
+    """Return the motion of a name or a machine, else the usual ones, of a vehicle where one is given."""
+    if machine and (name or vehicle):
         other = f"--vehicle {vehicle}" if vehicle else f"--model {name}"
         raise UsageError("--machine alone", f"--machine {machine} with {other}", "Leave out one of them.")
-    motion = load_machine(machine) if machine else motion_by_name(name)
-    return of_vehicle(motion, vehicle) if vehicle else motion
+    if machine:
+        return (load_machine(machine),)
+    return motions_of((name,) if name else (), vehicle)
 
 
-def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:
+def parse_needs(text: str, motions: Motions) -> tuple[str, ...]:
+    """What must be identified, as typed for --for: words of needs and names of quantities."""
+    needs = tuple(need.strip() for need in text.split(",")) if text else ()
+    quantities = {name: spec for motion in motions for name, spec in motion.quantities.items()}
+    words = dict.fromkeys(need for need in NEEDS if any(spec.need == need for spec in quantities.values()))
+    for need in needs:
+        if need not in (*words, *quantities):
+            remedy = did_you_mean(need, (*words, *quantities), "Quantities are those of the JSON.")
+            raise UsageError(f"--for {', '.join(words)}, or names of quantities", f"'{need}'", remedy)
+    return needs
+
+
+def flight_options(motions: Motions, **given: Any) -> FlightOptions:
     """Options of the library, of those of `FlightWords`, checked before any log is read."""
     words = FlightWords(**given)
     chosen = by_name(words.method)
@@ -367,11 +383,23 @@ def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:
         controller_rate_hz=words.controller_rate,
         noise=declared_noise(words.noise),
     )
-    check_options(motion, options)
+    check_for_any(motions, options)
     if words.max_tilt is None:
         return options
     # what is not finite is refused in the library's words
     return replace(options, max_tilt_deg=words.max_tilt if math.isfinite(words.max_tilt) else 0.0)
+
+
+def check_for_any(motions: Motions, options: FlightOptions) -> None:
+    """Refuse options that none of the motions has."""
+    errors = []
+    for motion in motions:
+        try:
+            check_options(motion, options)
+        except UsageError as error:
+            errors.append(error)
+    if len(errors) == len(motions):
+        raise errors[0]
 
 
 def lag_prior(text: str, file: str) -> Prior | Bounds | None:
@@ -383,7 +411,9 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
     if not file:
         return None
     # an entry point of the report: most flights are identified without another's result
-    result = resolve_name("eivor.report.saved_fit:load_fit")(file).quantities.get(EFFECTIVE_LAG)
+    fits = resolve_name("eivor.report.saved_fit:load_fits")(file).values()
+    lags = [fit.quantities[EFFECTIVE_LAG] for fit in fits if EFFECTIVE_LAG in fit.quantities]
+    result = max(lags, key=lambda lag: lag.verdict is Status.IDENTIFIED, default=None)
     if result is None or result.verdict is Status.REFUSED or not 0.0 < result.half_width < math.inf:
         raise UsageError(
             f"a result in '{file}' that identifies the effective lag",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from eivor.cli.outputs import (
 )
 from eivor.cli.parsing import (
     flight_options,
-    named_motion,
+    named_motions,
     parse_window,
     pooled_result,
     read_logs,
@@ -29,17 +29,16 @@ from eivor.cli.parsing import (
 )
 from eivor.errors import UsageError
 from eivor.flights.options import FlightOptions
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import LogEstimate
 from eivor.flights.track import track as tracked_parameter
-from eivor.inference.verdict import Status
 from eivor.report.document import Facts, Section
 from eivor.report.figures import save_figure
-from eivor.report.flight import flight_document
+from eivor.report.flight import log_documents
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text
 from eivor.report.other_results import track_document, track_figure, track_json
-from eivor.report.saved_fit import load_fit
+from eivor.report.saved_fit import fit_among, load_fits
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
@@ -58,49 +57,50 @@ def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callabl
         yield partial(draw, path)
 
 
-def write_page(result: FlightEstimate, position: str) -> None:
+def write_page(result: LogEstimate, position: str) -> None:
     """Write the page of a result to a file, or to standard output where the place is "-"."""
     with step(f"Writing {Path(position).name}"):
         page = flight_page(result)
     write_out(page, position)
 
 
-def exit_code(result: FlightEstimate) -> ExitCode:
-    """0 when identified, 3 otherwise."""
-    return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
+def exit_code(result: LogEstimate, needs: Iterable[str]) -> ExitCode:
+    """0 when what is needed is identified, 3 otherwise."""
+    return ExitCode.IDENTIFIED if result.meets(needs) else ExitCode.NOT_IDENTIFIED
 
 
 # -- Identify --
 
 
-def identify(*, json: str, figure: str, html: str, card: bool, **given: Any) -> ExitCode:
+def identify(*, needs: str, json: str, figure: str, html: str, card: bool, **given: Any) -> ExitCode:
     """Do what `eivor.cli.identify.identify` declares."""
     picture = figure_file(figure)
-    result = result_of(given)
+    result, needed = result_of(given, needs)
     deliver_result(
-        lambda: on_terminal(flight_document(result, card=card)),
+        lambda: on_terminal(*log_documents(result, card=card)),
         result.to_json,
         json,
-        *figure_parts(picture, lambda: flight_figure(result)),
+        *figure_parts(picture, lambda: flight_figure(result.drawn)),
         *([partial(write_page, result, html)] if html else []),
     )
-    return exit_code(result)
+    return exit_code(result, needed)
 
 
 # -- Report --
 
 
-def report(*, out: str, **given: Any) -> ExitCode:
+def report(*, needs: str, out: str, **given: Any) -> ExitCode:
     """Do what `eivor.cli.identify.report` declares."""
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
-    result = result_of(given)
+    result, needed = result_of(given, needs)
     write_page(result, out)
     if out != STANDARD_OUTPUT:
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
         where = Section("", (Facts((("page", f"{out} ({size})"),)),))
-        show(on_terminal(replace(flight_document(result), sections=(where,))))
-    return exit_code(result)
+        first, *_ = log_documents(result)
+        show(on_terminal(replace(first, sections=(where,))))
+    return exit_code(result, needed)
 
 
 # -- Track --
@@ -119,14 +119,15 @@ def track(
     **given: Any,
 ) -> ExitCode:
     """Do what `eivor.cli.identify.track` declares."""
-    motion = named_motion(DEFAULT_MODEL)
+    motions = named_motions(DEFAULT_MODEL)
     picture = figure_file(figure)
-    options = flight_options(motion, method=method, **given)
+    options = flight_options(motions, method=method, **given)
     if accelerometer_bias is not None:
         options = replace(options, accelerometer_bias=accelerometer_bias)
-    result = pooled_result(motion, options, [log] if log else None, example=example, channel_map=channel_map)
+    logs = [log] if log else None
+    result = pooled_result(motions, options, logs, example=example, channel_map=channel_map)
     with step("Following it over the flight"):
-        tracked = tracked_parameter(result, memory)
+        tracked = tracked_parameter(result.first, memory)
     deliver_result(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),
@@ -140,12 +141,20 @@ def track(
 
 
 def validate(
-    *, fit: Path, log: str, json: str, figure: str, window: str, max_tilt: float | None, channel_map: str
+    *,
+    fit: Path,
+    log: str,
+    model: str,
+    json: str,
+    figure: str,
+    window: str,
+    max_tilt: float | None,
+    channel_map: str,
 ) -> ExitCode:
     """Do what `eivor.cli.identify.validate` declares."""
     picture = figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
-    result = load_fit(fit)
+    result = fit_among(load_fits(fit), model)
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
     (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from eivor.cli.options import FlightWords, LogWords
+from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -36,7 +36,7 @@ from eivor.cli.parsing import (
     check_mission,
     flight_limits,
     flight_options,
-    named_motion,
+    named_motions,
     position_of,
     read_logs,
 )
@@ -223,8 +223,9 @@ def inspect(
     **given: Any,
 ) -> ExitCode:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
-    motion = named_motion(model, vehicle, machine)
-    options = flight_options(motion, **given)
+    model = model or ("" if machine else DEFAULT_MODEL)
+    (motion,) = motions = named_motions(model, vehicle, machine)
+    options = flight_options(motions, **given)
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
         pooled = pooled_inspection(recordings, options, windows, motion)

@@ -13,6 +13,12 @@ RANDOMISATIONS: dict[str, Randomisation] = {item.name: item for item in (*DRAWN,
 TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *MODELS, *SIMULATORS)}
 
 
+def motions_for(target: str) -> tuple[str, ...]:
+    """Names of the motions that a target takes, the preferred one first."""
+    is_autopilot = target in {item.name for item in AUTOPILOTS}
+    return ("vertical",) if is_autopilot else ("rigid-body", "vertical")
+
+
 def randomisation_by_name(name: str) -> Randomisation:
     """Randomisation of a word."""
     if name not in RANDOMISATIONS:

@@ -35,7 +35,7 @@ from eivor.cli.outputs import (
     with_options,
     write_out,
 )
-from eivor.cli.parsing import flight_options, named_motion
+from eivor.cli.parsing import flight_options, named_motions
 from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
@@ -135,11 +135,11 @@ def run_command(
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    motion = named_motion(model, vehicle)
+    motions = named_motions(model, vehicle)
     options = FleetOptions(
         motion=model,
         vehicle_file=vehicle,
-        flight=flight_options(motion, **given),
+        flight=flight_options(motions, **given),
         maps=given_maps(channel_map),
         vehicle_from=vehicle_from,
         limits=Limits(log_time, log_memory),

@@ -158,7 +158,7 @@ class FlightState:
     options: FlightOptions
     lag_measurements: LagMeasurements = tuple
     agreement: OverIdentification | None = None  # Of the flights of a pool; else that of the estimate counts
-    with_sets: bool = True
+    hopeless: str = ""  # Why a coarse search says that an estimate is not worth its time
     # Made by the stages, in this order; None until then
     instruments: Instruments | Any = None
     method: Method | Any = None
@@ -257,8 +257,6 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 def build_confidence_sets(state: FlightState) -> FlightState:
     """Confidence sets of the headline and of lag and delay; of all parameters where instruments are weak."""
-    if not state.with_sets:
-        return state
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
     known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
@@ -310,8 +308,10 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
     if all(flight.constant_input for flight in flying):
         sentence = "The input is constant: it carries no information about the vehicle."
         return without_fit(state, sentence, words.fly)
+    if state.hopeless:
+        return without_fit(state, state.hopeless, words.fly)
     try:
-        for stage in STAGES:
+        for stage in STAGES if state.checks is None else STAGES[STAGES.index(diagnose_fit) + 1 :]:
             if stage is diagnose_fit:
                 progress(Stage.DIAGNOSING)
             state = stage(state)
@@ -542,11 +542,17 @@ LEAST_SHARE = 0.5
 
 
 def lags_from_rates(
-    motions: tuple[Motion[Any], ...], log: Recording, window: tuple[float, float] | None
+    motions: tuple[Motion[Any], ...],
+    log: Recording,
+    window: tuple[float, float] | None,
+    begun: dict[str, FlightState],
 ) -> tuple[LagPrior, ...]:
-    """Lags that other motions identify, each where its own verdict on the lag is identified."""
+    """Lags that other motions identify, each where its own verdict on the lag is identified.
+
+    What was done of each motion goes into `begun`, by its name.
+    """
     options = FlightOptions(window=window)
-    results = (_lag_by(motion, log, options) for motion in motions)
+    results = (_lag_by(motion, log, options, begun) for motion in motions)
     return tuple(result for result in results if result is not None)
 
 
@@ -563,7 +569,9 @@ def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
     )
 
 
-def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagPrior | None:
+def _lag_by(
+    motion: Motion[Any], log: Recording, options: FlightOptions, begun: dict[str, FlightState]
+) -> LagPrior | None:
     """Lag by one motion; None where it cannot be identified, or not be trusted."""
     try:
         log = upward(part_to_read(log, options.window))
@@ -574,25 +582,41 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagP
     except InputError:
         return None
     clean = any(reference.usable and reference.exogenous for reference in flight.references)
-    state = FlightState(motion, (flight,), options, with_sets=False)
-    if not flight.runs or not clean or not _may_be_identified(state):
+    state = begun[motion.name] = FlightState(motion, (flight,), options)
+    if not flight.runs or not clean:
         return None
-    return lag_measured_by(motion, estimated(state).quantities[EFFECTIVE_LAG])
+    first_stage, least = _coarse_first_stage(state), LEAST_SHARE * STRONG_FIRST_STAGE
+    if first_stage.get(ACTUATOR_LAG.name, 0.0) < least:
+        deciding = [F for name, F in first_stage.items() if motion.quantities[name].need]
+        if first_stage and max(deciding, default=0.0) < least:
+            sentence = (
+                f"The instruments are too weak for an estimate: their first-stage F is at most "
+                f"{max(deciding, default=0.0):.2g}, and {STRONG_FIRST_STAGE:.0f} is needed. With --model "
+                f"{motion.name} it is made all the same."
+            )
+            begun[motion.name] = replace(state, hopeless=sentence)
+        return None
+    try:
+        for stage in STAGES[: STAGES.index(diagnose_fit) + 1]:
+            state = stage(state)
+    except (EstimationError, TooFewSamplesError):
+        return None
+    begun[motion.name] = state
+    return lag_measured_by(motion, judge(state).result.quantities[EFFECTIVE_LAG])
 
 
-def _may_be_identified(state: FlightState) -> bool:
-    """Whether instruments identify anything of the lag, by a coarse search: most flights end here."""
+def _coarse_first_stage(state: FlightState) -> dict[str, float]:
+    """First-stage F by parameter, by a coarse search, where most flights end; none without instruments."""
     method = by_name(state.options.method)
     chosen = instruments(state.flying, state.options, method)
     if isinstance(chosen.rule, NoInstruments):
-        return False
+        return {}
     try:
         problem = state.motion.problem(state.flying, chosen.rule)
         result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), method)
     except EstimationError:
-        return False
-    first_stage = dict(zip(result.names, result.first_stage, strict=True))
-    return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
+        return {}
+    return dict(zip(result.names, map(float, result.first_stage), strict=True))
 
 
 def _coarse(nuisance: Nuisance) -> Nuisance:

@@ -29,8 +29,13 @@ def identified(
     others: tuple[Motion[Any], ...] = (),
     lag_measurements: tuple[LagPrior, ...] = (),
     progress: Progress = no_stage_callback,
+    begun: dict[str, FlightState] | None = None,
 ) -> FlightEstimate:
-    """Identify a motion from the logs of one or several flights of one vehicle."""
+    """Identify a motion from the logs of one or several flights of one vehicle.
+
+    `begun` has what was done of motions of the same logs, by name: it is used, and added to.
+    """
+    begun = {} if begun is None else begun
     by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)
     if len(windows) != len(logs):
@@ -39,16 +44,23 @@ def identified(
         )
     progress(Stage.PREPARING)
     kept, dropped = without_duplicates(logs, windows)
-    prepared = tuple(
-        prepare(log, motion, options if window is None else replace(options, window=window))
-        for log, window in kept
+    state = begun.get(motion.name)
+    if state is not None and (len(kept) > 1 or state.options != options or kept[0][1] is not None):
+        state = None
+    prepared = (
+        state.prepared
+        if state is not None
+        else tuple(
+            prepare(log, motion, options if window is None else replace(options, window=window))
+            for log, window in kept
+        )
     )
     check_poolable(prepared, motion, anyway=options.pool_anyway)
     neighbours: LagMeasurements = partial(tuple, lag_measurements)
     if not lag_measurements and len(kept) == 1 and others:
         ((log, window),) = kept
-        neighbours = cache(partial(lags_from_rates, others, log, window or options.window))
-    state = FlightState(for_flights(motion, prepared, options), prepared, options, neighbours)
+        neighbours = cache(partial(lags_from_rates, others, log, window or options.window, begun))
+    state = state or FlightState(for_flights(motion, prepared, options), prepared, options, neighbours)
     progress(Stage.IDENTIFYING)
     if len(prepared) == 1:
         result = estimated(state, progress)
@@ -82,13 +94,17 @@ def with_coupled_axes(
     motions: Mapping[str, Motion[Any]],
     logs: Sequence[Recording],
     windows: Sequence[Window],
+    known: Mapping[str, FlightEstimate],
 ) -> FlightEstimate:
-    """Result with the quantities that other motions identify, and a finding for each that none gives."""
+    """Result with the quantities that other motions identify, and a finding for each that none gives.
+
+    Motions of `known` are not identified again where they had the same input.
+    """
     if result.fit is None:
         return result
     wording, results, findings = result.motion.quantities, dict(result.quantities), list(result.findings)
     for axis in result.motion.abilities.coupled_axes:
-        quantity = _coupled(axis, motions[axis.motion], result, logs, windows)
+        quantity = _coupled(axis, motions[axis.motion], result, logs, windows, known.get(axis.motion))
         if isinstance(quantity, Quantity):
             results[axis.called] = quantity
         else:
@@ -104,6 +120,7 @@ def _coupled(
     result: FlightEstimate,
     logs: Sequence[Recording],
     windows: Sequence[Window],
+    other: FlightEstimate | None,
 ) -> Quantity | str:
     """The quantity of another motion, or why it is not identified."""
     for words, names in axis.needs.items():
@@ -120,8 +137,10 @@ def _coupled(
     )
     lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
     measured = () if lag is None or given_options.lag is not None else (lag,)
+    same = (options.input, options.input_map)
     try:
-        other = identified(logs, motion, options, windows, lag_measurements=measured)
+        if other is None or (other.prepared[0].input.name, other.prepared[0].input_map) != same:
+            other = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:
         return f"{error.expected} is missing"
     here, there = result.motion.quantities[axis.called].words, motion.quantities[axis.quantity].words

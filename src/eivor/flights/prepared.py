@@ -9,9 +9,17 @@ from functools import cached_property
 
 import numpy as np
 
-from eivor.errors import EstimationError, InstrumentError, MissingChannelError, TooFewSamplesError, UsageError
+from eivor.errors import (
+    EstimationError,
+    InputError,
+    InstrumentError,
+    MissingChannelError,
+    TooFewSamplesError,
+    UsageError,
+)
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, curve_between, line_between
+from eivor.flights.options import FlightOptions
 from eivor.flights.references import NoiseLevel, Reference
 from eivor.flights.timestamps import Clock
 from eivor.inference.covariance import Classical, EqualWeightedCosines
@@ -21,7 +29,7 @@ from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.spectral import SpectralRun
 from eivor.signals.channels import CurveSide, family_members
-from eivor.signals.recording import Channel, Finding, Recording
+from eivor.signals.recording import ROTARY_WING, VTOL, Channel, Finding, Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, Int
 
@@ -203,6 +211,20 @@ class Selection:
         slowest = min(channel.rate_hz for channel in self.commands)
         roles = {**self.states, **self.responses}
         return {"command": slowest} | {name: item.rate_hz if item else 0.0 for name, item in roles.items()}
+
+
+def check_vehicle(log: Recording, options: FlightOptions, *also: str) -> None:
+    """Refuse a log of a vehicle that does not fly on rotors, or not all the time, but for other kinds."""
+    says = f"{log.name}, which says that it is of a {log.vehicle}"
+    if log.vehicle == VTOL and options.window is None:
+        remedy = "Give the stretch in which it hovers: --window START:END."
+        raise InputError("a window in which the vehicle hovers on its rotors", says, remedy)
+    if log.vehicle not in ("", ROTARY_WING, VTOL, *also):
+        raise InputError(
+            "a log of a multirotor",
+            says,
+            f"This motion is that of multirotors. Declare that of a {log.vehicle}: docs/motions.md says how.",
+        )
 
 
 def chosen_input(

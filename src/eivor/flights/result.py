@@ -560,6 +560,11 @@ class LogEstimate:
         return next(iter(self.motions.values()))
 
     @property
+    def drawn(self) -> FlightEstimate:
+        """Result of the first motion with an estimate, else of the first."""
+        return next((result for result in self.motions.values() if result.fit is not None), self.first)
+
+    @property
     def identified(self) -> tuple[str, ...]:
         """Names of the deciding quantities that are identified."""
         return self._of(Status.IDENTIFIED)
@@ -585,6 +590,12 @@ class LogEstimate:
         ]
         count = Counter(name for _, name, _ in every)
         return {name if count[name] == 1 else f"{model}.{name}": item for model, name, item in every}
+
+    @property
+    def status(self) -> Status:
+        """The best that is known of a deciding quantity."""
+        rough = Status.WEAK if self.weak else Status.REFUSED
+        return Status.IDENTIFIED if self.identified else rough
 
     def meets(self, needs: Iterable[str] = ()) -> bool:
         """Whether all that is needed is identified; without needs, whether any `deciding` quantity is.
@@ -628,9 +639,7 @@ class LogEstimate:
 
     def plot(self, model: str = "") -> Figure:
         """Figure of the fit of a motion, by default of the first that has one: `FlightEstimate.plot`."""
-        fitted = (name for name, result in self.motions.items() if result.fit is not None)
-        name = model or next(fitted, next(iter(self.motions)))
-        if name not in self.motions:
-            remedy = did_you_mean(name, self.motions, "Name one of them.")
-            raise UsageError(f"a motion out of {', '.join(self.motions)}", f"'{name}'", remedy)
-        return self.motions[name].plot()
+        if model and model not in self.motions:
+            remedy = did_you_mean(model, self.motions, "Name one of them.")
+            raise UsageError(f"a motion out of {', '.join(self.motions)}", f"'{model}'", remedy)
+        return (self.motions[model] if model else self.drawn).plot()

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from os import PathLike
-from types import NoneType
+from types import MappingProxyType, NoneType
 from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import EivorError, InputError, PoolingError, UsageError, did_you_mean
+from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
@@ -148,9 +149,10 @@ def identify_log(
     task = _task(recordings, options, windows, progress, choices)
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
+    begun: dict[str, FlightState] = {}
     for motion in motions:
         try:
-            results[motion.name] = task.result(motion)
+            results[motion.name] = task.result(motion, results, begun)
         except PoolingError:
             raise
         except (InputError, UsageError) as error:
@@ -181,12 +183,18 @@ class _Task:
     windows: list[tuple[float, float] | None]
     progress: Progress
 
-    def result(self, motion: Motion[Any]) -> FlightEstimate:
-        """Result of a motion."""
+    def result(
+        self,
+        motion: Motion[Any],
+        known: Mapping[str, FlightEstimate] = MappingProxyType({}),
+        begun: dict[str, FlightState] | None = None,
+    ) -> FlightEstimate:
+        """Result of a motion, with what is known and begun of others."""
         others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
-        result = identified(self.logs, motion, self.options, self.windows, others, progress=self.progress)
+        logs, windows = self.logs, self.windows
+        result = identified(logs, motion, self.options, windows, others, (), self.progress, begun)
         coupled = {axis.motion: motion_by_name(axis.motion) for axis in motion.abilities.coupled_axes}
-        return with_coupled_axes(result, coupled, self.logs, self.windows)
+        return with_coupled_axes(result, coupled, logs, windows, known)
 
 
 def _task(

@@ -246,7 +246,8 @@ def plan(
     """
     if not isinstance(source, VehicleGuess):
         expected = "a result, the path of its JSON file, or a vehicle"
-        fit = saved_of(source, expected, 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).')
+        remedy = 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).'
+        fit = saved_of(source, expected, remedy, preferred=("vertical",))
         model, prediction = fit.document.model, fit.document.prediction
         flown = {} if prediction is None else prediction.flown
         source = vehicle_of_result(model.name, model.input_map, fit.quantities, flown)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.report.flight_figures import flight_figure
 from eivor.report.json_document import json_document, json_text, log_document
-from eivor.report.saved_fit import SavedFit, fit_of, load_fit
+from eivor.report.saved_fit import SavedFit, fit_among, fit_of, load_fits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,12 +23,15 @@ def saved_fit(result: FlightEstimate) -> SavedFit:
     return fit_of(json_document(result))
 
 
-def saved_of(source: object, expected: str, remedy: str) -> SavedFit:
-    """Saved result of a result, of one, or of the path of its file."""
+def saved_of(source: object, expected: str, remedy: str, preferred: Sequence[str] = ()) -> SavedFit:
+    """Saved result of a motion's or a log's result, of one, or of the path of its file."""
     if isinstance(source, FlightEstimate):
         return saved_fit(source)
+    if isinstance(source, LogEstimate):
+        fits = {name: saved_fit(result) for name, result in source.motions.items()}
+        return fit_among(fits, preferred=preferred)
     if isinstance(source, str | Path):
-        return load_fit(source)
+        return fit_among(load_fits(source), preferred=preferred)
     if not isinstance(source, SavedFit):
         raise UsageError(expected, described(source), remedy)
     return source

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -341,19 +341,20 @@ def load_fit(file: str | Path, model: str = "") -> SavedFit:
     return fit_among(load_fits(file), model)
 
 
-def fit_among(
-    fits: Mapping[str, SavedFit], model: str = "", serves: Callable[[SavedFit], bool] = lambda _: True
-) -> SavedFit:
-    """The fit of a motion that is named, or the only one that serves; a `UsageError` of several."""
+def fit_among(fits: Mapping[str, SavedFit], model: str = "", preferred: Sequence[str] = ()) -> SavedFit:
+    """The fit of a motion that is named or preferred, or the only one with an estimate."""
     checks.text("model", model)
     if model and model not in fits:
-        remedy = did_you_mean(model, fits, "Name one of them with --model, or identify it.")
+        remedy = did_you_mean(model, fits, "Name one of them, or identify it.")
         raise UsageError(f"a motion of the result: {', '.join(fits)}", f"'{model}'", remedy)
-    serving = [name for name in fits if name == model or (not model and serves(fits[name]))]
-    if len(serving) > 1:
-        expected, received = "the motion that is meant", f"a result of several: {', '.join(serving)}"
-        raise UsageError(expected, received, f"Name one, such as --model {serving[0]}.")
-    return fits[serving[0]] if serving else next(iter(fits.values()))
+    fitted = [name for name, fit in fits.items() if fit.estimated is not None] or list(fits)
+    wanted = sorted((name for name in preferred if name in fits), key=lambda name: name not in fitted)
+    candidates = [model] if model else wanted[:1] or fitted
+    if len(candidates) > 1 and not preferred:
+        received = f"a result of several: {', '.join(candidates)}"
+        remedy = f"Name one: --model {candidates[0]}, in Python model='{candidates[0]}'."
+        raise UsageError("the motion that is meant", received, remedy)
+    return fits[candidates[0]]
 
 
 def load_fits(file: str | Path) -> dict[str, SavedFit]:

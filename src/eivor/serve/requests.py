@@ -15,7 +15,6 @@ import msgspec
 
 from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
-from eivor.motions.table import DEFAULT
 
 # -- Refusals --
 
@@ -77,7 +76,7 @@ class JobRequest:
 
     logs: tuple[tuple[str, str], ...]  # each log with its own window as words, empty for none
     # as words; empty where nothing was said
-    model: str = DEFAULT
+    model: str = ""
     vehicle: str = ""
     channel_map: str = ""
     mass: str = ""
@@ -105,7 +104,7 @@ def parse_job(body: bytes) -> JobRequest:
     words = (_text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass"))
     model, vehicle, channel_map, mass = words
     parsed, known = tuple(map(_log, job.logs)), _flight_options(options)
-    return JobRequest(parsed, model or DEFAULT, vehicle, channel_map, mass, known)
+    return JobRequest(parsed, model, vehicle, channel_map, mass, known)
 
 
 def _log(given: str | _WindowedLog) -> tuple[str, str]:

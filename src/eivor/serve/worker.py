@@ -21,7 +21,7 @@ from eivor.cli.parsing import (
     flight_options,
     identified,
     named,
-    named_motion,
+    named_motions,
     parse_window,
     position_of,
     with_distinct_names,
@@ -29,7 +29,7 @@ from eivor.cli.parsing import (
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
-from eivor.exports.targets import TARGETS, target_by_name
+from eivor.exports.targets import TARGETS, motions_for, target_by_name
 from eivor.logs import read_log
 from eivor.logs.channel_map import shipped_maps
 from eivor.logs.read import FURTHER_ENDINGS, readable_formats
@@ -42,7 +42,7 @@ from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
 from eivor.report.other_results import plan as planned
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.saved_fit import SavedFit, fit_among, load_fits
 from eivor.serve.jobs import REPORT, RESULT, File, KeptLog, Outcome, Task
 from eivor.serve.requests import MOST_FILES, JobRequest, refusal
 from eivor.signals.recording import Finding, Recording
@@ -121,8 +121,8 @@ def identify(
     with _temporary_files_in(folder):
         progress({"stage": "reading"})
         with _vehicle(request.vehicle, folder) as vehicle:
-            motion = named_motion(request.model, vehicle)
-        options = flight_options(motion, **request.options)
+            motions = named_motions(request.model, vehicle)
+        options = flight_options(motions, **request.options)
         supplied(request.mass, (), "")  # exports take it: what it says is reported now
         several, names, seen = len(request.logs) > 1, {}, Counter[str]()
         for log in dict.fromkeys(log for log, _ in request.logs):
@@ -142,11 +142,11 @@ def identify(
         windows = [item.window for item in given]
         check_windows(recordings, [window or options.window for window in windows])
         result = identified(
-            recordings, motion, options, windows, progress=lambda stage: progress({"stage": stage.value})
+            recordings, motions, options, windows, progress=lambda stage: progress({"stage": stage.value})
         )
         progress({"stage": "writing"})
         write_atomically(folder / RESULT, result.to_json())
-        progress({"done": {"status": result.verdict.status.value}})
+        progress({"done": {"status": result.status.value}})
         write_atomically(folder / REPORT, flight_page(result))
 
 
@@ -203,12 +203,12 @@ def _supplied(words: WordsOf, folder: Path) -> Supplied:
 
 def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, object]]:
     """Say of every target whether it can be written, and what stands in the way."""
-    given, result = _supplied(words, folder), load_fit(folder / RESULT)
+    given, fits = _supplied(words, folder), load_fits(folder / RESULT)
     listed = []
     for name, target in TARGETS.items():
         reason, omitted = "", []
         try:
-            omitted = list(_exported(result, name, given).omitted)
+            omitted = list(_exported(fit_among(fits, "", motions_for(name)), name, given).omitted)
         except EivorError as error:
             reason = str(error)
         entry = _named(name, target.words) | {"file": _file_name(stem, target)}
@@ -218,7 +218,8 @@ def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, obje
 
 def export(folder: Path, stem: str, words: WordsOf) -> File:
     """Write what a target takes."""
-    target, result = target_by_name(words["target"]), load_fit(folder / RESULT)
+    target = target_by_name(words["target"])
+    result = fit_among(load_fits(folder / RESULT), "", motions_for(target.name))
     return File(_file_name(stem, target), _exported(result, target.name, _supplied(words, folder)).text)
 
 

@@ -98,8 +98,8 @@ class MadeChannels(Mapping[str, "Channel"]):
 SILENCE_S = 10.0
 #: Of `Recording.parameters` of simulated flights: how often their controller issues commands [Hz].
 CONTROLLER_RATE = "controller_rate_hz"
-#: `Recording.vehicle` of what flies on rotors.
-ROTARY_WING = "rotary wing"
+#: `Recording.vehicle` of what flies on rotors alone, on rotors whose blades turn, and on wings too.
+ROTARY_WING, HELICOPTER, VTOL = "rotary wing", "helicopter", "VTOL"
 #: Standard acceleration of gravity [m/s^2].
 GRAVITY = 9.80665
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.

@@ -25,7 +25,7 @@ from eivor.logs.dataflash.sources import (
     MessageSource,
 )
 from eivor.signals.channels import CurveSide, unit_of
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, clean_channel
+from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, clean_channel
 from eivor.tools import Bool, Float
 
 # -- Air --
@@ -531,8 +531,22 @@ BUILDS = {
 _PREFIXES = ("ardu", "apm:", "")
 
 
-def vehicle_of(tables: Mapping[str, Messages]) -> str:
+#: What a vehicle is by its kind and FRAME_CLASS: helicopters of Copter, boats of Rover.
+FRAMES = {**{(ROTARY_WING, number): HELICOPTER for number in (6.0, 11.0, 13.0)}, ("rover", 2.0): "boat"}
+
+
+def vehicle_of(tables: Mapping[str, Messages], parameters: Mapping[str, float]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
+    kind = _kind_of_firmware(tables)
+    if kind == "fixed wing" and parameters.get("Q_ENABLE", 0.0) > 0.0:
+        return VTOL
+    texts = (text.lower() for (text,) in rows_of(tables, "MSG", "Message"))
+    if kind == ROTARY_WING and any(text.startswith("frame: heli") for text in texts):
+        return HELICOPTER
+    return FRAMES.get((kind, parameters.get("FRAME_CLASS", 0.0)), kind)
+
+
+def _kind_of_firmware(tables: Mapping[str, Messages]) -> str:
     kinds = [BUILDS[kind] for (kind,) in sorted(rows_of(tables, "VER", "BU")) if kind in BUILDS]
     if kinds:
         return kinds[0]

@@ -109,7 +109,7 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         parameters=parameters,
         looked_for=LOOKED_FOR,
         findings=(*findings, *findings_of(reading.profiles, reading.channels)),
-        vehicle=vehicle_of(tables),
+        vehicle=vehicle_of(tables, parameters),
         origin=dataflash_origin(tables, parameters),
     )
 

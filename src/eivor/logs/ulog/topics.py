@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.logs.common import channel_sources, logged_channel, source_tables
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, utc_time
+from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 
 # -- Topics --
 
@@ -269,6 +269,7 @@ LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "blimp"}
 #: MAV_TYPE of what does not hover on rotors; types that are not here say nothing against it.
 MAV_TYPES = {
     1.0: "fixed wing",
+    4.0: HELICOPTER,
     7.0: "blimp",
     8.0: "balloon",
     9.0: "rocket",
@@ -277,9 +278,15 @@ MAV_TYPES = {
     12.0: "submarine",
     16.0: "flapping wing",
     17.0: "kite",
+    **dict.fromkeys(map(float, range(19, 26)), VTOL),
 }
 #: CA_AIRFRAME of what does not hover on rotors.
-AIRFRAMES = {1.0: "fixed wing", **dict.fromkeys((5.0, 6.0, 13.0), "rover")}
+AIRFRAMES = {
+    1.0: "fixed wing",
+    **dict.fromkeys((2.0, 3.0, 4.0), VTOL),
+    **dict.fromkeys((5.0, 6.0, 13.0), "rover"),
+    **dict.fromkeys((10.0, 11.0, 12.0), HELICOPTER),
+}
 
 
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
@@ -287,7 +294,10 @@ def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> 
     status = topics.get("vehicle_status")
     vehicle_types = status.fields.get("vehicle_type", ()) if status is not None else ()
     kinds = [LOCOMOTION[kind] for kind in np.unique(vehicle_types).tolist() if kind in LOCOMOTION]
-    if kinds:
-        return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
     airframe = AIRFRAMES.get(parameters.get("CA_AIRFRAME", 0.0), "")
-    return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), airframe)
+    named = MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), airframe)
+    if len(kinds) > 1 and ROTARY_WING in kinds:
+        return VTOL
+    # what moves like another vehicle by PX4's word: its parameters name it closer
+    closer = {(ROTARY_WING, HELICOPTER), ("rover", "boat")}
+    return named if not kinds or (kinds[0], named) in closer else kinds[0]

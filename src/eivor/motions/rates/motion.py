@@ -12,7 +12,7 @@ from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import (
     Counts,
     CoupledAxis,
@@ -45,7 +45,7 @@ from eivor.motions.equation import (
     equation_prediction,
     simple_models,
 )
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
 # -- Axes --
@@ -157,25 +157,11 @@ LEVELS = ("input", "rotor_command", "rotor_speed")
 FASTEST_RATE = 40.0
 
 
-def multirotor_input(
-    log: Recording, families: tuple[InputFamily, ...], wanted: str, *, remedy: str, other: str
-) -> tuple[InputFamily, tuple[Channel, ...]]:
-    """Family and channels of the input of a multirotor, see `chosen_input`; others are refused."""
-    if log.vehicle not in ("", ROTARY_WING):
-        received = f"{log.name}, which says that it is of a {log.vehicle}"
-        raise InputError("a log of a multirotor", received, other)
-    return chosen_input(log, families, wanted, remedy=remedy)
-
-
 def selected(log: Recording, options: FlightOptions) -> Selection:
     """Channels of a log by role."""
-    family, _ = multirotor_input(
-        log,
-        INPUTS,
-        options.input,
-        remedy="Log the torque setpoints at 50 Hz or more",
-        other="Rotors turn it by their thrust; name another motion with --model if you have one.",
-    )
+    check_vehicle(log, options, HELICOPTER)  # its blades turn it, behind a lag of their own
+    remedy = "Log the torque setpoints at 50 Hz or more"
+    family, _ = chosen_input(log, INPUTS, options.input, remedy=remedy)
     for axis in (ROLL, PITCH):
         if axis.torque not in log.channels:
             needed = f"{axis.torque} in {log.name}"

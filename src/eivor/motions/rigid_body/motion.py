@@ -25,7 +25,7 @@ from eivor.flights.motion import (
     VehicleSupport,
 )
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import (
     Implications,
     Implied,
@@ -41,7 +41,7 @@ from eivor.flights.timestamps import with_corrected_stamps
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
-from eivor.motions.rates.motion import AXES, active, multirotor_input, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
 from eivor.motions.rigid_body.physical_parameters import (
     Combinations,
     PhysicalEstimateRow,
@@ -214,13 +214,9 @@ UNIT_WITHIN = 0.05
 def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> Selection:
     """Channels of a log by role."""
     log, erring = with_corrected_stamps(log)
-    family, commands = multirotor_input(
-        log,
-        INPUTS,
-        options.input,
-        remedy="Log the rotor commands or speeds at 100 Hz or more",
-        other="Name another motion with --model if you have one.",
-    )
+    check_vehicle(log, options)
+    remedy = "Log the rotor commands or speeds at 100 Hz or more"
+    family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
     if len(commands) != vehicle.count:
         raise InputError(

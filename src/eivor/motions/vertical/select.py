@@ -9,11 +9,11 @@ from functools import partial
 
 import numpy as np
 
-from eivor.errors import InputError, ShapeError
+from eivor.errors import ShapeError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import (
     AcrossFlights,
     Covariate,
@@ -26,7 +26,7 @@ from eivor.flights.quantity import (
 from eivor.flights.references import ReferenceSource
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.model import GRAVITY, CurveFamily
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
 
 # -- Attitude --
@@ -212,12 +212,7 @@ SLOW_ACCELERATION_HZ = 20.0
 
 def selected(log: Recording, options: FlightOptions) -> Selection:
     """Channels of a log by role, tilt limited."""
-    if log.vehicle not in ("", ROTARY_WING):
-        raise InputError(
-            "a log of a vehicle that hovers on its rotors",
-            f"{log.name}, which says that it is of a {log.vehicle}",
-            "The vertical motion is that of multirotors; name another motion with --model if you have one.",
-        )
+    check_vehicle(log, options)
     family, commands = chosen_input(
         log, INPUTS, options.input, remedy="Log the thrust setpoint or the rotor commands at 50 Hz or more"
     )

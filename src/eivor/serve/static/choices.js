@@ -39,7 +39,7 @@ function listOrFile(entries, given, none, kinds, changed = () => {}) {
 function choicesOf(flight) {
   const given = flight.options;
   const inputs = {
-    model: listOf(choices.models, given.model, choices.models.length ? null : "vertical"),
+    model: listOf(choices.models, given.model, "all that the log supports"),
     method: listOf(choices.methods, given.method, "the recipe's own"),
     lag: text("70:15", given.lag),
     input_channel: text("rotor_command", given.input_channel),
@@ -51,7 +51,7 @@ function choicesOf(flight) {
   const asked = () => {
     const words = Object.entries(inputs).map(([name, input]) => [name, input.value.trim()]);
     const every = [...words, ["vehicle", vehicle.value()], ["map", map.value()], ["compare", compare.checked], ["window", course?.value() || null]];
-    return Object.fromEntries(every.filter(([name, value]) => value && (name !== "model" || inputs.model.selectedIndex > 0)));
+    return Object.fromEntries(every.filter(([, value]) => value));
   };
   const again = button("Fit again", () => {
     picked = true;
