@@ -15,6 +15,8 @@ TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *M
 
 def motions_for(target: str) -> tuple[str, ...]:
     """Names of the motions that a target takes, the preferred one first."""
+    if target in {item.name for item in (*MODELS, *DRAWN_MODELS)}:
+        return ("vertical", "rigid-body", "rates")
     is_autopilot = target in {item.name for item in AUTOPILOTS}
     return ("vertical",) if is_autopilot else ("rigid-body", "vertical")
 
