@@ -284,7 +284,7 @@ def test_options_are_declared_once(page):
     kinds = {name: words[item.get("type") or item["anyOf"][0]["type"]] for name, item in declared.items()}
     assert kinds == {name: typed[name] for name in kinds}
     assert {*kinds} == {*typed} - {
-        *("logs", "example", "model", "vehicle", "channel_map"),
+        *("logs", "example", "model", "vehicle", "machine", "channel_map"),
         *("needs", "json", "figure", "html", "card", "help"),
     }
     body = {"logs": ["1"], "options": {"surprise": 1}}
