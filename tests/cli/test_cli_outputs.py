@@ -67,6 +67,8 @@ WORDS = frozenset(
         "--term",
         "--noise",
         "--for",
+        "--accept",
+        "--like",
         "--height",
         "--shape",
         "--home",

@@ -172,7 +172,7 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
         ({"window": "67:4"}, "a window START:END with START before END"),
         ({"lag": "x"}, "a lag MS:STD"),
         ({"method": "magic"}, "a method out of"),
-        ({"model": "rover"}, "a motion out of"),
+        ({"model": "rocket"}, "a motion out of"),
         ({"mass": "heavy"}, "VALUE or VALUE:STD for --mass"),
         ({"map": "rotorp"}, "Did you mean 'rotorpy'"),
         ({"map": "result.json"}, "a shipped map"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -468,7 +469,7 @@ def with_systematic_uncertainties(
     for name, part in parts.items():
         interval = widened(estimates[name].interval, estimates[name].value, part)
         quantities[name] = replace(estimates[name], interval=interval, systematic_uncertainties=part)
-    if any(name in parts for name in motion.quantities.headline):
+    if any(parts.get(name) for name in motion.quantities.headline):
         quantities |= _reciprocals(motion, quantities)
     return quantities
 
@@ -478,8 +479,9 @@ def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimat
     motion, prepared, numbers = state.motion, state.prepared, flight_diagnostics(state.prepared)
     quantities = not_estimated(motion)
     if motion.abilities.known is not None and state.flying:
-        known, checks = motion.abilities.known(state.flying)
-        quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
+        with suppress(TooFewSamplesError):
+            known, checks = motion.abilities.known(state.flying)
+            quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
     findings = (*flight_findings(prepared, motion.words), *own_findings(motion, prepared, quantities))
     refused = verdict([Reason(Status.REFUSED, sentence, remedy)])
     return FlightEstimate(motion, state.options, prepared, None, refused, quantities, numbers, findings)

@@ -49,12 +49,12 @@ def log():
 
 def shifted(log, name, late_s):
     channel = log.channels[name]
-    return changed(log, replace(channel, time_s=channel.time_s + late_s))
+    return with_channels(log, replace(channel, time_s=channel.time_s + late_s))
 
 
 def scaled(log, name, factor):
     channel = log.channels[name]
-    return changed(log, replace(channel, values=factor * channel.values))
+    return with_channels(log, replace(channel, values=factor * channel.values))
 
 
 def with_channels(log, *channels):
@@ -536,10 +536,10 @@ def test_what_a_term_needs_is_asked_for(driven_log):
 
 
 def test_the_command_line_takes_terms_before_a_log_is_read():
-    options = flight_options(Vertical(), terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
+    options = flight_options((Vertical(),), terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
     assert (options.terms, options.rotor_radius) == (("ground-effect", "voltage"), RADIUS)
     with pytest.raises(UsageError, match="received 'lift'"):
-        flight_options(Vertical(), terms=["lift"])
+        flight_options((Vertical(),), terms=["lift"])
 
 
 def test_motions_without_terms_say_so():
