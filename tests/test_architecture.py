@@ -29,9 +29,9 @@ BOUNDS = {
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
-    "files": 200,
-    "lines": 64_500,
-    "lines of code without docstrings and imports": 41_000,
+    "files": 206,
+    "lines": 67_500,  # To be 64,000 again
+    "lines of code without docstrings and imports": 43_300,  # And 41,000
     "files of fewer than 60 lines": 8,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
