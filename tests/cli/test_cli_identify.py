@@ -42,11 +42,12 @@ def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals
     run = shell("identify", "--example", "--json", "-")
     document = json.loads(run.out)
     assert run.code == 0
-    assert document["schema"] == "eivor.identify/1"
+    assert document["schema"] == "eivor.identify/2"
     assert run.err == ""
-    low, high = document["parameters"]["viscous_friction"]["interval"]
+    vertical = document["motions"]["vertical"]
+    low, high = vertical["parameters"]["viscous_friction"]["interval"]
     assert low < 0.180 < high
-    low, high = document["derived"]["effective_lag"]["interval"]
+    low, high = vertical["derived"]["effective_lag"]["interval"]
     assert low < 0.072 < high
 
 
@@ -60,7 +61,7 @@ def test_the_window_is_used(eivor, log, flight, tmp_path):
         (("--window", "0:9", f"{log}@5:20"), (5.0, 20.0)),
         (("--window", "-8:15", early), (-8.0, 15.0)),
     ):
-        document = json.loads(eivor("identify", *arguments, "--json", "-").out)
+        document = json.loads(eivor("identify", *arguments, "--json", "-").out)["motions"]["vertical"]
         assert document["window"] == pytest.approx(window, abs=0.02)
 
 
@@ -97,13 +98,13 @@ def test_a_pool_has_a_row_for_each_flight(eivor, flight, tmp_path):
         path.parent.mkdir()
         flight.slice(1500 * number, 1500).write_csv(path)
     run = eivor("identify", *paths, "--json", tmp_path / "pool.json", "--figure", tmp_path / "pool.png")
-    document = json.loads((tmp_path / "pool.json").read_text())
+    document = json.loads((tmp_path / "pool.json").read_text())["motions"]["vertical"]
     assert "Flights one by one" in run.out
     assert [row["log"] for row in document["flights"]] == [str(path) for path in paths]
     assert document["window"] is None
     assert len(document["parameters"]["intercept"]["by_segment"]) == 2
     parts = json.loads(eivor("identify", f"{paths[0]}@0:7", f"{paths[0]}@7:14", "--json", "-").out)
-    assert [row["log"] for row in parts["flights"]] == ["log.csv@0:7", "log.csv@7:14"]
+    assert [row["log"] for row in parts["motions"]["vertical"]["flights"]] == ["log.csv@0:7", "log.csv@7:14"]
     shutil.copy(paths[0], tmp_path / "copy.csv")
     run = eivor("identify", paths[0], tmp_path / "copy.csv")
     assert "same content" in run.out
@@ -224,8 +225,9 @@ def test_a_lag_is_taken_from_another_flight(eivor, log, tmp_path):
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0
     document = json.loads(other.read_text())
-    reported = document["derived"]["effective_lag"]
-    given = json.loads(eivor("identify", log, "--lag-from", other, "--json", "-").out)["given_lag"]
+    reported = document["motions"]["vertical"]["derived"]["effective_lag"]
+    run = eivor("identify", log, "--lag-from", other, "--json", "-")
+    given = json.loads(run.out)["motions"]["vertical"]["given_lag"]
     assert given["mean"] == reported["value"]
     low, high = reported["interval"]
     assert given["std"] == pytest.approx(max((high - low) / 4.0, reported["std_error"]))

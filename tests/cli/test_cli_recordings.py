@@ -22,16 +22,17 @@ CLEAN = (
 
 
 def _document(run):
-    document: dict[str, Any] = json.loads(run.out)
+    document: dict[str, Any] = json.loads(run.out)["motions"]["vertical"]
     return document
 
 
 @pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
-def test_a_hover_is_refused(eivor, recordings):
-    run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
+def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
+    run = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--for", "hover,friction")
     assert run.code == 3
+    assert "MPC_THR_HOVER 0.58 -> 0.5" in run.out
     assert "Not identified" in run.out
     assert "--card" in run.out
     card = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--card")

@@ -145,7 +145,7 @@ def test_it_foretells_what_identify_says(eivor, log, arguments):
     """With the same arguments, for one log and for several."""
     typed = [argument.replace("LOG", str(log)) for argument in arguments]
     foretold = json.loads(eivor("inspect", *typed, "--json", "-").out)
-    sentence = json.loads(eivor("identify", *typed, "--json", "-").out)
+    sentence = json.loads(eivor("identify", *typed, "--json", "-").out)["motions"]["vertical"]
     assert (foretold["verdict"], foretold["reasons"]) == (sentence["verdict"], sentence["reasons"])
 
 
