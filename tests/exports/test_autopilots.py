@@ -276,7 +276,7 @@ def test_real_flights(log, recordings, tmp_path, monkeypatch, command_line):
     px4, of_ardupilot = Path("vehicle.params").read_text(), Path("vehicle.param").read_text()
     assert "THR_MDL_FAC is not written: " in px4
     assert "Command: actuator_output, before the autopilot's thrust curve" in px4
-    assert list(qgc(px4)) == (["MPC_THR_HOVER"] if log == "battery_brownout" else [])
+    assert list(qgc(px4)) == ["MPC_THR_HOVER"]
     assert "MOT_THST_EXPO is not written: " in of_ardupilot
     assert "Command: actuator_output, behind the autopilot's thrust curve" in of_ardupilot
     assert ardupilot(of_ardupilot) == {}

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from eivor.errors import InputError, MissingChannelError
+from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction
@@ -162,6 +162,8 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
     check_vehicle(log, options, HELICOPTER)  # its blades turn it, behind a lag of their own
     remedy = "Log the torque setpoints at 50 Hz or more"
     family, _ = chosen_input(log, INPUTS, options.input, remedy=remedy)
+    if family.name != TORQUE:
+        raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
     for axis in (ROLL, PITCH):
         if axis.torque not in log.channels:
             needed = f"{axis.torque} in {log.name}"
