@@ -67,7 +67,7 @@ def test_an_interrupt_leaves_with_130():
     code = (
         "import os, signal, sys\n"
         "import eivor.motions.identify as motion\n"
-        "motion.identify_flight = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "motion.identify_log = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.argv = ['eivor', 'identify', '--example']\n"
         "from eivor.cli.main import run; run()"
     )

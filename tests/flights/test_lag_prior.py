@@ -17,6 +17,7 @@ from eivor.errors import ParameterError, UsageError
 from eivor.flights.estimate import (
     SENSORS_APART_S,
     FlightState,
+    diagnose_fit,
     estimated,
     lags_from_rates,
     single_frequency_hz,
@@ -301,7 +302,7 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
     def not_to_be_made(*_: object, **__: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr("eivor.flights.estimate.estimated", not_to_be_made)
+    monkeypatch.setattr("eivor.flights.estimate.STAGES", (not_to_be_made, diagnose_fit))
 
 
 @pytest.mark.thorough

@@ -656,7 +656,7 @@ def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     assert alone.verdict.status is Status.REFUSED
     (reason,) = [item for item in alone.quantities[COEFFICIENT].reasons if item.status is Status.REFUSED]
     assert "one frequency (0.3" in reason.sentence
-    assert "leave the viscous friction anywhere in [" in reason.sentence
+    assert "leave the viscous friction anywhere above " in reason.sentence
     assert reason.remedy.endswith("--lag MS:STD or --lag LOW..HIGH.")
     assert json.loads(alone.to_json())["parameters"][COEFFICIENT]["sets"]["anderson_rubin"][-1][1] is None
     known = ev.identify_flight(one_frequency, lag=ev.Prior(LAG_S, 0.015))

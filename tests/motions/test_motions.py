@@ -228,7 +228,7 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
         app, ["identify", str(tmp_path / "still.csv"), "--model", "rover", "--json", "-"]
     )
     assert done.exit_code == 3
-    document = json.loads(done.output)
+    document = json.loads(done.output)["motions"]["rover"]
     assert document["model"]["name"] == "rover"
     assert document["verdict"] == "refused"
     assert list(document["derived"]) == ["breakaway_command", "time_constant", "effective_lag"]

@@ -136,7 +136,7 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     assert outcome is None
     stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
     assert reported[:-1] == [{"stage": name} for name in stages]
-    path = json.loads((tmp_path / "result.json").read_bytes())
+    path = json.loads((tmp_path / "result.json").read_bytes())["motions"]["vertical"]
     assert reported[-1] == {"done": {"status": path["verdict"]}}
     (tmp_path / "typed").mkdir()
     monkeypatch.chdir(tmp_path / "typed")

@@ -22,7 +22,7 @@ from eivor.models.separable import Bounds, Prior
 from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Progress, no_stage_callback
+from eivor.tools import Progress, Stage, no_stage_callback
 
 # -- Identify --
 
@@ -146,7 +146,7 @@ def identify_log(
     """
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     motions = motions_of(models, str(vehicle))
-    task = _task(recordings, options, windows, progress, choices)
+    task = _task(recordings, options, windows, _each_once(progress), choices)
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
     begun: dict[str, FlightState] = {}
@@ -160,6 +160,18 @@ def identify_log(
     if not results:
         raise next(iter(errors.values()))
     return LogEstimate(results, {name: str(error) for name, error in errors.items()})
+
+
+def _each_once(progress: Progress) -> Progress:
+    """Progress that says each stage when the first motion begins it."""
+    begun: set[Stage] = set()
+
+    def first(stage: Stage) -> None:
+        if stage not in begun:
+            begun.add(stage)
+            progress(stage)
+
+    return first
 
 
 def motions_of(models: Sequence[str | Motion[Any]], vehicle: str = "") -> tuple[Motion[Any], ...]:

@@ -40,7 +40,7 @@ COLOURS = {
 }
 TONES = {Tone.PLAIN: "", Tone.FAINT: "dim", Tone.WARNING: "yellow"}
 #: Labels and words up to this length stay whole.
-LONGEST_WHOLE = 20
+LONGEST_WHOLE = LONGEST_LABEL = 20
 #: Below this width intervals stay in one line, too.
 NARROW = 72
 #: Blanks between columns.
@@ -147,7 +147,8 @@ def _bullets(part: Bullets) -> Table:
 
 def _facts(part: Facts) -> Table:
     grid = Table.grid(padding=(0, GAP))
-    grid.add_column(style="dim", no_wrap=True)
+    whole = all(len(label) <= LONGEST_LABEL for label, _ in part.facts)
+    grid.add_column(style="dim", no_wrap=whole, overflow="fold")
     grid.add_column(overflow="fold")
     for label, item in part.facts:
         text = _bullets(item) if isinstance(item, Bullets) else Text(printable(item))

@@ -237,6 +237,16 @@ def _drift_sentence(inputs: VerdictInputs) -> str:
     return f"{apart[0].upper()}{apart[1:]}: up to {size:.2g} ms in this flight."
 
 
+def _unless_given(size: Callable[[VerdictInputs], float]) -> Callable[[VerdictInputs, str], float]:
+    """The size, and nothing where the lag is given exactly."""
+
+    def of(inputs: VerdictInputs, name: str) -> float:
+        low, high = inputs.quantities[name].interval
+        return size(inputs) if low < high else 0.0
+
+    return of
+
+
 def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
     return share * abs(inputs.quantities[name].value)
 
@@ -338,14 +348,18 @@ PARTS = (
     ),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
-    SystematicPart(SEARCHED, Counts.ADDED, lambda inputs, _: _clocks_apart_s(inputs)[0], _drift_sentence),
+    SystematicPart(
+        SEARCHED, Counts.ADDED, _unless_given(lambda inputs: _clocks_apart_s(inputs)[0]), _drift_sentence
+    ),
     SystematicPart(
         (FRICTION, GAIN),
         Counts.ADDED,
         lambda inputs, name: _by_offset(inputs, name, _clocks_apart_s(inputs)[0]),
         _drift_sentence,
     ),
-    SystematicPart(SEARCHED, Counts.ADDED, lambda inputs, _: inputs.checks.omitted.slewed_s, _slew_sentence),
+    SystematicPart(
+        SEARCHED, Counts.ADDED, _unless_given(lambda inputs: inputs.checks.omitted.slewed_s), _slew_sentence
+    ),
     SystematicPart(
         (FRICTION, GAIN),
         Counts.ADDED,
@@ -355,7 +369,7 @@ PARTS = (
     SystematicPart(
         SEARCHED,
         Counts.INDEPENDENT,
-        lambda inputs, _: _clocks_apart_s(inputs)[1],
+        _unless_given(lambda inputs: _clocks_apart_s(inputs)[1]),
         lambda inputs: (
             "The log may have several clocks, whose drift is not known better: they may be "
             f"{1e3 * _clocks_apart_s(inputs)[1]:.2g} ms apart."
