@@ -60,7 +60,7 @@ def _document(document: Document) -> Iterator[RenderableType]:
     if document.title:
         yield _head(document)
     if document.card is not None:
-        yield from _card(document.card)
+        yield CardText(document.card)
     for section in document.sections:
         yield from _section(section)
 
@@ -72,29 +72,44 @@ def _head(document: Document) -> Text:
     return head.append("\n").append(printable(about), style=style) if about else head
 
 
-def _card(card: Card) -> Iterator[RenderableType]:
-    """Groups one below the other; numbers of all begin in one column."""
-    lines = [line for group in card.groups for line in group.lines if line.quantity]
-    width = max((_width(line.words) for line in lines), default=0)
-    symbols = max((_width(line.symbol) for line in lines), default=0)
-    yield Text()
-    for group in card.groups:
-        style = COLOURS[group.look.value]
-        yield Text(printable(group.heading), style=style)
-        grid = Table.grid(padding=(0, GAP, 0, 0))
-        grid.add_column(width=width, no_wrap=True)
-        grid.add_column(width=symbols, no_wrap=True, style="dim")
-        grid.add_column(overflow="fold")
-        for line in group.lines:
-            if line.quantity:
-                grid.add_row(Text(printable(line.words)), Text(printable(line.symbol)), _number(line))
-            else:
-                text = f"{printable(line.words)}: {printable(line.text)}"
-                yield Padding(Text(text, overflow="fold"), (0, 0, 0, GAP))
-                if line.remark:
-                    yield Padding(Text(printable(line.remark), style="dim"), (0, 0, 0, 2 * GAP))
-        if grid.row_count:
-            yield Padding(grid, (0, 0, 0, GAP))
+@dataclass(frozen=True, slots=True)
+class CardText:
+    """A card whose numbers stand below their words where an interval would break beside them."""
+
+    card: Card
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        """Groups one below the other; numbers of all begin in one column."""
+        lines = [line for group in self.card.groups for line in group.lines if line.quantity]
+        width, symbols, numbers = (
+            (
+                max((_width(text) for text in texts), default=0)
+                for texts in zip(*((line.words, line.symbol, line.number) for line in lines), strict=True)
+            )
+            if lines
+            else (0, 0, 0)
+        )
+        below = width + symbols + numbers + 3 * GAP > options.max_width
+        yield Text()
+        for group in self.card.groups:
+            yield Text(printable(group.heading), style=COLOURS[group.look.value])
+            grid = Table.grid(padding=(0, GAP, 0, 0))
+            grid.add_column(width=width, no_wrap=True)
+            grid.add_column(width=symbols, no_wrap=True, style="dim")
+            grid.add_column(overflow="fold")
+            for line in group.lines:
+                words = Text(printable(line.words))
+                if not line.quantity:
+                    yield Padding(words.append(f": {printable(line.text)}"), (0, 0, 0, GAP))
+                    if line.remark:
+                        yield Padding(Text(printable(line.remark), style="dim"), (0, 0, 0, 2 * GAP))
+                elif below:
+                    yield Padding(words.append(f"  {printable(line.symbol)}"), (0, 0, 0, GAP))
+                    yield Padding(_number(line), (0, 0, 0, 2 * GAP))
+                else:
+                    grid.add_row(words, Text(printable(line.symbol)), _number(line))
+            if grid.row_count:
+                yield Padding(grid, (0, 0, 0, GAP))
 
 
 def _number(line: CardLine) -> Text:
