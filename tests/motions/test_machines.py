@@ -99,7 +99,7 @@ def boat_case(rng, count, step_s):
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("name", "case", "seconds", "step_s", "off"),
-    [("linear-axis", axis_case, 30.0, 0.005, 0.03), ("boat-yaw-quadratic", boat_case, 300.0, 0.1, 0.1)],
+    [("linear-axis", axis_case, 30.0, 0.002, 0.03), ("boat-yaw-quadratic", boat_case, 300.0, 0.1, 0.1)],
 )
 def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, seconds, step_s, off):
     machine = ev.load_machine(name)
