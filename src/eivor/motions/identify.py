@@ -146,7 +146,8 @@ def identify_log(
     """
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     motions = motions_of(models, str(vehicle))
-    task = _task(recordings, options, windows, _each_once(progress), choices)
+    task = _task(recordings, options, windows, progress, choices)
+    task = replace(task, progress=_each_once(task.progress))
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
     begun: dict[str, FlightState] = {}
