@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +20,7 @@ TRUE = 0.65
 HOVER = 0.25
 
 
+@cache
 def px4_log(in_force=0.3, outputs="actuator_motors", true=TRUE):
     """A ULog of a minute."""
     simulated = dataflash_writer.simulated(seed=3, duration=60.0)
@@ -26,6 +28,7 @@ def px4_log(in_force=0.3, outputs="actuator_motors", true=TRUE):
     return content
 
 
+@cache
 def ardupilot_log(in_force=0.3, true=TRUE):
     """A DataFlash log of the same flight, motor outputs at 50 Hz."""
     simulated = dataflash_writer.simulated(seed=3, duration=60.0)
@@ -35,13 +38,16 @@ def ardupilot_log(in_force=0.3, true=TRUE):
 
 def identified(log, **choices):
     """The document of its result."""
+    document: dict[str, Any] = json.loads(_identified(log, **choices))
+    return document
+
+
+@cache
+def _identified(log, **choices):
     with TemporaryDirectory() as folder, shape_checks.unchecked(), coarse():
         path = Path(folder) / ("flight.ulg" if log.startswith(b"ULog") else "flight.bin")
         path.write_bytes(log)
-        document: dict[str, Any] = json.loads(
-            ev.identify_flight(ev.read_log(os.fspath(path)), **choices).to_json()
-        )
-    return document
+        return ev.identify_flight(ev.read_log(os.fspath(path)), **choices).to_json()
 
 
 def curve_told(document):

@@ -1,6 +1,7 @@
 """A small writer of DataFlash logs: messages of any layout in order of time, a flight in four dialects."""
 
 import struct
+from functools import cache
 
 import numpy as np
 
@@ -136,6 +137,7 @@ MODES = {0.0: 3}
 CURVE, SPIN_MIN, SPIN_MAX, LOW, HIGH = 1.0, 0.15, 0.95, 1100.0, 1900.0
 
 
+@cache
 def simulated(**spec):
     (flight,) = simulate_vertical_flights([VerticalFlightSpec(**spec)])
     assert flight.flew

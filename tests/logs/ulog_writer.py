@@ -58,10 +58,10 @@ class UlogWriter:
             self.definitions += message("F", f"{name}:{';'.join(texts)};".encode())
         number = len(self.topics) * 16 + instance
         self.data += message("A", struct.pack("<BH", instance, number) + name.encode())
-        for row, time in enumerate(times_s):
-            stamp = (self.start_us + round(time * 1e6)) % 2**64
-            row_values = [v[row].item() for v in columns]
-            self.data += message("D", struct.pack("<H", number) + struct.pack(codes, stamp, *row_values))
+        stamps = [(self.start_us + round(time * 1e6)) % 2**64 for time in times_s.tolist()]
+        rows = zip(stamps, *(values.tolist() for values in columns), strict=True)
+        head, packed = struct.pack("<H", number), struct.Struct(codes).pack
+        self.data += b"".join(message("D", head + packed(*row)) for row in rows)
         return self
 
     def dropout(self, milliseconds):
