@@ -5,8 +5,10 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
+import pandas as pd
 import polars as pl
 import pytest
+from linearmodels.iv import IV2SLS
 
 import eivor as ev
 from eivor.errors import CorruptLogError, EivorError, did_you_mean
@@ -107,6 +109,31 @@ def test_numbers_of_other_kinds_are_converted():
     series = pl.Series([1, None, 3])
     channel = ev.recording_from_columns({"time": [0, 1, 2], "velocity_z": series}).channels["velocity_z"]
     np.testing.assert_array_equal(channel.values, [1.0, np.nan, 3.0])
+
+
+@pytest.mark.parametrize("table", [pd.DataFrame, pl.DataFrame])
+def test_names_of_tables_are_kept(table):
+    columns = {"slope": PHI[:, 0], "offset": PHI[:, 1]}
+    fit = ev.iv(table({"y": Y})["y"], table(columns), PSI)
+    assert tuple(fit.params) == fit.names == ("slope", "offset")
+    assert ev.iv(Y, table(columns)["offset"]).names == ("offset",)
+    assert ev.iv(Y, table(columns), PSI, names=("a", "b")).names == ("a", "b")
+    assert ev.regression(Y, PHI).names == ("theta_1", "theta_2")
+
+
+def test_two_stage_least_squares_is_that_of_another_package():
+    fit = ev.iv(Y, PHI, PSI)
+    theirs = IV2SLS(Y, None, PHI, PSI).fit(cov_type="robust")
+    robust = fit.with_covariance(ev.covariances.HeteroskedasticityRobust())
+    np.testing.assert_allclose(list(fit.params.values()), theirs.params, rtol=1e-9)
+    np.testing.assert_allclose(list(robust.std_errors.values()), theirs.std_errors, rtol=0.05)
+    unrelated = ev.iv(RNG.standard_normal(60), PHI, PSI)
+    for name, p_value in unrelated.pvalues.items():
+        low, high = unrelated.conf_int(1.0 - p_value)[name]
+        assert min(abs(low), abs(high)) < 1e-9
+    assert "60 rows; covariance: equal weighted cosines\n" in fit.summary()
+    assert "first-stage F" in fit.summary()
+    assert fit.to_html() == fit._repr_html_()
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

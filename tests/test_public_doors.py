@@ -109,6 +109,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "HeavyTailedNoise": {"degrees": {"whole"}, "std": NUMBER},
     "RoundingNoise": {"std": NUMBER},
     "WhiteNoise": {"std": NUMBER},
+    "iv": {"names": {"none", "texts"}, "Z": {"none"}},
     "regression": {"names": {"none", "texts"}, "noise_covariance instrument_noise_covariance": {"none"}},
     "Regression": {"regressor_noise instrument_noise": {"none"}},
     "Scenario": {
@@ -278,6 +279,10 @@ def doors(folder):
         "Bounds": (ev.Bounds, {"low": -2.0, "high": 4.0}),
         "Prior": (ev.Prior, {"mean": 0.07, "std": 0.015}),
         "WhiteNoise": (ev.WhiteNoise, std),
+        "iv": (
+            ev.iv,
+            {"y": m.rows.response, "X": m.rows.regressors, "Z": m.rows.instruments, "names": ("a", "b")},
+        ),
         "anderson_rubin_set": (ev.anderson_rubin_set, {"problem": m.rows, "method": m.iv}),
         "bootstrap": (ev.bootstrap, {"problem": m.rows, "method": m.iv, "runs": 3, "block_length": 2}),
         "bootstrap_flights": (ev.bootstrap_flights, {"fit": None, "runs": 3}),

@@ -9,6 +9,7 @@ from eivor.estimation.diagnose import Diagnostics as Diagnostics
 from eivor.estimation.diagnose import diagnose as diagnose
 from eivor.estimation.estimate import Estimate as Estimate
 from eivor.estimation.methods import identify as identify
+from eivor.estimation.methods import iv as iv
 from eivor.estimation.recursive import ChangeDetector as ChangeDetector
 from eivor.estimation.recursive import RecursiveIdentification as RecursiveIdentification
 from eivor.estimation.recursive import identify_recursively as identify_recursively

@@ -53,7 +53,7 @@ def test_unequal_lengths():
 
 def test_wrong_dimensions():
     with pytest.raises(ShapeError, match="two dimensions"):
-        ev.regression(response=Y, regressors=PHI[:, 0])
+        ev.regression(response=Y, regressors=PHI[None])
     with pytest.raises(ShapeError, match=r"shape \(rows,\)"):
         ev.regression(response=Y[:, None], regressors=PHI)
 

@@ -162,7 +162,7 @@ def test_friction_of_the_wrong_sign_is_refused(log):
     backward = changed(
         log, velocity_z=-velocity.values, specific_force_z=log.channels["specific_force_z"].values
     )
-    result = ev.identify_flight(replace(backward), ev.FlightOptions(method="least_squares"))
+    result = ev.identify_flight(replace(backward), ev.FlightOptions(method=ev.methods.least_squares()))
     assert result.verdict.status is ev.Status.REFUSED
     assert "which no vehicle has" in result.verdict.sentences[0]
 

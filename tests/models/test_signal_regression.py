@@ -262,7 +262,7 @@ def test_a_layout_of_another_length_is_no_single_flight(count):
     ("given", "error", "said"),
     [
         ({"response": Y[:, None]}, ShapeError, r"response of shape \(rows,\)"),
-        ({"regressors": Y}, ShapeError, "regressors with two dimensions"),
+        ({"regressors": PHI[None]}, ShapeError, "regressors with two dimensions"),
         ({"response": Y[:5]}, ShapeError, "equally many rows"),
         ({"names": ["K"]}, ShapeError, "one name for each of 2 regressors"),
         ({"response": Y[:1], "regressors": PHI[:1]}, TooFewSamplesError, "at least 2 rows"),

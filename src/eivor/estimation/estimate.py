@@ -370,6 +370,37 @@ class Estimate:
         value, half = float(direction @ self.values), self.joint_covariance.half_width(direction, level)
         return value - half, value + half
 
+    def p_value(self, name: str) -> float:
+        """Of the hypothesis that a parameter is zero, two-sided: its interval of level 1 - p ends at zero.
+
+        Raises
+        ------
+        UsageError
+            When there is no parameter of that name.
+        """
+        direction = self.direction(name)
+        value = float(direction @ self.values)
+        return max(part.p_value(direction, value) for part in self.joint_covariance.parts)
+
+    @property
+    def params(self) -> dict[str, float]:
+        """`parameters`, by the name that other packages use."""
+        return self.parameters
+
+    @property
+    def std_errors(self) -> dict[str, float]:
+        """`std_error` of each joint parameter."""
+        return {name: self.std_error(name) for name in self.names}
+
+    @property
+    def pvalues(self) -> dict[str, float]:
+        """`p_value` of each joint parameter."""
+        return {name: self.p_value(name) for name in self.names}
+
+    def conf_int(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """`interval` of each joint parameter."""
+        return {name: self.interval(name, level) for name in self.names}
+
     def to_frame(self) -> pl.DataFrame:
         """Table of the parameters.
 
@@ -397,11 +428,14 @@ class Estimate:
         values = ", ".join(f"{name} {value:.5g}" for name, value in self.parameters.items())
         return f"<Estimate by {self.method}: {values}; {self.status.value}>"
 
-    def _repr_html_(self) -> str:
+    def to_html(self) -> str:
+        """Table of `to_frame` as an element of HTML, texts escaped; notebooks show it."""
         frame = self.to_frame()
         rows = [[f"{x:.5g}" if isinstance(x, float) else str(x) for x in row] for row in frame.rows()]
         note = " ".join(f"{reason.sentence} {reason.remedy}" for reason in self.reasons)
         return html_table(f"{self.method}: {self.status.value}", frame.columns, rows, note)
+
+    _repr_html_ = to_html
 
     def to_json(self) -> str:
         """Text of a JSON document: the table of `to_frame`, row by row, and the covariance."""
@@ -415,7 +449,7 @@ class Estimate:
         return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
     def summary(self) -> str:
-        """Table of parameters as text, with standard errors."""
+        """Table of parameters as text: standard errors, rows, covariance, J and the least first-stage F."""
         if not self.has_covariance:
             values = (f"{name:<20}{value:>12.5g}" for name, value in self.parameters.items())
             return "\n".join([f"{self.method} (from moments: no standard errors)", *values])
@@ -425,6 +459,13 @@ class Estimate:
             low, high = self.interval(name)
             interval = f"[{low:.5g}, {high:.5g}]"
             lines.append(f"{name:<20}{value:>12.5g}{self.std_error(name):>12.3g}{interval:>30}  {unit}")
+        covariances = ", ".join(part.name.replace("_", " ") for part in self.joint_covariance.parts)
+        lines.append(f"{self.count:.0f} rows; covariance: {covariances}")
+        if self.has_rows and self.assembler.needs_instruments:
+            (J, p_value), strengths = self.over_identification, self.first_stage
+            weakest = int(np.argmin(strengths))
+            over = f"J {J:.3g} (p {p_value:.2g})" if self.degrees > 0 and math.isfinite(J) else "no J"
+            lines.append(f"{over}; first-stage F {strengths[weakest]:.3g} for {self.names[weakest]}")
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 
+from numpy.typing import ArrayLike
+
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.diagnose import contradiction
@@ -30,7 +32,7 @@ from eivor.linalg.total_least_squares import (
     Fuller,
     LeastSquares,
 )
-from eivor.models.regression import LinearProblem
+from eivor.models.regression import LinearProblem, regression
 from eivor.models.separable import SeparableProblem
 
 # -- Fit --
@@ -82,6 +84,36 @@ def identify(problem: Problem, method: Method) -> Estimate:
     if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
         return estimate
     return replace(estimate, reasons=(*estimate.reasons, *contradiction(problem, estimate)))
+
+
+def iv(
+    y: ArrayLike, X: ArrayLike, Z: ArrayLike | None = None, *, names: Sequence[str] | None = None
+) -> Estimate:
+    """Two-stage least squares of arrays or tables; least squares without instruments.
+
+    Parameters
+    ----------
+    y : array_like, shape (rows,)
+        Response, rows in time order.
+    X : array_like, shape (rows, n) or (rows,)
+        Regressors. Add a column of ones for an intercept.
+    Z : array_like, shape (rows, p) or (rows,), optional
+        Instruments: exogenous columns, those of the regressors that are exogenous among them.
+    names : sequence of str, optional
+        Names of the parameters; see `regression`.
+
+    Returns
+    -------
+    Estimate
+        Its intervals hold for autocorrelated errors; `Estimate.with_covariance` gives others.
+
+    Raises
+    ------
+    DataError, ShapeError, NonFiniteError, TooFewSamplesError, InstrumentError, EstimationError
+        See `regression` and `identify`.
+    """
+    problem = regression(y, X, Z, names=names)
+    return identify(problem, least_squares() if Z is None else extended_iv(TwoStage()))
 
 
 # -- Methods --
@@ -288,14 +320,16 @@ TABLE: dict[str, Callable[[], Method]] = {
 }
 
 
-def by_name(name: str) -> Method:
-    """Return the method for flights of that name.
+def by_name(name: str | Method) -> Method:
+    """Return the method for flights of that name; a method is its own.
 
     Raises
     ------
     UsageError
         When there is none.
     """
+    if isinstance(name, Method):
+        return name
     checks.text("method", name)
     if name not in TABLE:
         raise UsageError(

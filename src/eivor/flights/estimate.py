@@ -201,7 +201,7 @@ def pose_problem(state: FlightState) -> FlightState:
         (f.noise, (*(f.states if own else ()), *(f.driving if by_input and f.input.measured else ())))
         for f in flying
     ]
-    check_declared(needed, state.options.method)
+    check_declared(needed, state.method.name)
     state = replace(state, problem=motion.problem(flying, rule))
     comparison = motion.abilities.sensors
     if comparison is None:

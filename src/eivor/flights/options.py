@@ -9,6 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
+from eivor.estimation.method import Method
 from eivor.flights.references import Declared, check_noise
 from eivor.models.separable import Bounds, Prior
 
@@ -49,8 +50,8 @@ class FlightOptions:
     instruments : tuple of str
         ("references",), ("lags",), or names of channels; empty for the method's own: references, and
         lags for extended_iv.
-    method : str
-        A name out of `eivor.methods`.
+    method : str or Method
+        One of `eivor.methods`, or its name.
     compare : bool
         Estimate with every method and list the results side by side.
     lag : Prior or Bounds, optional
@@ -90,7 +91,7 @@ class FlightOptions:
     input: str = ""
     input_map: str = ""
     instruments: tuple[str, ...] = ()
-    method: str = "reference_iv"
+    method: str | Method = "reference_iv"
     compare: bool = False
     lag: Prior | Bounds | None = None
     align: bool = False
@@ -138,7 +139,9 @@ class FlightOptions:
         for name in ("max_tilt_deg", "accelerometer_bias", "rotor_radius", "controller_rate_hz"):
             if getattr(self, name) is not None or name in ("max_tilt_deg", "accelerometer_bias"):
                 checks.number(name, getattr(self, name))
-        for name in ("input", "input_map", "method", "pool_friction"):
+        if not isinstance(self.method, Method):
+            checks.text("method", self.method)
+        for name in ("input", "input_map", "pool_friction"):
             checks.text(name, getattr(self, name))
         for name, example in (("instruments", "references"), ("terms", "quadratic-drag")):
             checks.items(name, getattr(self, name), str, "names", f'Give ("{example}",), for example.')

@@ -16,6 +16,7 @@ import numpy as np
 from eivor.errors import EstimationError, UsageError, did_you_mean
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.methods import by_name
 from eivor.estimation.pool import Pooled
 from eivor.estimation.profile_sets import ParameterSets, ProfileSets
 from eivor.flights.lag_prior import LAG_SUMS, LagPrior
@@ -399,7 +400,7 @@ class FlightEstimate:
     @property
     def method(self) -> str:
         """Name of the method used."""
-        return self.options.method if self.fit is None else self.fit.estimate.method
+        return by_name(self.options.method).name if self.fit is None else self.fit.estimate.method
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -14,7 +14,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.inference.distributions import normal_quantile, t_quantile
+from eivor.inference.distributions import normal_quantile, t_p_value, t_quantile
 from eivor.inference.estimating_equation import EstimatingEquation, singular_sensitivity
 from eivor.inference.kernel import (
     AndrewsRule,
@@ -57,6 +57,11 @@ class CovariancePart:
             return math.inf
         quantile = t_quantile(level, self.degrees)
         return quantile * math.sqrt((self.variance(direction) + extra_variance) / self.share)
+
+    def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
+        """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
+        std_error = math.sqrt(self.variance(direction) / self.share)
+        return t_p_value(value / std_error, self.degrees) if std_error else float(value == 0.0)
 
 
 @dataclass(frozen=True)

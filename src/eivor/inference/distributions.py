@@ -37,6 +37,13 @@ def t_quantile(level: float, degrees: float | int) -> float:
     return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
+def t_p_value(statistic: float, degrees: float) -> float:
+    """Probability of a larger absolute value of Student's t; 1 without degrees of freedom."""
+    if math.isinf(degrees):
+        return float(2.0 * scipy.special.ndtr(-abs(statistic)))
+    return float(2.0 * scipy.special.stdtr(degrees, -abs(statistic))) if degrees > 0 else 1.0
+
+
 def chi_square_quantile(level: float, degrees: float = 1) -> float:
     """Value that a chi-square variable stays below with probability `level`."""
     return float(scipy.special.chdtri(degrees, 1.0 - level))

@@ -447,10 +447,10 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
 
 
 def regression(
-    *,
     response: ArrayLike,
     regressors: ArrayLike,
     instruments: ArrayLike | None = None,
+    *,
     names: Sequence[str] | None = None,
     noise_covariance: ArrayLike | None = None,
     instrument_noise_covariance: ArrayLike | None = None,
@@ -461,12 +461,13 @@ def regression(
     ----------
     response : array_like, shape (rows,)
         y.
-    regressors : array_like, shape (rows, n)
+    regressors : array_like, shape (rows, n) or (rows,)
         Phi. Add a column of ones for an intercept.
-    instruments : array_like, shape (rows, p), optional
+    instruments : array_like, shape (rows, p) or (rows,), optional
         Psi, exogenous columns, those of the regressors that are exogenous among them.
     names : sequence of str, optional
-        Names of the parameters; default ``theta_1``, ``theta_2``, ...
+        Names of the parameters; default those of a table's columns, as of pandas or polars, or
+        ``theta_1``, ``theta_2``, ...
     noise_covariance : array_like, shape (n + 1, n + 1), optional
         Covariance of the measurement noises of the regressors and, last, the response; zero rows and
         columns for exact ones. For total least squares and bias-compensated least squares.
@@ -486,13 +487,13 @@ def regression(
     ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError, UsageError
         See `Regression`.
     """
-    Phi = _matrix("regressors", regressors)
+    Phi = _columns("regressors", regressors)
     y = checks.real_array("response", response)
     if y.ndim != 1:
         remedy = "Use .ravel() or choose a column."
         raise ShapeError("a response of shape (rows,)", f"shape {y.shape}", remedy)
-    Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
-    labels = tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
+    Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _columns("instruments", instruments)
+    labels = _column_names(regressors) or tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
     if names is not None:
         checks.texts("names", names, "Give one name for each regressor.")
         labels = tuple(names)
@@ -505,6 +506,20 @@ def regression(
     _check_noise(Phi, Psi, regressor_noise, shared)
     parameters = tuple(Parameter(label) for label in labels)
     return Regression(y, Phi, Psi, parameters, regressor_noise=regressor_noise, instrument_noise=shared)
+
+
+def _column_names(table: object) -> tuple[str, ...]:
+    """Names of a table's columns, or of a series; none of an array."""
+    names = getattr(table, "columns", None)
+    name = getattr(table, "name", None)
+    if names is None:
+        return (name,) if isinstance(name, str) and name else ()
+    return tuple(str(item) for item in names)
+
+
+def _columns(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
+    columns = checks.real_array(name, values)
+    return columns[:, None] if columns.ndim == 1 else _matrix(name, columns)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:

@@ -10,6 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import EivorError, InputError, PoolingError, UsageError, did_you_mean
+from eivor.estimation.method import Method
 from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
@@ -38,7 +39,7 @@ class OptionChoices(TypedDict, total=False):
     input: str
     input_map: str
     instruments: tuple[str, ...]
-    method: str
+    method: str | Method
     compare: bool
     lag: Prior | Bounds | None
     align: bool
