@@ -100,7 +100,7 @@ def test_shared_moments_give_what_identify_gives(name):
     signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
     model = VerticalMotion(intercept=False)
     instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
-    for method, item in zip(METHODS, estimates(chosen, signals).theta, strict=True):
+    for method, item in zip(METHODS, estimates(chosen, signals)[0], strict=True):
         columns = instruments.get(method.partition("_iv")[0], ())
         expected = identify(model.regression(signals, columns), getattr(methods, method)())
         assert item == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
@@ -129,11 +129,11 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     smallest = np.linalg.svd(np.column_stack([X, b]), compute_uv=False)[-1]
     least = np.linalg.solve(X.T @ X, X.T @ b)
     total = np.linalg.solve(X.T @ X - smallest**2 * np.eye(2), X.T @ b)
-    result = dict(zip(METHODS, estimates(chosen, signals).theta, strict=True))
+    result = dict(zip(METHODS, estimates(chosen, signals)[0], strict=True))
     assert result["generalized_iv"] == pytest.approx(least, rel=1e-8)
     assert result["generalized_iv_tls"] == pytest.approx(total, rel=1e-8)
     # What rounding leaves is far below what the misprints do.
-    shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals).theta[-2]
+    shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals)[0][-2]
     far = np.abs(result["generalized_iv"] / shared - 1.0).max()
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 

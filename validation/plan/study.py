@@ -35,13 +35,13 @@ from eivor.simulation.environment import (
     altitude_reference,
     gusts,
     sensor_errors,
-    simulated_recording,
 )
 from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
+    vertical_recording,
 )
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.pages import markdown
@@ -107,23 +107,7 @@ class OwnVehicle:
         velocity = gains * min(0.35 / (self.lag_s + STEP_S / 2.0), 5.0)
         controller = AltitudeController(0.3 * velocity / gains**2, velocity, 0.05 * velocity**2)
         motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=controller)
-        recording = simulated_recording(
-            f"{self.name}, seed {seed}",
-            simulator="vertical",
-            time_s=STEP_S * np.arange(count),
-            held={
-                "rotor_command_1": motion.command[:, 0],
-                "reference_position_z": reference.position,
-                "reference_velocity_z": reference.velocity,
-                "reference_acceleration_z": reference.acceleration,
-            },
-            sampled={
-                "position_z": motion.position[:, 0] + errors.position[:, 0],
-                "velocity_z": motion.velocity[:, 0] + errors.velocity[:, 0],
-                "specific_force_z": motion.specific_force[:, 0] + errors.acceleration[:, 0],
-                "cos_tilt": tilt,
-            },
-        )
+        recording = vertical_recording(f"{self.name}, seed {seed}", "vertical", environment, motion, 0)
         return FlownPlan(recording, motion.position[:, 0], motion.velocity[:, 0])
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any
@@ -13,6 +15,7 @@ from eivor.cli.outputs import (
     ExitCode,
     FitModelOption,
     JsonOption,
+    P,
     Reads,
     Writes,
     flag,
@@ -23,9 +26,14 @@ from eivor.cli.outputs import (
 )
 
 
-def _work(command: str, **given: Any) -> ExitCode:
-    """Do the work of a command, whose module is named, since help loads nothing of the library."""
-    done: ExitCode = resolve_name(f"eivor.cli.results:{command}")(**given)
+def done_in_results(command: Callable[P, None]) -> Callable[P, ExitCode]:
+    """A declared command, done by the function of its name in `results.py`, which help does not load."""
+
+    @wraps(command)
+    def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
+        code: ExitCode = resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
+        return code
+
     return done
 
 
@@ -52,6 +60,7 @@ IDENTIFY_EXIT_CODES = (
 
 
 @guarded
+@done_in_results
 @with_options(FlightWords, LogWords)
 def identify(
     *,
@@ -67,9 +76,8 @@ def identify(
         bool, flag("--card", "Print the flight card too: what to fly and to log instead.")
     ] = False,
     **given: Any,
-) -> ExitCode:
+) -> None:
     """Identify what logs support: vertical motion, turning, and the rigid body of a --vehicle."""
-    return _work("identify", needs=needs, json=json, figure=figure, html=html, card=card, **given)
 
 
 # -- Report --
@@ -82,15 +90,15 @@ REPORT_EXIT_CODES = (
 
 
 @guarded
+@done_in_results
 @with_options(FlightWords, LogWords)
 def report(
     *,
     needs: NeedsOption = "",
     out: Annotated[str, option("FILE", "The page, such as flight.html.", "--out", "-o"), Writes()] = "",
     **given: Any,
-) -> ExitCode:
+) -> None:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
-    return _work("report", needs=needs, out=out, **given)
 
 
 # -- Track --
@@ -110,6 +118,7 @@ TRACK_OPTIONS = (
 
 
 @guarded
+@done_in_results
 @with_options(FlightWords, LogWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
@@ -144,23 +153,9 @@ def track(
     ] = "reference_iv",
     json: JsonOption = "",
     figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
-    example: bool,
-    channel_map: str,
     **given: Any,
-) -> ExitCode:
+) -> None:
     """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
-    return _work(
-        "track",
-        log=log,
-        memory=memory,
-        accelerometer_bias=accelerometer_bias,
-        method=method,
-        json=json,
-        figure=figure,
-        example=example,
-        channel_map=channel_map,
-        **given,
-    )
 
 
 # -- Validate --
@@ -178,6 +173,7 @@ VALIDATE_EXIT_CODES = (
 
 
 @guarded
+@done_in_results
 @with_options(FlightWords, LogWords, only=("window", "max_tilt", "channel_map"))
 def validate(
     fit: Annotated[
@@ -198,19 +194,6 @@ def validate(
         option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
         Writes(),
     ] = "",
-    window: str,
-    max_tilt: float | None,
-    channel_map: str,
-) -> ExitCode:
+    **given: Any,
+) -> None:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
-    return _work(
-        "validate",
-        fit=fit,
-        log=log,
-        model=model,
-        json=json,
-        figure=figure,
-        window=window,
-        max_tilt=max_tilt,
-        channel_map=channel_map,
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
@@ -324,28 +324,50 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else rough_vehicle(**given)
 
 
-# -- Vehicle --
+# -- Vehicles and machines --
 
-vehicle_app = group("vehicle", "Vehicle files: what is known of a vehicle before its flight is identified.")
-
-
-@vehicle_app.command(
-    cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that "
-    "cannot be written.",
+NAME_OR_FILE = typer.Argument(metavar="NAME|FILE.toml", help="A name out of the list, or a file.")
+NEW_FILE = typer.Argument(
+    metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
 )
-@guarded
-def new(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
-        ),
-        Writes(),
-    ] = STANDARD_OUTPUT,
-) -> ExitCode:
-    """Write a vehicle file to begin with: every key, with what it means."""
-    return _begun("a vehicle", vehicle_template(), file)
+NEW_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that cannot be "
+    "written."
+)
+
+
+def _shipped_group(
+    what: str,
+    about: str,
+    titles: tuple[str, ...],
+    rows: Callable[[], Iterable[tuple[str, ...]]],
+    load: Callable[[str], object],
+    text: Callable[[str], str],
+) -> typer.Typer:
+    """Group of the commands that list and show what comes with Eivor, or is in a file."""
+    app = group(what, about)
+
+    @app.command(
+        "list", cls=ReadableCommand, help=f"List the {what}s that come with Eivor.", epilog=NO_FAILURE
+    )
+    @guarded
+    def list_shipped() -> ExitCode:
+        show_table(titles, rows())
+        return ExitCode.IDENTIFIED
+
+    @app.command(
+        cls=ReadableCommand,
+        help=f"Check a {what}'s file, and print it.",
+        epilog=f"[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a {what} that is not known, or a file "
+        "with something wrong in it.",
+    )
+    @guarded
+    def show(file: Annotated[str, NAME_OR_FILE, Reads()]) -> ExitCode:
+        load(file)
+        write(text(file))
+        return ExitCode.IDENTIFIED
+
+    return app
 
 
 def _begun(what: str, text: str, file: str) -> ExitCode:
@@ -363,85 +385,39 @@ def _begun(what: str, text: str, file: str) -> ExitCode:
     return ExitCode.IDENTIFIED
 
 
-@vehicle_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
-@guarded
-def list_vehicles() -> ExitCode:
-    """List the vehicles that come with Eivor."""
-    show_table(("name", "what it is"), ((name, load_vehicle(name).name) for name in shipped_vehicles()))
-    return ExitCode.IDENTIFIED
-
-
-@vehicle_app.command(
-    "show",
-    cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a vehicle that is not known, or a file with "
-    "something wrong in it.",
+vehicle_app = _shipped_group(
+    "vehicle",
+    "Vehicle files: what is known of a vehicle before its flight is identified.",
+    ("name", "what it is"),
+    lambda: ((name, load_vehicle(name).name) for name in shipped_vehicles()),
+    load_vehicle,
+    vehicle_text,
 )
+
+
+@vehicle_app.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
 @guarded
-def show_vehicle(
-    vehicle: Annotated[
-        str,
-        typer.Argument(metavar="NAME|FILE.toml", help="A name out of eivor vehicle list, or a file."),
-        Reads(),
-    ],
-) -> ExitCode:
-    """Check a vehicle's file, and print it."""
-    load_vehicle(vehicle)
-    write(vehicle_text(vehicle))
-    return ExitCode.IDENTIFIED
+def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> ExitCode:
+    """Write a vehicle file to begin with: every key, with what it means."""
+    return _begun("a vehicle", vehicle_template(), file)
 
 
-# -- Machine --
-
-machine_app = group("machine", "Machines: equations whose parameters are identified from logs.")
-
-
-@machine_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
-@guarded
-def list_machines() -> ExitCode:
-    """List the machines that come with Eivor."""
-    made = ((name, load_machine(name)) for name in shipped_machines())
-    show_table(
-        ("name", "what it is", "equation"), ((name, item.title, item.equation[0]) for name, item in made)
-    )
-    return ExitCode.IDENTIFIED
-
-
-@machine_app.command(
-    "show",
-    cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a machine that is not known, or a file with "
-    "something wrong in it.",
+machine_app = _shipped_group(
+    "machine",
+    "Machines: equations whose parameters are identified from logs.",
+    ("name", "what it is", "equation"),
+    lambda: (
+        (name, item.title, item.equation[0]) for name in shipped_machines() for item in [load_machine(name)]
+    ),
+    load_machine,
+    machine_text,
 )
-@guarded
-def show_machine(
-    machine: Annotated[
-        str,
-        typer.Argument(metavar="NAME|FILE.toml", help="A name out of eivor machine list, or a file."),
-        Reads(),
-    ],
-) -> ExitCode:
-    """Check a machine's file, and print it."""
-    load_machine(machine)
-    write(machine_text(machine))
-    return ExitCode.IDENTIFIED
 
 
-@machine_app.command(
-    "new",
-    cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that "
-    "cannot be written.",
-)
+@machine_app.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
 @guarded
 def new_machine(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
-        ),
-        Writes(),
-    ] = STANDARD_OUTPUT,
+    file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,
     *,
     like: Annotated[str, option("NAME", "The shipped machine to begin with.", show_default=True)] = "rover",
 ) -> ExitCode:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -39,13 +37,14 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
+    capitalised,
     table,
 )
 from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
-from eivor.report.json_document import Json
+from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers
 
 # -- Reported fleet --
@@ -370,11 +369,7 @@ SCHEMA = "eivor.fleet_report/1"
 
 def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
     """Document of the reports of a fleet, one for each motion; numbers are in SI units."""
-    return {
-        "schema": SCHEMA,
-        "motions": [_motion_json(report) for report in reports],
-        "provenance": {"version": version("eivor")},
-    }
+    return document(SCHEMA, motions=[_motion_json(report) for report in reports])
 
 
 def _motion_json(report: FleetReport) -> dict[str, Json]:
@@ -399,13 +394,10 @@ def _motion_json(report: FleetReport) -> dict[str, Json]:
 
 
 def _rows(table: pl.DataFrame) -> list[Json]:
-    return [{name: _value(item) for name, item in row.items()} for row in table.iter_rows(named=True)]
-
-
-def _value(first: Any) -> Json:
-    if isinstance(first, datetime):
-        return first.isoformat()
-    return None if isinstance(first, float) and not math.isfinite(first) else first
+    return [
+        {name: item.isoformat() if isinstance(item, datetime) else item for name, item in row.items()}
+        for row in table.iter_rows(named=True)
+    ]
 
 
 # -- Fleet page --
@@ -444,7 +436,7 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
             _forest_row(row, report, across, f"type {row['type']}", whole=True)
             for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
         ]
-        yield forest_picture(f"{wording.words[0].upper()}{wording.words[1:]}", axis_of(wording), drawn)
+        yield forest_picture(capitalised(wording.words), axis_of(wording), drawn)
 
 
 def _forest_row(

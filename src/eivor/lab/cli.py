@@ -36,7 +36,7 @@ from eivor.cli.outputs import (
     writing,
 )
 from eivor.dask_executor import DaskCluster
-from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
+from eivor.errors import InputError, ParameterError, UsageError
 from eivor.lab.figures import (
     by_reading,
     figure_files,
@@ -52,14 +52,10 @@ from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import (
     FLIGHT_KIND,
-    SHIPPED,
     flight_from_table,
     rigid_body_flight_from_table,
     scenario_from_table,
-    shipped_flight,
-    shipped_rigid_body_flight,
-    shipped_scenario,
-    shipped_scenarios,
+    shipped_file,
     study_from_table,
 )
 from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
@@ -277,7 +273,7 @@ def simulate(
 
 def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     if not source.exists() and not source.suffix and source.name == str(source):
-        return _shipped(source.name), set()
+        source = shipped_file(source.name)
     table = read_toml(source, "a scenario")
     readers: dict[str, Callable[[TomlTable], Simulated]] = {
         "vertical": scenario_from_table,
@@ -286,18 +282,6 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     }
     kind = table.choose("kind", table.values.get("kind", "vertical"), tuple(readers))
     return readers[kind](table), table.files
-
-
-def _shipped(name: str) -> Simulated:
-    if name == FLIGHT_KIND:
-        return shipped_flight()
-    if name in SHIPPED:
-        return shipped_rigid_body_flight(name)
-    if name in shipped_scenarios():
-        return shipped_scenario(name)
-    known = (*shipped_scenarios(), FLIGHT_KIND, *SHIPPED)
-    expected = "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known))
-    raise UsageError(expected, f"'{name}'", did_you_mean(name, known, "Check the name."))
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:

@@ -365,16 +365,10 @@ _DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Ser
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Estimates:
-    """What every method says of one record, in the order of `METHODS`."""
-
-    theta: Float[np.ndarray, "methods parameters"]  # NaN where a method gives none
-    weak: Bool[np.ndarray, " methods"]
-
-
-def estimates(reading: PaperReading, signals: Signals) -> Estimates:
-    """Estimates of theta by every method, and whether their instruments are weak."""
+def estimates(
+    reading: PaperReading, signals: Signals
+) -> tuple[Float[np.ndarray, "methods parameters"], Bool[np.ndarray, " methods"]]:
+    """Theta by every method of `METHODS`, NaN where one gives none, and whether its instruments are weak."""
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
     problems = (
@@ -393,7 +387,7 @@ def estimates(reading: PaperReading, signals: Signals) -> Estimates:
         as_read = _as_read(moments, reading.compensation)
         for index, method in enumerate(both):
             result[2 * pair + index] = _theta(method, as_read)
-    return Estimates(result, weak)
+    return result, weak
 
 
 def _known_by_variance(signals: Signals) -> Signals:
@@ -500,8 +494,7 @@ def run_together(
         for index in range(runs):
             signals = record(readings[0], example, trial_generator(index, seed)).signals
             for item, reading in enumerate(readings):
-                result = estimates(reading, signals)
-                theta[item, index], weak[item, index] = result.theta, result.weak
+                theta[item, index], weak[item, index] = estimates(reading, signals)
     return [
         PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
     ]

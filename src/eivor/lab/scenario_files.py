@@ -327,9 +327,13 @@ def read_flight(path: Path) -> VerticalFlightSpec:
     return flight_from_table(read_toml(path, "a flight"))
 
 
-def shipped_flight() -> VerticalFlightSpec:
-    """Flight that comes with the package, "flight"."""
-    return read_flight(_FLIGHTS / f"{FLIGHT_KIND}.toml")
+def shipped_file(name: str) -> Path:
+    """File of a flight or scenario that comes with the package."""
+    files = {path.stem: path for folder in (_FLIGHTS, _SCENARIOS) for path in folder.glob("*.toml")}
+    if name in files:
+        return files[name]
+    expected = "a scenario file that ends in .toml, or one of " + ", ".join(sorted(files))
+    raise UsageError(expected, f"'{name}'", did_you_mean(name, files, "Check the name."))
 
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:

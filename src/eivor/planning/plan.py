@@ -26,13 +26,12 @@ from eivor.planning.vehicle import (
 )
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
-from eivor.simulation.environment import simulated_recording
 from eivor.simulation.vertical import (
     AltitudeController,
-    SimulatedMotion,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
+    vertical_recording,
 )
 from eivor.tools import Float
 
@@ -75,7 +74,15 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
     vehicles = VerticalVehicles(*(number * every for number in numbers))
     gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
     motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
-    return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
+    return [
+        ClosedLoopFlight(
+            shape,
+            motion.position[:, number],
+            motion.velocity[:, number],
+            vertical_recording(f"planned {shape.kind}", "plan", environment, motion, number),
+        )
+        for number, shape in enumerate(shapes)
+    ]
 
 
 def _regular_friction(vehicle: VehicleGuess) -> float:
@@ -118,30 +125,6 @@ def _with_density(
     scale[1:] = np.sqrt(density(frequency[1:]) * count / (4.0 * STEP_S))
     spectrum = scale * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
     return np.fft.irfft(spectrum, n=count)
-
-
-def _simulated(
-    shape: Shape, environment: VerticalEnvironment, motion: SimulatedMotion, number: int
-) -> ClosedLoopFlight:
-    height, velocity = motion.position[:, number], motion.velocity[:, number]
-    recording = simulated_recording(
-        f"planned {shape.kind}",
-        simulator="plan",
-        time_s=STEP_S * np.arange(height.size),
-        held={
-            "rotor_command_1": motion.command[:, number],
-            "reference_position_z": environment.reference_position[:, number],
-            "reference_velocity_z": environment.reference_velocity[:, number],
-            "reference_acceleration_z": environment.reference_acceleration[:, number],
-        },
-        sampled={
-            "position_z": height + environment.position_noise[:, number],
-            "velocity_z": velocity + environment.velocity_noise[:, number],
-            "specific_force_z": motion.specific_force[:, number] + environment.acceleration_noise[:, number],
-            "cos_tilt": environment.cos_tilt[:, number],
-        },
-    )
-    return ClosedLoopFlight(shape, height, velocity, recording)
 
 
 # -- Ranking --
@@ -462,12 +445,9 @@ def csv_text(plan: FlightPlan) -> str:
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"
 
 
-TRAJECTORY_RATE_HZ = 50.0
-
-
 def rotorpy_text(plan: FlightPlan) -> str:
     """Text of a Python module with the class `PlannedFlight`."""
-    rows = sampled(plan, TRAJECTORY_RATE_HZ).tolist()
+    rows = sampled(plan, TABLE_RATE_HZ).tolist()
     numbers = "".join(f"        [{', '.join(f'{value:.5g}' for value in row)}],\n" for row in rows)
     return _program("trajectory.txt", numbers)
 
@@ -482,21 +462,17 @@ class WrittenPlan:
 
     words: str
     file: str
-    of_plan: Callable[[FlightPlan], str] | None = None
-    of_position: Callable[[FlightPlan, Location], str] | None = None
+    write: Callable[..., str]  # Of a plan; of a mission, of a plan and its place
+    is_mission: bool = False
 
     def text(self, plan: FlightPlan, position: Location | None) -> str:
         """Content of the file; a mission has the place too."""
-        if self.of_position is not None and position is not None:
-            return self.of_position(plan, position)
-        if self.of_plan is None:
-            raise TypeError(f"a plan for {self.words} without a place")
-        return self.of_plan(plan)
+        return self.write(plan, position) if self.is_mission else self.write(plan)
 
 
 WRITTEN = {
     "csv": WrittenPlan("table of setpoints", "setpoints.csv", csv_text),
     "mavsdk": WrittenPlan("MAVSDK program that flies it", "fly_plan.py", mavsdk_text),
-    "qgc": WrittenPlan("QGroundControl plan", "flight.plan", of_position=qgc_text),
+    "qgc": WrittenPlan("QGroundControl plan", "flight.plan", qgc_text, is_mission=True),
     "rotorpy": WrittenPlan("trajectory of RotorPy", "trajectory.py", rotorpy_text),
 }

@@ -68,7 +68,7 @@ def choices() -> dict[str, object]:
             {
                 **_named(name, item.words),
                 "file": item.file,
-                "needs": [] if item.of_position is None else ["home"],
+                "needs": ["home"] if item.is_mission else [],
             }
             for name, item in WRITTEN.items()
         ],
@@ -241,10 +241,11 @@ def plan(folder: Path, stem: str, words: WordsOf) -> File:
         remedy = did_you_mean(words["form"], WRITTEN, "Name one of them.")
         raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{words['form']}'", remedy)
     form, home = WRITTEN[words["form"]], words.get("home", "")
-    mission = form.of_position is not None
-    check_mission("it" if mission else "", home if mission else "", "")
-    position = position_of(home) if mission else None
-    made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if mission else "")
+    position = None
+    if form.is_mission:
+        check_mission("it", home, "")
+        position = position_of(home)
+    made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if form.is_mission else "")
     return File(f"{stem}-{form.file}", form.text(made, position))
 
 

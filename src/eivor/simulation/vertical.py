@@ -12,9 +12,9 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
+from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
     FlightTruth,
-    SensorErrors,
     SensorNoise,
     SimulatedFlight,
     TrajectoryKind,
@@ -284,16 +284,8 @@ def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[S
         yield from _batch(specs[first : first + BATCH])
 
 
-@dataclass(frozen=True, slots=True)
-class _Surroundings:
-    """What one flight meets."""
-
-    environment: VerticalEnvironment  # Arrays of shape (samples,)
-    angles: Float[np.ndarray, "n 2"]
-    errors: SensorErrors
-
-
-def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
+def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Samples]:
+    """What one flight meets, in arrays of shape (samples,), and the tilt that it measures."""
     shape, air, sensors, attitude = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
     )
@@ -318,7 +310,7 @@ def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
         errors.velocity[:, 0],
         errors.acceleration[:, 0],
     )
-    return _Surroundings(environment, smooth, errors)
+    return environment, np.cos(smooth + errors.attitude).prod(axis=1)
 
 
 def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequence[str]) -> Parts:
@@ -326,53 +318,68 @@ def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequenc
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
-    met = [_surroundings(spec) for spec in specs]
+    each, tilts = zip(*map(_surroundings, specs), strict=True)
+    environment = _together(VerticalEnvironment, each, VerticalEnvironment.__slots__)
     motion = simulate_vertical(
         _together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
-        _together(VerticalEnvironment, [item.environment for item in met], VerticalEnvironment.__slots__),
+        environment,
         step_s=STEP_S,
         controller=_together(
             AltitudeController, [spec.controller for spec in specs], AltitudeController.__slots__
         ),
         gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
     )
-    for number, (spec, surroundings) in enumerate(zip(specs, met, strict=True)):
-        yield _flight(spec, surroundings, motion, number)
+    for number, (spec, met, tilt) in enumerate(zip(specs, each, tilts, strict=True)):
+        title = f"vertical simulator, {spec.trajectory}, seed {spec.seed}"
+        recording = vertical_recording(
+            title, SIMULATOR, environment, motion, number, cos_tilt=tilt, bias=spec.accelerometer_bias
+        )
+        flew = bool(np.abs(motion.position[:, number] - met.reference_position).max() < LOST_M)
+        yield SimulatedFlight(recording, _truth(spec, met, motion, number), flew)
 
 
-def _flight(
-    spec: VerticalFlightSpec, met: _Surroundings, motion: SimulatedMotion, number: int
-) -> SimulatedFlight:
-    time = STEP_S * np.arange(spec.count)
-    velocity, force = motion.velocity[:, number], motion.specific_force[:, number]
-    truth = FlightTruth(
-        time_s=time,
-        specific_force_z=force.copy(),
-        air_velocity_z=velocity - met.environment.gust,
+def vertical_recording(
+    name: str,
+    simulator: str,
+    environment: VerticalEnvironment,
+    motion: SimulatedMotion,
+    number: int,
+    *,
+    cos_tilt: Samples | None = None,
+    bias: float = 0.0,
+) -> Recording:
+    """Log of one of several flights; without a tilt as measured that of the environment."""
+    references = ("reference_position", "reference_velocity", "reference_acceleration")
+    force = motion.specific_force[:, number] + environment.acceleration_noise[:, number]
+    return simulated_recording(
+        name,
+        simulator=simulator,
+        time_s=STEP_S * np.arange(force.size),
+        held={
+            "rotor_command_1": motion.command[:, number],
+            **{f"{item}_z": getattr(environment, item)[:, number] for item in references},
+        },
+        sampled={
+            "position_z": motion.position[:, number] + environment.position_noise[:, number],
+            "velocity_z": motion.velocity[:, number] + environment.velocity_noise[:, number],
+            "specific_force_z": force + bias,
+            "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
+        },
+    )
+
+
+def _truth(
+    spec: VerticalFlightSpec, met: VerticalEnvironment, motion: SimulatedMotion, number: int
+) -> FlightTruth:
+    return FlightTruth(
+        time_s=STEP_S * np.arange(spec.count),
+        specific_force_z=motion.specific_force[:, number].copy(),
+        air_velocity_z=motion.velocity[:, number] - met.gust,
         rotor_state=motion.rotor_state[:, [number]],
-        cos_tilt=met.environment.cos_tilt,
+        cos_tilt=met.cos_tilt,
         actuator_lag=spec.actuator_lag,
         delay=spec.delay,
         viscous_friction=spec.viscous_friction,
         input_gain=spec.input_gain,
         hover_input=spec.hover_input,
     )
-    recording = simulated_recording(
-        f"vertical simulator, {spec.trajectory}, seed {spec.seed}",
-        simulator=SIMULATOR,
-        time_s=time,
-        held={
-            "rotor_command_1": motion.command[:, number],
-            "reference_position_z": met.environment.reference_position,
-            "reference_velocity_z": met.environment.reference_velocity,
-            "reference_acceleration_z": met.environment.reference_acceleration,
-        },
-        sampled={
-            "position_z": motion.position[:, number] + met.errors.position[:, 0],
-            "velocity_z": velocity + met.errors.velocity[:, 0],
-            "specific_force_z": force + met.errors.acceleration[:, 0] + spec.accelerometer_bias,
-            "cos_tilt": np.cos(met.angles + met.errors.attitude).prod(axis=1),
-        },
-    )
-    flew = bool(np.abs(motion.position[:, number] - met.environment.reference_position).max() < LOST_M)
-    return SimulatedFlight(recording, truth, flew)
