@@ -7,7 +7,8 @@ import os
 import reprlib
 import sys
 from collections.abc import Iterable, Mapping
-from typing import Any
+from functools import cache
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -51,6 +52,19 @@ def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str
         number(name, value)
         if not low <= value <= high:
             raise ParameterError(f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
+
+
+@cache
+def ranges_of(kind: Any) -> dict[str, tuple[float, float]]:
+    """Least and largest value of each number that a class annotates with them."""
+    hints = get_type_hints(kind, include_extras=True)
+    annotated = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {name: given[0] for name, given in annotated.items() if given and isinstance(given[0], tuple)}
+
+
+def in_ranges(given: Any, remedy: str) -> None:
+    """Refuse attributes out of the ranges that they are annotated with: `Annotated[float, (0.0, 1.0)]`."""
+    within(given, ranges_of(type(given)), remedy)
 
 
 def whole(name: str, value: object) -> None:

@@ -134,6 +134,24 @@ def test_units_in_brackets_are_read(tmp_path):
     np.testing.assert_allclose(r.channels["specific_force_z"].values, 9.80665)
 
 
+def test_units_in_a_line_below_the_names_are_read(tmp_path):
+    rows = "time,velocity_z,position_z,input\n[ms],(ft/s),yards,counts\n0,1,5,7\n10,2,5,7\n"
+    r = csv(tmp_path, rows)
+    np.testing.assert_allclose(r.channels["velocity_z"].time_s, [0.0, 0.01])
+    np.testing.assert_allclose(r.channels["velocity_z"].values, [0.3048, 0.6096])
+    np.testing.assert_allclose(r.channels["input"].values, 7.0)
+    assert "position_z" not in r.channels
+    (finding,) = (f for f in r.findings if f.name == "units_row")
+    assert "time ms, velocity_z ft/s, position_z yards, input counts" in finding.message
+    with pytest.raises(ChannelMapError) as caught:
+        csv(tmp_path, "T,Altitude,Vz\nms,ft,ft/s\n0,1,1\n")
+    assert [line for line in caught.value.__notes__ if "unit" in line] == [
+        'unit = "ms"',
+        'unit = "ft"',
+        'unit = "ft/s"',
+    ]
+
+
 def test_a_table_with_names_of_its_own_is_answered_with_the_map_that_reads_it(tmp_path):
     text = (
         "Time (ms);Altitude (ft);Vz (ft/s);Acc Z (g);Roll (deg);Pitch (deg);Motor 1 (us);Target alt (ft)\n"

@@ -45,6 +45,8 @@ _MOST_LISTED = 12
 LEAST_SUGGESTED = 3
 
 
+#: Units by column, of a table without a line of them.
+NO_UNITS: Mapping[str, str] = {}
 #: A column's name, and its unit in brackets behind it.
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
 #: Units as people write them.
@@ -65,25 +67,33 @@ _CALLED = {
 }
 
 
-def _named(column: str) -> tuple[str, str | None]:
-    """Name and unit of a column that has one in brackets; None for none."""
+def known_unit(text: str) -> str | None:
+    """Unit that a text is, as maps have it; None for a text that is none."""
+    unit = _WRITTEN.get(text, text)
+    return unit if unit in UNITS or unit in TIME_UNITS else None
+
+
+def _named(column: str, units: Mapping[str, str]) -> tuple[str, str | None]:
+    """Name and unit of a column that has one below it or in brackets; None for none."""
     match = _WITH_UNIT.fullmatch(column)
-    if match is None:
-        return column, None
+    if match is None or column in units:
+        return column, units.get(column)
     unit = match[2].strip()
     return match[1], _WRITTEN.get(unit, unit)
 
 
-def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
+def canonical_map(
+    names: Sequence[str], origin: str, units: Mapping[str, str] = NO_UNITS
+) -> ChannelMap | None:
     """Map of a table with canonical column names, units in brackets; None without `time` or a channel."""
     rules, times = [], []
     for column in names:
-        name, unit = _named(column)
+        name, unit = _named(column, units)
         known = canonical_channel(name)
-        si_unit, factor = UNITS.get(unit or "", ("", 1.0))
+        si_unit, factor = UNITS.get(unit or "", (unit or "", 1.0))
         if name == "time" and (unit or "s") in TIME_UNITS:
             times.append((column, unit or "s"))
-        elif known is not None and (unit is None or (unit in UNITS and unit_fits(known, si_unit))):
+        elif known is not None and (unit is None or unit_fits(known, si_unit)):
             expression = Expression.of_column(column)
             rules.append(ChannelRule(name, expression, factor, held=held_by_default(name)))
     if len(times) != 1 or not rules:
@@ -91,11 +101,11 @@ def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
     return ChannelMap("canonical", *times[0], tuple(rules), Frame.Z_UP, "", {}, origin)
 
 
-def suggested_map(names: Sequence[str]) -> list[str]:
+def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> list[str]:
     """Lines of a channel map for columns that are called as people call them; none for too few."""
     found: dict[str, tuple[str, str | None]] = {}
     for column in names:
-        name, unit = _named(column)
+        name, unit = _named(column, units)
         channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
         if channel in _CALLED.values() or canonical_channel(channel) is not None:
             found.setdefault(channel, (column, unit))
@@ -123,9 +133,11 @@ def _toml(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
-def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding | None]:
+def fitting_map(
+    names: Sequence[str], table: str, units: Mapping[str, str] = NO_UNITS
+) -> tuple[ChannelMap, Finding | None]:
     """Return the map for a table that came without one, and a finding when a shipped map was chosen."""
-    canonical = canonical_map(names, table)
+    canonical = canonical_map(names, table, units)
     if canonical is not None:
         return canonical, None
     for name in shipped_maps():
@@ -133,7 +145,7 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
         if set(shipped.required_columns) <= set(names):
             message = f"The shipped channel map '{name}' fits the table's columns and is used."
             return shipped, Finding("channel_map", message)
-    lines = suggested_map(names)
+    lines = suggested_map(names, units)
     write = (
         "Save the lines below as own.toml, correct what is wrong in them, and give --map own.toml."
         if lines

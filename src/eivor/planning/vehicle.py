@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -36,10 +36,11 @@ class FlightLimits:
     """
 
     height_m: tuple[float, float] = (3.0, 8.0)  # Lowest and highest above the place of take-off [m]
-    speed: float = 2.0  # Largest climb and sink rate [m/s]
-    acceleration: float = 3.0  # Largest vertical acceleration of the setpoints [m/s^2]
-    tilt_deg: float = 20.0  # Largest tilt [deg]; the flight is vertical, and ends beyond it
-    duration_s: float = 60.0  # From the first setpoint to the last [s]
+    speed: Annotated[float, (0.2, 10.0)] = 2.0  # Largest climb and sink rate [m/s]
+    acceleration: Annotated[float, (0.3, 6.0)] = 3.0  # Largest vertical acceleration of the setpoints [m/s^2]
+    # Largest tilt [deg]; the flight is vertical, and ends beyond it
+    tilt_deg: Annotated[float, (5.0, 60.0)] = 20.0
+    duration_s: Annotated[float, (20.0, 600.0)] = 60.0  # From the first setpoint to the last [s]
 
     def __post_init__(self) -> None:
         remedy = "Give FlightLimits(height_m=(3.0, 8.0)), in metres above the place of take-off."
@@ -51,21 +52,12 @@ class FlightLimits:
                 f"{self.height_m}",
                 remedy,
             )
-        checks.within(self, LIMIT_RANGES, "Give another limit.")
+        checks.in_ranges(self, "Give another limit.")
 
     @property
     def middle_m(self) -> float:
         """Height about which a flight is planned [m]."""
         return 0.5 * (self.height_m[0] + self.height_m[1])
-
-
-#: What each limit may be; a second of the recipe's least run, and flights that a battery bears.
-LIMIT_RANGES = {
-    "speed": (0.2, 10.0),
-    "acceleration": (0.3, 6.0),
-    "tilt_deg": (5.0, 60.0),
-    "duration_s": (20.0, 600.0),
-}
 
 
 # -- Setpoints --
@@ -190,16 +182,6 @@ TARGETS = {
 
 # -- Vehicle --
 
-#: What each rough number may be: its lowest and highest value.
-VEHICLE_RANGES = {
-    "hover_input": (0.05, 0.95),
-    "viscous_friction": (0.05, 1.5),
-    "lag_s": (0.005, 0.25),
-    "gust_rms": (0.0, 3.0),
-    "acceleration_noise": (0.0, 5.0),
-    "velocity_noise": (0.0, 1.0),
-    "tilt_rms": (0.0, 0.2),
-}
 #: Gain of a velocity loop times its lag, and the largest one [1/s]; of the position loop, a share of that.
 QUICKNESS, LARGEST_VELOCITY_GAIN, POSITION_SHARE, INTEGRAL_SHARE = 0.35, 4.0, 0.3, 0.05
 #: Half a step of a controller at 100 Hz [s].
@@ -234,19 +216,21 @@ class VehicleGuess:
         When a number is out of its range.
     """
 
-    hover_input: float = 0.5  # Input at which it hovers, a share of full input
-    viscous_friction: float = 0.3  # K [1/s]
-    lag_s: float = 0.05  # Actuator lag and delay together [s]
-    gust_rms: float = 0.3  # Standard deviation of the vertical wind [m/s], where `densities` are not given
-    acceleration_noise: float = 0.4  # Of the errors at 100 Hz [m/s^2], where `densities` are not given
-    velocity_noise: float = 0.03  # Likewise [m/s]
-    tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad]
+    hover_input: Annotated[float, (0.05, 0.95)] = 0.5  # Input at which it hovers, a share of full input
+    viscous_friction: Annotated[float, (0.05, 1.5)] = 0.3  # K [1/s]
+    lag_s: Annotated[float, (0.005, 0.25)] = 0.05  # Actuator lag and delay together [s]
+    # Standard deviation of the vertical wind [m/s], where `densities` are not given
+    gust_rms: Annotated[float, (0.0, 3.0)] = 0.3
+    # Of the errors at 100 Hz [m/s^2], where `densities` are not given
+    acceleration_noise: Annotated[float, (0.0, 5.0)] = 0.4
+    velocity_noise: Annotated[float, (0.0, 1.0)] = 0.03  # Likewise [m/s]
+    tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05  # Standard deviation of roll and of pitch [rad]
     densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
     controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
     requested: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
 
     def __post_init__(self) -> None:
-        checks.within(self, VEHICLE_RANGES, "A rough number will do.")
+        checks.in_ranges(self, "A rough number will do.")
         if self.densities is not None:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:
@@ -337,14 +321,16 @@ def rough_vehicle(
 
 def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
-    keys = [(name, float, getattr(VehicleGuess, name)) for name in VEHICLE_RANGES]
+    keys = [(name, float, getattr(VehicleGuess, name)) for name in checks.ranges_of(VehicleGuess)]
     numbers = msgspec.defstruct("VehicleFile", keys, forbid_unknown_fields=True)
     return VehicleGuess(**msgspec.structs.asdict(read_toml(path, "a vehicle").convert(numbers)))
 
 
 def _within(name: str, numbers: Mapping[str, float]) -> float:
     """A number as far as it may go, or the usual one."""
-    return float(np.clip(numbers.get(name, getattr(VehicleGuess, name)), *VEHICLE_RANGES[name]))
+    return float(
+        np.clip(numbers.get(name, getattr(VehicleGuess, name)), *checks.ranges_of(VehicleGuess)[name])
+    )
 
 
 def _hover(value: float, input_map: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
@@ -42,41 +43,29 @@ class FlightController:
     and filter, and half a period of the rate loop.
     """
 
-    rate_hz: float = 500.0  # How often each loop runs [Hz]: the simulation's rate over a whole number
-    attitude_hz: float = 250.0
-    height_hz: float = 50.0
-    quickness: float = 0.6  # Gain of the rate loop times T, less on an axis with little torque
-    attitude_share: float = 0.5  # Gain of the attitude loop over that of the rate loop; half of it in yaw
-    integral_share: float = 0.05  # Integral gain of the rate loop over the square of its gain
-    derivative_share: float = 0.0  # Derivative time of the rate loop over T
-    derivative_cutoff_hz: float = 30.0  # Of the first-order filter of that derivative [Hz]
+    # How often each loop runs [Hz]: the simulation's rate over a whole number
+    rate_hz: Annotated[float, (10.0, 1e4)] = 500.0
+    attitude_hz: Annotated[float, (10.0, 1e4)] = 250.0
+    height_hz: Annotated[float, (1.0, 1e4)] = 50.0
+    # Gain of the rate loop times T, less on an axis with little torque
+    quickness: Annotated[float, (0.01, 2.0)] = 0.6
+    # Gain of the attitude loop over that of the rate loop; half of it in yaw
+    attitude_share: Annotated[float, (0.01, 1.0)] = 0.5
+    # Integral gain of the rate loop over the square of its gain
+    integral_share: Annotated[float, (0.0, 0.5)] = 0.05
+    derivative_share: Annotated[float, (0.0, 2.0)] = 0.0  # Derivative time of the rate loop over T
+    # Of the first-order filter of that derivative [Hz]
+    derivative_cutoff_hz: Annotated[float, (0.1, 1e4)] = 30.0
     # Gain of the climb rate's loop times T and half a period of the height loop
-    climb_quickness: float = 0.35
+    climb_quickness: Annotated[float, (0.01, 1.0)] = 0.35
     # Gain of the height loop over that of the climb rate's, and of its integrator over the square of that
-    height_share: float = 0.3
-    climb_integral_share: float = 0.05
+    height_share: Annotated[float, (0.01, 0.6)] = 0.3
+    climb_integral_share: Annotated[float, (0.0, 0.25)] = 0.05
     # Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and drifts
-    hold: float = 0.0
+    hold: Annotated[float, (0.0, 1.0)] = 0.0
 
     def __post_init__(self) -> None:
-        checks.within(self, CONTROLLER_RANGES, "Correct the controller.")
-
-
-#: What each number of a controller may be.
-CONTROLLER_RANGES = {
-    "rate_hz": (10.0, 1e4),
-    "attitude_hz": (10.0, 1e4),
-    "height_hz": (1.0, 1e4),
-    "quickness": (0.01, 2.0),
-    "attitude_share": (0.01, 1.0),
-    "integral_share": (0.0, 0.5),
-    "derivative_share": (0.0, 2.0),
-    "derivative_cutoff_hz": (0.1, 1e4),
-    "climb_quickness": (0.01, 1.0),
-    "height_share": (0.01, 0.6),
-    "climb_integral_share": (0.0, 0.25),
-    "hold": (0.0, 1.0),
-}
+        checks.in_ranges(self, "Correct the controller.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,10 +309,6 @@ class DelayLine:
 
 Readings = Float[np.ndarray, "count axes"]
 
-#: What each number of a sensor may be.
-SENSOR_RANGES = dict.fromkeys(("rate_hz", "cutoff_hz"), (0.0, 1e5)) | dict.fromkeys(
-    ("delay_s", "offset_s", "averaged_s", "jitter_s"), (0.0, 1.0)
-)
 #: Stamps never err by more than this part of their period.
 LARGEST_JITTER = 0.45
 
@@ -335,18 +320,19 @@ class Sensor:
     # Of the readings, before the filter
     noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))
     bias: float = 0.0  # Constant error, in the unit of the quantity
-    rate_hz: float = 0.0  # At which it is logged [Hz]; every reading where zero
+    rate_hz: Annotated[float, (0.0, 1e5)] = 0.0  # At which it is logged [Hz]; every reading where zero
     # Of the filter, a low-pass of the second order with Butterworth's damping [Hz]; none where zero
-    cutoff_hz: float = 0.0
-    delay_s: float = 0.0  # By which readings are late [s], rounded to steps of the simulation
-    offset_s: float = 0.0  # Time of the first one that is logged [s], rounded likewise
+    cutoff_hz: Annotated[float, (0.0, 1e5)] = 0.0
+    # By which readings are late [s], rounded to steps of the simulation
+    delay_s: Annotated[float, (0.0, 1.0)] = 0.0
+    offset_s: Annotated[float, (0.0, 1.0)] = 0.0  # Time of the first one that is logged [s], rounded likewise
     # What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
     # controller gets readings as they are
-    averaged_s: float = 0.0
-    jitter_s: float = 0.0  # Standard deviation of the stamps' error [s]
+    averaged_s: Annotated[float, (0.0, 1.0)] = 0.0
+    jitter_s: Annotated[float, (0.0, 1.0)] = 0.0  # Standard deviation of the stamps' error [s]
 
     def __post_init__(self) -> None:
-        checks.within(self, SENSOR_RANGES, "Correct the sensor.")
+        checks.in_ranges(self, "Correct the sensor.")
         if not np.isfinite(self.bias):
             raise ParameterError("a finite bias", f"{self.bias}", "Correct the sensor.")
 

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -178,15 +178,14 @@ class Sensors:
 class Logged:
     """How often what is no measurement is logged; at every step of the simulation where zero."""
 
-    rotor_command_hz: float = 0.0  # Commands of the rotors [Hz]
+    rotor_command_hz: Annotated[float, (0.0, 1e5)] = 0.0  # Commands of the rotors [Hz]
     # Setpoints of thrust, torques and rates, and injected torques [Hz]: the values of that moment
-    setpoint_hz: float = 0.0
-    reference_hz: float = 0.0  # References of height and attitude [Hz]
+    setpoint_hz: Annotated[float, (0.0, 1e5)] = 0.0
+    reference_hz: Annotated[float, (0.0, 1e5)] = 0.0  # References of height and attitude [Hz]
     omitted: tuple[str, ...] = ()  # Channels that are not logged, `rotor_command_*` for those of all rotors
 
     def __post_init__(self) -> None:
-        rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")
-        checks.within(self, dict.fromkeys(rates, (0.0, 1e5)), "Correct it.")
+        checks.in_ranges(self, "Correct it.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +194,11 @@ class RigidBodyFlightSpec:
 
     vehicle: Vehicle  # What flies
     # Steps of the simulation per second [Hz], over which commands, wind and torques from outside are held
-    rate_hz: float = 500.0
-    duration: float = 30.0  # Of the flight [s]
+    rate_hz: Annotated[float, (20.0, 1e4)] = 500.0
+    duration: Annotated[float, (0.1, 3600.0)] = 30.0  # Of the flight [s]
     trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The height reference
-    vigour: float = 1.0  # Share of the speed and acceleration that an excitation of the height may reach
+    # Share of the speed and acceleration that an excitation of the height may reach
+    vigour: Annotated[float, (0.01, 2.0)] = 1.0
     # Roll, pitch and yaw that are requested [rad], yaw first
     attitude: AxisExcitations = field(default_factory=AxisExcitations)
     # What is added to the normalised torque setpoints
@@ -208,10 +208,10 @@ class RigidBodyFlightSpec:
     torque_disturbance: TorqueDisturbance = field(default_factory=TorqueDisturbance)  # From outside
     sensors: Sensors = field(default_factory=Sensors)  # What is measured, and how
     logged: Logged = field(default_factory=Logged)  # How often the rest is logged
-    seed: int = 0  # Of the random streams
+    seed: Annotated[int, (0, 2**63)] = 0  # Of the random streams
 
     def __post_init__(self) -> None:
-        checks.within(self, SPEC_RANGES, "Correct the flight's description.")
+        checks.in_ranges(self, "Correct the flight's description.")
         for name in ("rate_hz", "attitude_hz", "height_hz"):
             self._whole(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
         self._whole("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)
@@ -239,10 +239,6 @@ class RigidBodyFlightSpec:
     def count(self) -> int:
         """Number of steps."""
         return round(self.duration * self.rate_hz)
-
-
-#: What each number of a specification may be.
-SPEC_RANGES = {"rate_hz": (20.0, 1e4), "duration": (0.1, 3600.0), "vigour": (0.01, 2.0), "seed": (0, 2**63)}
 
 
 # -- Surroundings --

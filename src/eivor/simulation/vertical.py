@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 
@@ -185,32 +185,38 @@ LARGEST_VELOCITY_GAIN = 5.0
 class VerticalFlightSpec:
     """Everything that a flight is a function of."""
 
-    viscous_friction: float = 0.4  # K [1/s]
-    hover_input: float = 0.5  # Command at which it hovers, a share of full command
+    viscous_friction: Annotated[float, (1e-3, 2.0)] = 0.4  # K [1/s]
+    hover_input: Annotated[float, (0.1, 0.9)] = 0.5  # Command at which it hovers, a share of full command
     # Time constant of the rotor and delay of its command [s]; the delay a multiple of 0.002
-    actuator_lag: float = 0.04
-    delay: float = 0.0
-    gust_rms: float = 0.0  # Standard deviation [m/s] and correlation time [s] of the vertical wind
-    gust_correlation: float = 1.0
+    actuator_lag: Annotated[float, (1e-3, 0.3)] = 0.04
+    delay: Annotated[float, (0.0, 0.2)] = 0.0
+    # Standard deviation [m/s] and correlation time [s] of the vertical wind
+    gust_rms: Annotated[float, (0.0, 5.0)] = 0.0
+    gust_correlation: Annotated[float, (0.01, 100.0)] = 1.0
     # Of accelerometer, velocity, position and attitude
     noise: SensorNoise = field(default_factory=SensorNoise)
-    accelerometer_bias: float = 0.0  # Constant error of the specific force [m/s^2]
-    tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad], before they are smoothed
-    gain_after: float = 1.0  # What K_u is multiplied by in the end; its controller does not know
-    gain_changes_at: float = 30.0  # When it begins to change [s], and how long it takes [s]: zero for at once
-    gain_changes_over: float = 0.0
+    accelerometer_bias: Annotated[float, (-2.0, 2.0)] = 0.0  # Constant error of the specific force [m/s^2]
+    # Standard deviation of roll and of pitch [rad], before they are smoothed
+    tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05
+    # What K_u is multiplied by in the end; its controller does not know
+    gain_after: Annotated[float, (0.4, 2.0)] = 1.0
+    # When it begins to change [s], and how long it takes [s]: zero for at once
+    gain_changes_at: Annotated[float, (0.0, 3600.0)] = 30.0
+    gain_changes_over: Annotated[float, (0.0, 3600.0)] = 0.0
     trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The altitude reference
-    vigour: float = 1.0  # Share of the speed and acceleration that an excitation may reach
-    quickness: float = 0.35  # Gain of the velocity loop times the sum of lag, delay and half a control step
+    # Share of the speed and acceleration that an excitation may reach
+    vigour: Annotated[float, (0.01, 2.0)] = 1.0
+    # Gain of the velocity loop times the sum of lag, delay and half a control step
+    quickness: Annotated[float, (0.01, 0.6)] = 0.35
     # Gain of the position loop over that of the velocity loop, and of the integrator over the square of the
     # latter
-    position_share: float = 0.3
-    integral_share: float = 0.05
+    position_share: Annotated[float, (0.01, 0.6)] = 0.3
+    integral_share: Annotated[float, (0.0, 0.25)] = 0.05
     seed: int = 0  # Of the random streams
-    duration: float = 60.0  # Of the flight [s], a multiple of 0.01
+    duration: Annotated[float, (2.0, 3600.0)] = 60.0  # Of the flight [s], a multiple of 0.01
 
     def __post_init__(self) -> None:
-        checks.within(self, RANGES, "Correct the flight's specification.")
+        checks.in_ranges(self, "Correct the flight's specification.")
         substeps = self.delay / STEP_S * SUBSTEPS
         if abs(substeps - round(substeps)) > 1e-6:
             expected = f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s"
@@ -239,27 +245,6 @@ class VerticalFlightSpec:
         """Gains that suit the actuator."""
         velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
         return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
-
-
-#: What each number of a specification may be.
-RANGES = {
-    "viscous_friction": (1e-3, 2.0),
-    "hover_input": (0.1, 0.9),
-    "actuator_lag": (1e-3, 0.3),
-    "delay": (0.0, 0.2),
-    "gust_rms": (0.0, 5.0),
-    "gust_correlation": (0.01, 100.0),
-    "accelerometer_bias": (-2.0, 2.0),
-    "tilt_rms": (0.0, 0.2),
-    "gain_after": (0.4, 2.0),
-    "gain_changes_at": (0.0, 3600.0),
-    "gain_changes_over": (0.0, 3600.0),
-    "vigour": (0.01, 2.0),
-    "quickness": (0.01, 0.6),
-    "position_share": (0.01, 0.6),
-    "integral_share": (0.0, 0.25),
-    "duration": (2.0, 3600.0),
-}
 
 
 # -- Vertical flight --

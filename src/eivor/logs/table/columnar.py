@@ -603,7 +603,7 @@ def _table(
         source, alone = opened(file), options.channel_map is None
         findings = list(source.findings)
         if options.channel_map is None:
-            chosen, finding = fitting_map(source.names, file.name)
+            chosen, finding = fitting_map(source.names, file.name, source.units)
             findings += [finding] if finding is not None else []
         else:
             chosen = load_channel_map(options.channel_map)

@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -26,6 +26,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.logs.common import Columns, element_of
+from eivor.logs.mapping import known_unit
 from eivor.signals.noise import MeasurementNoise
 from eivor.signals.recording import Finding
 from eivor.signals.signals import Signals
@@ -159,6 +160,7 @@ class TableSource:
     read: Callable[[Sequence[str]], Columns]  # Reads some columns, by name
     findings: tuple[Finding, ...] = ()
     metadata: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)  # By column, of a line below the names
 
 
 def table_columns(
@@ -198,6 +200,7 @@ class _Layout:
     names: tuple[str, ...]
     delimiter: str
     header_lines: int
+    units: Mapping[str, str]
     rows: int = 0
     cut: bool = False
     open_end: bool = False
@@ -220,7 +223,12 @@ def open_csv(file: Path) -> TableSource:
         findings.append(
             Finding("truncated", f"No line break ends the file: {cell}, may be cut and is left out.")
         )
-    return TableSource(layout.names, partial(_read, file, layout), tuple(findings))
+    if layout.units:
+        words = ", ".join(f"{name} {unit or 1}" for name, unit in layout.units.items())
+        sentence = f"The line below the names holds units: {words}. What has another unit is left out."
+        findings.append(Finding("units_row", sentence))
+    read = partial(_read, file, layout)
+    return TableSource(layout.names, read, tuple(findings), units=layout.units)
 
 
 @dataclass(slots=True)
@@ -297,11 +305,24 @@ def _layout(lines: _Lines) -> _Layout:
         expected = "a table whose first line holds the names of the columns"
         received = f"'{lines.name}', whose first line holds numbers only"
         raise UnknownFormatError(expected, received, "Put a line of column names on top.")
-    layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number))
+    units = _units_row(lines, names)
+    layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number, units))
     if layout.rows == 0:
         remedy = "Check that logging was on during the flight."
         raise EmptyLogError("a table with rows", f"'{lines.name}' with a header only", remedy)
     return layout
+
+
+def _units_row(lines: _Lines, names: Sequence[str]) -> dict[str, str]:
+    """Units of the columns by the next line, which is read where it holds one of them and no number."""
+    begin, number = lines.stream.tell(), lines.number
+    cells = [cell.strip(" []()\r\n") for cell in lines.fields(lines.line())]
+    units = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+    if any(map(known_unit, units.values())) and not any(map(_is_number, cells)):
+        return {name: known_unit(cell) or cell for name, cell in units.items()}
+    lines.stream.seek(begin)
+    lines.number = number
+    return {}
 
 
 def _check_rows(lines: _Lines, header: _Layout) -> _Layout:
