@@ -6,7 +6,7 @@ import math
 import os
 import reprlib
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, get_type_hints
 
@@ -55,16 +55,17 @@ def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str
 
 
 @cache
-def ranges_of(kind: Any) -> dict[str, tuple[float, float]]:
+def ranges_of(kind: Callable[..., object]) -> dict[str, tuple[float, float]]:
     """Least and largest value of each number that a class annotates with them."""
     hints = get_type_hints(kind, include_extras=True)
     annotated = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
     return {name: given[0] for name, given in annotated.items() if given and isinstance(given[0], tuple)}
 
 
-def in_ranges(given: Any, remedy: str) -> None:
+def in_ranges(given: object, remedy: str) -> None:
     """Refuse attributes out of the ranges that they are annotated with: `Annotated[float, (0.0, 1.0)]`."""
-    within(given, ranges_of(type(given)), remedy)
+    made_by: Callable[..., object] = type(given)
+    within(given, ranges_of(made_by), remedy)
 
 
 def whole(name: str, value: object) -> None:
