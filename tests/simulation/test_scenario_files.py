@@ -19,7 +19,7 @@ from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, Op
 from eivor.lab.scenario_files import KINDS as PAGE_KINDS
 from eivor.lab.scenario_files import (
     SHIPPED,
-    read_flight,
+    flight_from_table,
     read_rigid_body_flight,
     read_scenario,
     read_study,
@@ -503,7 +503,7 @@ def test_examples_are_read_and_simulated(tmp_path):
     record = ev.simulate(read_scenario(path), np.random.default_rng(0))
     assert record.signals.sample_count == 4000
     path.write_text(flight, encoding="utf-8")
-    (flights,) = simulate_vertical_flights([read_flight(path)])
+    (flights,) = simulate_vertical_flights([flight_from_table(read_toml(path, "a flight"))])
     assert flights.flew
     path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
     (flight_of_all,) = simulate_rigid_body_flights([read_rigid_body_flight(path)])

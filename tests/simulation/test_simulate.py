@@ -241,7 +241,7 @@ def test_errors_have_their_levels_over_the_record(kind):
         assert rms == pytest.approx(getattr(noise, name), rel=0.05)
 
 
-QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
+QUIET = VerticalFlightSpec(noise=SensorNoise(NoiseKind.WHITE, *[0.0] * 5), duration=8.0, seed=21)
 LOUD = VerticalFlightSpec(
     viscous_friction=0.7,
     actuator_lag=0.012,
@@ -365,7 +365,9 @@ VEHICLE = Vehicle(
     BodyDrag(quadratic=(0.01, 0.01, 0.02)),
 )
 STEPS = AxisExcitations(RandomSteps(0.2, 0.1), RandomSteps(0.2, 0.1), RandomSteps(0.3, 0.1))
-QUIET_BODY = RigidBodyFlightSpec(VEHICLE, duration=3.0, attitude=STEPS, sensors=Sensors.exact(), seed=4)
+QUIET_BODY = RigidBodyFlightSpec(
+    VEHICLE, duration=3.0, attitude=STEPS, sensors=Sensors(*[Sensor()] * 6), seed=4
+)
 LOUD_BODY = RigidBodyFlightSpec(
     replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006, lag_down=0.06)),
     duration=1.0,

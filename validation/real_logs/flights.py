@@ -118,7 +118,7 @@ def fly_rotorpy(spec: FlightSpec) -> Flown:
             delay=spec.vehicle.delay,
             gust_rms=spec.vehicle.gust_rms,
             gust_correlation=spec.vehicle.gust_correlation,
-            noise=SensorNoise.none(),
+            noise=SensorNoise(NoiseKind.WHITE, *[0.0] * 5),
             trajectory=TrajectoryKind(spec.reference.value),
             seed=spec.seed,
             duration=spec.duration,

@@ -359,7 +359,6 @@ def refuse_empty_options(context: Any) -> None:
 
 # -- Outputs --
 
-#: Formats of a figure, by the file's extension.
 FIGURE_FORMATS = (".png", ".svg", ".pdf")
 #: Folder of the package, whose examples, maps and scenarios are no place to write to.
 PACKAGE = Path(__file__).resolve().parents[1]

@@ -237,7 +237,6 @@ def pooled_result(
 # -- Noise --
 
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*(.*)", re.IGNORECASE)
-#: Words of a data sheet.
 _SHEET = ("density", "bandwidth", "step")
 _REMEDY = (
     "Give --noise velocity_z=0.02, with a unit where it is not SI (2cm/s), --noise "

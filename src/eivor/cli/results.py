@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from eivor.cli import outputs
 from eivor.cli.options import DEFAULT_MODEL
-from eivor.cli.outputs import (
-    STANDARD_OUTPUT,
-    ExitCode,
-    deliver_result,
-    figure_file,
-    show,
-    step,
-    write_out,
-    writing,
-)
 from eivor.cli.parsing import (
     flight_options,
     named_motions,
@@ -50,7 +41,7 @@ def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callabl
     """Drawing of a figure, where one is wanted."""
 
     def draw(path: Path) -> None:
-        with step(f"Drawing {path.name}"), writing(path):
+        with outputs.step(f"Drawing {path.name}"), outputs.writing(path):
             save_figure(make(), path)
 
     if path is not None:
@@ -59,48 +50,43 @@ def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callabl
 
 def write_page(result: LogEstimate, position: str) -> None:
     """Write the page of a result to a file, or to standard output where the place is "-"."""
-    with step(f"Writing {Path(position).name}"):
+    with outputs.step(f"Writing {Path(position).name}"):
         page = flight_page(result)
-    write_out(page, position)
-
-
-def exit_code(result: LogEstimate, needs: Iterable[str]) -> ExitCode:
-    """0 when what is needed is identified, 3 otherwise."""
-    return ExitCode.IDENTIFIED if result.meets(needs) else ExitCode.NOT_IDENTIFIED
+    outputs.write_out(page, position)
 
 
 # -- Identify --
 
 
-def identify(*, needs: str, json: str, figure: str, html: str, card: bool, **given: Any) -> ExitCode:
+def identify(*, needs: str, json: str, figure: str, html: str, card: bool, **given: Any) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.identify` declares."""
-    picture = figure_file(figure)
+    picture = outputs.figure_file(figure)
     result, needed = result_of(given, needs)
-    deliver_result(
+    outputs.deliver_result(
         lambda: on_terminal(*log_documents(result, card=card)),
         result.to_json,
         json,
         *figure_parts(picture, lambda: flight_figure(result.drawn)),
         *([partial(write_page, result, html)] if html else []),
     )
-    return exit_code(result, needed)
+    return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 
 
 # -- Report --
 
 
-def report(*, needs: str, out: str, **given: Any) -> ExitCode:
+def report(*, needs: str, out: str, **given: Any) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.report` declares."""
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
     result, needed = result_of(given, needs)
     write_page(result, out)
-    if out != STANDARD_OUTPUT:
+    if out != outputs.STANDARD_OUTPUT:
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
         where = Section("", (Facts((("page", f"{out} ({size})"),)),))
         first, *_ = log_documents(result)
-        show(on_terminal(replace(first, sections=(where,))))
-    return exit_code(result, needed)
+        outputs.show(on_terminal(replace(first, sections=(where,))))
+    return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 
 
 # -- Track --
@@ -117,24 +103,24 @@ def track(
     example: bool,
     channel_map: str,
     **given: Any,
-) -> ExitCode:
+) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.track` declares."""
     motions = named_motions(DEFAULT_MODEL)
-    picture = figure_file(figure)
+    picture = outputs.figure_file(figure)
     options = flight_options(motions, method=method, **given)
     if accelerometer_bias is not None:
         options = replace(options, accelerometer_bias=accelerometer_bias)
     logs = [log] if log else None
     result = pooled_result(motions, options, logs, example=example, channel_map=channel_map)
-    with step("Following it over the flight"):
+    with outputs.step("Following it over the flight"):
         tracked = tracked_parameter(result.first, memory)
-    deliver_result(
+    outputs.deliver_result(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),
         json,
         *figure_parts(picture, lambda: track_figure(tracked)),
     )
-    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
+    return outputs.ExitCode.IDENTIFIED if tracked.precise_moments else outputs.ExitCode.NOT_IDENTIFIED
 
 
 # -- Validate --
@@ -150,20 +136,20 @@ def validate(
     window: str,
     max_tilt: float | None,
     channel_map: str,
-) -> ExitCode:
+) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.validate` declares."""
-    picture = figure_file(figure)
+    picture = outputs.figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
     result = fit_among(load_fits(fit), model)
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
     (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)
-    with step(f"Predicting {recording.name}"):
+    with outputs.step(f"Predicting {recording.name}"):
         validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
-    deliver_result(
+    outputs.deliver_result(
         lambda: on_terminal(validation_document(validation)),
         validation.to_json,
         json,
         *figure_parts(picture, validation.plot),
     )
-    return ExitCode.IDENTIFIED if validation.agrees else ExitCode.NOT_IDENTIFIED
+    return outputs.ExitCode.IDENTIFIED if validation.agrees else outputs.ExitCode.NOT_IDENTIFIED

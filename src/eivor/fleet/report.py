@@ -45,7 +45,7 @@ from eivor.report.flight import section
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
-from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers
+from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers, symbol_of
 
 # -- Reported fleet --
 
@@ -55,11 +55,6 @@ MOST = 20
 #: Of an interval that reaches so many times the value, digits that half its length determines would
 #: leave a zero.
 FAR = 20.0
-
-
-def symbol_of(wording: QuantitySpec) -> str:
-    """Symbol and unit of a quantity."""
-    return f"{wording.symbol} [{wording.shown_unit}]" if wording.shown_unit else wording.symbol
 
 
 def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:

@@ -15,33 +15,10 @@ from rich.table import Table
 from rich.text import Text
 
 from eivor.errors import UsageError
-from eivor.lab.paper import (
-    EXAMPLES,
-    METHODS,
-    PRINTED_METHODS,
-    SCORES,
-    SEED,
-    Example,
-    Nearness,
-    PaperReading,
-    PaperResult,
-    integrated_height,
-    nearness,
-    record,
-    trial_generator,
-)
+from eivor.lab import paper
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions.table import wording_of
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    GREY,
-    RED,
-    drawable,
-    labelled,
-    legend,
-    page,
-)
+from eivor.report import figure_panels as plots
 from eivor.report.figures import save_figure, signals_figure
 from eivor.report.json_document import Json, plain
 from eivor.report.terminal import heading
@@ -55,7 +32,7 @@ if TYPE_CHECKING:
 
 # -- Coverage figures --
 
-COLOURS = (BLUE, RED, DARK, "#a06a00", "#1b7f3b", "#7b3f9e", GREY)
+COLOURS = (plots.BLUE, plots.RED, plots.DARK, "#a06a00", "#1b7f3b", "#7b3f9e", plots.GREY)
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
 WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
 
@@ -84,17 +61,17 @@ def coverage_figure(
     groups = list(dict.fromkeys(row.group for row in drawn))
     labels = list(dict.fromkeys(row.label for row in drawn))
     line = max(ROW_HEIGHT * len(labels), LEAST_ROW)
-    figure = page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
+    figure = plots.page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
     axes = figure.add_subplot()
     if band is not None:
-        axes.axvspan(100 * band[0], 100 * band[1], color=BLUE, alpha=0.10, lw=0, label="asked for")
-    axes.axvline(100 * nominal, color=DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
+        axes.axvspan(100 * band[0], 100 * band[1], color=plots.BLUE, alpha=0.10, lw=0, label="asked for")
+    axes.axvline(100 * nominal, color=plots.DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
     for index, label in enumerate(labels):
         selected = [row for row in drawn if row.label == label]
         shift = 0.76 * ((index + 0.5) / len(labels) - 0.5)
         _dots(axes, selected, [groups.index(row.group) + shift for row in selected], index)
     for edge in range(1, len(groups)):
-        axes.axhline(edge - 0.5, color=GREY, lw=0.4, alpha=0.5)
+        axes.axhline(edge - 0.5, color=plots.GREY, lw=0.4, alpha=0.5)
     axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
     axes.set_ylim(len(groups) - 0.5, -0.5)
     lowest = 100.0 * min(Share(row.hits, row.count).interval[0] for row in drawn)
@@ -155,14 +132,14 @@ def nrmse_figure(
 ) -> Figure:
     """Histograms of NRMSE, a row of panels for each method and a column for each score."""
     columns = max((len(scores) for scores in rows.values()), default=0)
-    drawable(range(columns), "scores", "Run the study first.")
-    figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
+    plots.drawable(range(columns), "scores", "Run the study first.")
+    figure = plots.page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
     for row, (method, by_score) in enumerate(rows.items()):
         for column, (name, values) in enumerate(by_score.items()):
             axes = figure.add_subplot(len(rows), columns, row * columns + column + 1)
             _draw(axes, values, ((printed or {}).get(method) or {}).get(name))
             text = f"{printable(method)}\ntrials [count]" if column == 0 else ""
-            labelled(axes, x=f"NRMSE of {_words(name)} [%]", y=text, size=9.0)
+            plots.labelled(axes, x=f"NRMSE of {_words(name)} [%]", y=text, size=9.0)
     return figure
 
 
@@ -204,14 +181,16 @@ def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | No
         axes.set_xscale("log")
     else:
         edges = np.linspace(*_range(values), BINS + 1)
-    axes.hist(np.clip(values, edges[0], edges[-1]), bins=list(edges), color=BLUE, edgecolor="white", lw=0.4)
-    axes.axvline(float(values.mean()), color=DARK, lw=1.2, label=f"mean {values.mean():.3g}")
+    axes.hist(
+        np.clip(values, edges[0], edges[-1]), bins=list(edges), color=plots.BLUE, edgecolor="white", lw=0.4
+    )
+    axes.axvline(float(values.mean()), color=plots.DARK, lw=1.2, label=f"mean {values.mean():.3g}")
     if printed is not None:
         _draw_printed(axes, printed, float(edges[0]), float(edges[-1]))
     # room for the legend above the bars
     axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    legend(axes, size=7)
+    plots.legend(axes, size=7)
 
 
 def _draw_printed(axes: Axes, printed: Spread, low: float, high: float) -> None:
@@ -219,12 +198,12 @@ def _draw_printed(axes: Axes, printed: Spread, low: float, high: float) -> None:
     reach = FAR * (high - low)
     words = f"printed {printed.mean:.4g} ± {printed.std:.3g}"
     if not low - reach <= printed.mean <= high + reach:
-        axes.plot([], [], color=RED, lw=1.2, ls="--", label=f"{words},\noff this axis")
+        axes.plot([], [], color=plots.RED, lw=1.2, ls="--", label=f"{words},\noff this axis")
         return
     limits = min(low, printed.mean), max(high, printed.mean)
     margin = 0.05 * (limits[1] - limits[0])
-    axes.axvspan(printed.mean - printed.std, printed.mean + printed.std, color=RED, alpha=0.18, lw=0)
-    axes.axvline(printed.mean, color=RED, lw=1.2, ls="--", label=words)
+    axes.axvspan(printed.mean - printed.std, printed.mean + printed.std, color=plots.RED, alpha=0.18, lw=0)
+    axes.axvline(printed.mean, color=plots.RED, lw=1.2, ls="--", label=words)
     if axes.get_xscale() == "linear":
         axes.set_xlim(limits[0] - margin, limits[1] + margin)
 
@@ -256,38 +235,38 @@ def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
     return tuple(folder / f"{name}.{ending}" for name in names or PAPER_FIGURES for ending in FORMATS)
 
 
-def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]]:
+def paper_figures(results: Sequence[paper.PaperResult]) -> Iterator[tuple[str, Figure]]:
     """Figures 2 to 8 by name."""
     first = results[0]
     yield "figure-2", signal_figure(first.reading, first.example)
     number = 3
     for result in results:
-        for column in PRINTED_METHODS:
+        for column in paper.PRINTED_METHODS:
             yield f"figure-{number}", histogram_figure(result, column)
             number += 1
 
 
-def signal_figure(reading: PaperReading, example: Example = EXAMPLES[0]) -> Figure:
+def signal_figure(reading: paper.PaperReading, example: paper.Example = paper.EXAMPLES[0]) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
-    truth = record(exact, example, trial_generator(0)).truth
+    truth = paper.record(exact, example, paper.trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
-    height = integrated_height(velocity, drive, intersample=reading.intersample)
+    height = paper.integrated_height(velocity, drive, intersample=reading.intersample)
     signals = Signals(truth.rate_hz, {"input": drive, "position_z": height})
     return signals_figure(signals, title=f"Reading {reading.name}: input and height of the first run")
 
 
-def histogram_figure(result: PaperResult, column: str) -> Figure:
+def histogram_figure(result: paper.PaperResult, column: str) -> Figure:
     """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8."""
-    method = PRINTED_METHODS[column]
+    method = paper.PRINTED_METHODS[column]
     scores = result.nrmse(method)
     words = WORDS[column]
-    printed = dict(zip(SCORES, result.example.printed[method], strict=True))
+    printed = dict(zip(paper.SCORES, result.example.printed[method], strict=True))
     title = (
         f"Example {result.example.number}, {words}, reading {result.reading.name} "
         f"({len(result.estimates)} runs; red: printed mean ± SD)"
     )
-    rows = {words: {name: scores[:, index] for index, name in enumerate(SCORES)}}
+    rows = {words: {name: scores[:, index] for index, name in enumerate(paper.SCORES)}}
     return nrmse_figure(rows, printed={words: printed}, title=title)
 
 
@@ -320,32 +299,32 @@ def _digits(value: float) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}" if value > 0.0 else "0"
 
 
-def by_reading(results: Iterable[PaperResult]) -> dict[str, list[PaperResult]]:
+def by_reading(results: Iterable[paper.PaperResult]) -> dict[str, list[paper.PaperResult]]:
     """Results of each reading, in the order in which they came."""
-    solution: dict[str, list[PaperResult]] = {}
+    solution: dict[str, list[paper.PaperResult]] = {}
     for result in results:
         solution.setdefault(result.reading.name, []).append(result)
     return solution
 
 
-def nearest(results: Sequence[PaperResult]) -> str:
+def nearest(results: Sequence[paper.PaperResult]) -> str:
     """Name of the allowed reading whose means are nearest to the printed ones; of any if none is allowed."""
     groups = by_reading(results)
     allowed = {name: group for name, group in groups.items() if group[0].reading.allowed} or groups
-    return min(allowed, key=lambda name: nearness(allowed[name]).means)
+    return min(allowed, key=lambda name: paper.nearness(allowed[name]).means)
 
 
 # -- terminal ----------------------------------------------------------------------------------------
 
 
-def reading_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
+def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableType]:
     """Measured beside printed for one reading."""
     reading = results[0].reading
     yield heading(reading.name)
     yield Text(reading.sentence)
     for result in results:
         table = _plain(f"example {result.example.number}: NRMSE [%]", *SCORE_WORDS)
-        for method in METHODS:
+        for method in paper.METHODS:
             table.add_row(METHOD_WORDS[method], *map(spread_text, result.spreads(method)))
             if method in result.example.printed:
                 printed = map(printed_text, result.example.printed[method])
@@ -355,28 +334,28 @@ def reading_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
             yield Text(sentence)
 
 
-def weak_sentence(result: PaperResult) -> str:
+def weak_sentence(result: paper.PaperResult) -> str:
     """In how many runs the instruments of which method are weak; empty when none are."""
     runs = len(result.weak)
-    counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in PRINTED_METHODS.values()}
+    counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in paper.PRINTED_METHODS.values()}
     texts = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
     return f"Weak instruments (first-stage F below 10): {', '.join(texts)}." if texts else ""
 
 
-def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
+def overview_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableType]:
     """How far every reading is from the printed tables, and which is nearest."""
     yield heading("How far from the printed tables")
     table = _plain("reading", "means off by", "SDs off by", "printed means met")
     for name, group in by_reading(results).items():
-        table.add_row(name, *nearness_cells(nearness(group)))
+        table.add_row(name, *nearness_cells(paper.nearness(group)))
     yield table
     yield Text(verdict_sentence(results))
 
 
-def verdict_sentence(results: Sequence[PaperResult]) -> str:
+def verdict_sentence(results: Sequence[paper.PaperResult]) -> str:
     """Whether any reading gives the printed tables."""
     groups = by_reading(results)
-    near = {name: nearness(group) for name, group in groups.items()}
+    near = {name: paper.nearness(group) for name, group in groups.items()}
     whole = [name for name, result in near.items() if result.agreeing == result.printed]
     if whole:
         return f"Every printed mean is met by: {', '.join(whole)}."
@@ -388,7 +367,7 @@ def verdict_sentence(results: Sequence[PaperResult]) -> str:
     )
 
 
-def nearness_cells(result: Nearness) -> tuple[str, str, str]:
+def nearness_cells(result: paper.Nearness) -> tuple[str, str, str]:
     """How far a reading is from the printed tables, in a table."""
     return factor_text(result.means), factor_text(result.spreads), f"{result.agreeing} of {result.printed}"
 
@@ -413,13 +392,13 @@ def _plain(*columns: str) -> Table:
 # -- JSON --------------------------------------------------------------------------------------------
 
 
-def paper_document(results: Sequence[PaperResult], *, seconds: float) -> dict[str, Json]:
+def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> dict[str, Json]:
     """Document of the study, ready for `json_text`."""
     made: dict[str, Json] = {
         "schema": SCHEMA,
         "version": version("eivor"),
         "runs": len(results[0].estimates),
-        "seed": SEED,
+        "seed": paper.SEED,
         "seconds": seconds,
         "verdict": verdict_sentence(results),
         "readings": [_reading(group) for group in by_reading(results).values()],
@@ -427,8 +406,8 @@ def paper_document(results: Sequence[PaperResult], *, seconds: float) -> dict[st
     return {name: plain(value) for name, value in made.items()}
 
 
-def _reading(group: Sequence[PaperResult]) -> Json:
-    choices, results = asdict(group[0].reading), nearness(group)
+def _reading(group: Sequence[paper.PaperResult]) -> Json:
+    choices, results = asdict(group[0].reading), paper.nearness(group)
     return {
         "name": choices.pop("name"),
         "choices": choices,
@@ -439,7 +418,7 @@ def _reading(group: Sequence[PaperResult]) -> Json:
     }
 
 
-def _example(result: PaperResult) -> Json:
+def _example(result: paper.PaperResult) -> Json:
     return {
         "number": result.example.number,
         "methods": {
@@ -449,12 +428,13 @@ def _example(result: PaperResult) -> Json:
                 "nrmse": _spreads(result.spreads(method)),
                 "printed": _spreads(result.example.printed.get(method, ())),
             }
-            for method in METHODS
+            for method in paper.METHODS
         },
     }
 
 
 def _spreads(spreads: Sequence[Spread]) -> Json:
     return {
-        name: {"mean": spread.mean, "sd": spread.std} for name, spread in zip(SCORES, spreads, strict=False)
+        name: {"mean": spread.mean, "sd": spread.std}
+        for name, spread in zip(paper.SCORES, spreads, strict=False)
     }

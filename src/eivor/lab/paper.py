@@ -189,7 +189,6 @@ def _readings() -> tuple[PaperReading, ...]:
     return tuple(known.values())
 
 
-#: Every named reading.
 READINGS = _readings()
 
 
@@ -506,7 +505,7 @@ def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
 
 
 def run_paper(
-    readings: Sequence[PaperReading], *, runs: int, seed: int = SEED, workers: int | None = None
+    readings: Sequence[PaperReading], *, runs: int, workers: int | None = None
 ) -> Iterator[PaperResult]:
     """Results of every reading in their order, example 1 before example 2, as they are done."""
     if runs < 2:
@@ -517,7 +516,7 @@ def run_paper(
     tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
     waiting = [(reading, example) for reading in readings for example in EXAMPLES]
     done: dict[tuple[str, int], PaperResult] = {}
-    computed = local_executor(workers, len(tasks)).map(partial(run_together, runs=runs, seed=seed), tasks)
+    computed = local_executor(workers, len(tasks)).map(partial(run_together, runs=runs), tasks)
     with closing(in_order(computed)) as groups_done:
         for results in groups_done:
             done |= {(result.reading.name, result.example.number): result for result in results}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -35,16 +34,16 @@ class Feedback:
     integral: float  # [input per m/s]
 
 
-class Control(ABC):
+class Control:
     """Where the input comes from."""
 
     #: Channel that the excitation is: `input`, or the reference of a controller.
     reference: ClassVar[str]
 
     @property
-    @abstractmethod
     def feedback(self) -> Feedback | None:
         """The law, None in open loop."""
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +51,6 @@ class OpenLoop(Control):
     """No control: the excitation is the input."""
 
     reference: ClassVar[str] = "input"
-
-    @property
-    def feedback(self) -> Feedback | None:
-        return None
 
 
 @dataclass(frozen=True, slots=True)

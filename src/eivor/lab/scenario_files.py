@@ -16,27 +16,7 @@ import msgspec
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError, did_you_mean
-from eivor.lab.disturbances import (
-    Arma,
-    Bilinear,
-    BoundedAdversary,
-    CoefficientCourse,
-    CoefficientPath,
-    Garch,
-    GivenCourse,
-    GivenDisturbance,
-    OrnsteinUhlenbeck,
-    RandomCoefficientMovingAverage,
-    Sinusoids,
-    SumOfCourses,
-    SumOfDisturbances,
-    ThresholdMovingAverage,
-    TimeVaryingArma,
-    Trend,
-    VarianceSwitch,
-    bilinear,
-    paper_disturbance,
-)
+from eivor.lab import disturbances
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
 from eivor.lab.study import MethodChoice, Study
@@ -48,23 +28,8 @@ from eivor.signals.noise import (
     RoundingNoise,
     WhiteNoise,
 )
+from eivor.simulation import excitation
 from eivor.simulation.environment import SensorNoise
-from eivor.simulation.excitation import (
-    Chirp,
-    Disturbance,
-    DrydenGust,
-    Excitation,
-    FilteredWhite,
-    GivenSeries,
-    Multisine,
-    PaperInput,
-    PseudoRandomBinary,
-    RandomSteps,
-    ScaledExcitation,
-    SteppedExcitation,
-    WhiteDisturbance,
-    WhiteExcitation,
-)
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
@@ -75,7 +40,6 @@ if TYPE_CHECKING:
 
 # -- Number file --
 
-#: Endings of files that can be read.
 FORMATS = (".csv", ".parquet")
 #: Larger files, and longer columns, are no excitation: they would be held whole in every process.
 LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
@@ -167,49 +131,53 @@ NOISES: Mapping[str, Maker] = {
     "rounding": RoundingNoise,
 }
 DISTURBANCES: Mapping[str, Maker] = {
-    "paper": paper_disturbance,
-    "white": WhiteDisturbance,
-    "arma": Arma,
-    "time_varying_arma": TimeVaryingArma,
-    "random_coefficient_moving_average": RandomCoefficientMovingAverage,
-    "threshold_moving_average": ThresholdMovingAverage,
-    "bilinear": bilinear,
-    "bilinear_sum": Bilinear,
-    "garch": Garch,
-    "variance_switch": VarianceSwitch,
-    "trend": Trend,
-    "sinusoids": Sinusoids,
-    "bounded": BoundedAdversary,
-    "dryden": DrydenGust,
-    "ornstein_uhlenbeck": OrnsteinUhlenbeck,
-    "series": GivenDisturbance,
-    "sum": SumOfDisturbances,
+    "paper": disturbances.paper_disturbance,
+    "white": excitation.WhiteDisturbance,
+    "arma": disturbances.Arma,
+    "time_varying_arma": disturbances.TimeVaryingArma,
+    "random_coefficient_moving_average": disturbances.RandomCoefficientMovingAverage,
+    "threshold_moving_average": disturbances.ThresholdMovingAverage,
+    "bilinear": disturbances.bilinear,
+    "bilinear_sum": disturbances.Bilinear,
+    "garch": disturbances.Garch,
+    "variance_switch": disturbances.VarianceSwitch,
+    "trend": disturbances.Trend,
+    "sinusoids": disturbances.Sinusoids,
+    "bounded": disturbances.BoundedAdversary,
+    "dryden": excitation.DrydenGust,
+    "ornstein_uhlenbeck": disturbances.OrnsteinUhlenbeck,
+    "series": disturbances.GivenDisturbance,
+    "sum": disturbances.SumOfDisturbances,
 }
 #: Of coefficients that change; sinusoids when none is named.
-COURSES: Mapping[str, Maker] = {"sinusoid": CoefficientCourse, "series": GivenCourse, "sum": SumOfCourses}
+COURSES: Mapping[str, Maker] = {
+    "sinusoid": disturbances.CoefficientCourse,
+    "series": disturbances.GivenCourse,
+    "sum": disturbances.SumOfCourses,
+}
 EXCITATIONS: Mapping[str, Maker] = {
-    "paper": PaperInput,
-    "white": WhiteExcitation,
-    "filtered_white": FilteredWhite,
-    "chirp": Chirp,
-    "multisine": Multisine,
-    "pseudo_random_binary": PseudoRandomBinary,
-    "steps": SteppedExcitation,
-    "random_steps": RandomSteps,
-    "series": GivenSeries,
-    "scaled": ScaledExcitation,
+    "paper": excitation.PaperInput,
+    "white": excitation.WhiteExcitation,
+    "filtered_white": excitation.FilteredWhite,
+    "chirp": excitation.Chirp,
+    "multisine": excitation.Multisine,
+    "pseudo_random_binary": excitation.PseudoRandomBinary,
+    "steps": excitation.SteppedExcitation,
+    "random_steps": excitation.RandomSteps,
+    "series": excitation.GivenSeries,
+    "scaled": excitation.ScaledExcitation,
 }
 CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
-    Disturbance: DISTURBANCES,
-    Excitation: EXCITATIONS,
+    excitation.Disturbance: DISTURBANCES,
+    excitation.Excitation: EXCITATIONS,
     Control: CONTROLS,
-    CoefficientPath: COURSES,
+    disturbances.CoefficientPath: COURSES,
 }
 #: Kinds that are meant where a table names none.
-USUAL: Mapping[type, str] = {CoefficientPath: "sinusoid"}
+USUAL: Mapping[type, str] = {disturbances.CoefficientPath: "sinusoid"}
 
 
 def of_kind(table: TomlTable, family: type, *handled: str, **known: object) -> Any:
@@ -320,11 +288,6 @@ def _of_table(table: TomlTable, annotation: Any) -> Any:
 FLIGHT_KIND = "flight"
 #: Folders of what comes with the package.
 _FLIGHTS, _SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
-
-
-def read_flight(path: Path) -> VerticalFlightSpec:
-    """Flight from a file, with the seed zero."""
-    return flight_from_table(read_toml(path, "a flight"))
 
 
 def shipped_file(name: str) -> Path:
@@ -455,7 +418,7 @@ def scenario_from_table(table: TomlTable) -> Scenario:
     if "disturbance" in table.values:
         section = table.part("disturbance")
         known["disturbance_to_signal"] = ratio_to_signal(section)
-        known["disturbance"] = of_kind(section, Disturbance, RATIO)
+        known["disturbance"] = of_kind(section, excitation.Disturbance, RATIO)
     check_sample_count(table)
     scenario: Scenario = built(table, Scenario, "kind", "disturbance", "noise", **known)
     return scenario

@@ -19,7 +19,6 @@ from eivor.logs.mapping import fitted_rules, mapped_recording
 from eivor.signals.recording import Finding, LogOrigin, Recording
 
 MAGIC = b"H Product:Blackbox"
-#: Encodings of fields.
 SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, TAG2_3, TAG8_4, NOTHING, TAG2_3_VARIABLE = 0, 1, 3, 6, 7, 8, 9, 10
 #: How many fields share an encoding's tag.
 GROUPS = {TAG2_3: 3, TAG8_4: 4, TAG2_3_VARIABLE: 3}

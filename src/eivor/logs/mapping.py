@@ -49,7 +49,6 @@ LEAST_SUGGESTED = 3
 NO_UNITS: Mapping[str, str] = {}
 #: A column's name, and its unit in brackets behind it.
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
-#: Units as people write them.
 _WRITTEN = {"-": "", "°": "deg", "degrees": "deg", "°/s": "deg/s", "sec": "s", "seconds": "s", "µs": "us"}
 _WRITTEN |= {"m/s²": "m/s^2", "m/s2": "m/s^2", "G": "g", "feet": "ft"}
 #: What people call channels, in small letters and without signs between the words.

@@ -21,17 +21,7 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs.common import (
-    HEAD_BYTES,
-    FolderParts,
-    LogFormat,
-    ReadOptions,
-    begins_with,
-    folder_sha256,
-    folder_size,
-    is_stream,
-    kept,
-)
+from eivor.logs import common
 from eivor.logs.table.delimited import is_delimited
 from eivor.signals.recording import Recording
 
@@ -46,19 +36,19 @@ def _refused(
     received: str,
     remedy: str,
     error: type[InputError] = MissingReaderError,
-) -> LogFormat:
+) -> common.LogFormat:
     """Row of a format without a reader, which is refused; the file's name goes into the braces."""
 
-    def refuse(file: Path, _options: ReadOptions) -> Never:
+    def refuse(file: Path, _options: common.ReadOptions) -> Never:
         raise error(expected, received.format(file.name), remedy)
 
-    return LogFormat(name, label, sniff, refuse, is_read=False)
+    return common.LogFormat(name, label, sniff, refuse, is_read=False)
 
 
-def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
+def _recognised(name: str, label: str, magic: bytes, remedy: str) -> common.LogFormat:
     """Row of a format that is recognised by its first bytes."""
     expected = "a log that this release reads"
-    return _refused(name, label, begins_with(magic), expected, f"{label}, '{{}}'", remedy)
+    return _refused(name, label, common.begins_with(magic), expected, f"{label}, '{{}}'", remedy)
 
 
 _UNPACK = "Unpack it and give the log that is inside."
@@ -74,7 +64,7 @@ _DJI_VERSIONS = 20
 _DJI_DETAILS = (200, 2000)
 
 #: Recognised formats without a reader in this release.
-RECOGNISED: tuple[LogFormat, ...] = (
+RECOGNISED: tuple[common.LogFormat, ...] = (
     _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
     _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
     _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
@@ -146,7 +136,7 @@ def _is_utf16(head: bytes, _file: Path) -> bool:
 
 def _in_encoding(
     name: str, label: str, sniff: Callable[[bytes, Path], bool], received: str, codec: str
-) -> LogFormat:
+) -> common.LogFormat:
     """Row of tables that would be unreadable or, worse, misread."""
     remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
     text = f"'{{}}', a table {received}"
@@ -184,10 +174,10 @@ TABLES = "eivor.logs.table.columnar:TEXTS"
 FURTHER_ENDINGS = (".bag", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 
 #: What other packages have declared, by name; compared before texts.
-_DECLARED: dict[str, LogFormat] = {}
+_DECLARED: dict[str, common.LogFormat] = {}
 
 
-def log_formats() -> Iterator[LogFormat]:
+def log_formats() -> Iterator[common.LogFormat]:
     """All formats, in the order in which a file is compared with them."""
     for reader in READERS:
         yield from resolve_name(reader)
@@ -195,12 +185,12 @@ def log_formats() -> Iterator[LogFormat]:
     yield from (UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 
-def readable_formats() -> tuple[LogFormat, ...]:
+def readable_formats() -> tuple[common.LogFormat, ...]:
     """Return the formats that are read."""
     return tuple(row for row in log_formats() if row.is_read)
 
 
-def declare_format(added: LogFormat) -> None:
+def declare_format(added: common.LogFormat) -> None:
     """Add a format to the table, for this process. Declaring the same format again changes nothing."""
     known = log_format(added.name)
     if known is not None and known != added:
@@ -210,12 +200,12 @@ def declare_format(added: LogFormat) -> None:
         _DECLARED[added.name] = added
 
 
-def log_format(name: str) -> LogFormat | None:
+def log_format(name: str) -> common.LogFormat | None:
     """Return the format of a name, as in `Recording.format`; None for recordings that are of no file."""
     return next((row for row in log_formats() if row.name == name), None)
 
 
-def advising_format(name: str) -> LogFormat:
+def advising_format(name: str) -> common.LogFormat:
     """Return the format whose advice serves logs of a format: itself, or tables where it has none."""
     known = log_format(name)
     if known is not None and known.advice("") and known.setpoints:
@@ -224,7 +214,7 @@ def advising_format(name: str) -> LogFormat:
     return tables
 
 
-def format_of(head: bytes, file: Path) -> LogFormat:
+def format_of(head: bytes, file: Path) -> common.LogFormat:
     """Return the format of a file."""
     for row in log_formats():
         if row.sniff(head, file):
@@ -235,19 +225,21 @@ def format_of(head: bytes, file: Path) -> LogFormat:
     raise UnknownFormatError(expected, f"'{file.name}', whose content is that of none of them", remedy)
 
 
-def format_at(path: Path) -> LogFormat:
+def format_at(path: Path) -> common.LogFormat:
     """Return the format of a file, or of a folder that is a log, by what is in it."""
     if path.is_dir():
         return format_of(b"", path)
     with path.open("rb") as stream:
-        return format_of(stream.read(HEAD_BYTES), path)
+        return format_of(stream.read(common.HEAD_BYTES), path)
 
 
-def folder_parts(folder: Path) -> FolderParts:
+def folder_parts(folder: Path) -> common.FolderParts:
     """Return which files of a folder are one log together, and which were made of logs beside them."""
     results = [row.parts(folder) for row in readable_formats()]
     derived = frozenset().union(*(result.derived for result in results))
-    return FolderParts(next((result.members for result in results if result.members), frozenset()), derived)
+    return common.FolderParts(
+        next((result.members for result in results if result.members), frozenset()), derived
+    )
 
 
 def logging_advice(name: str = "ulog", channel: str = "") -> tuple[str, ...]:
@@ -321,8 +313,8 @@ def read_log(
         str(file).encode("utf-8")  # as which the table readers take their paths
     except UnicodeEncodeError as error:
         raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
-    if is_stream(file):
-        with kept(file, max_bytes) as copy:
+    if common.is_stream(file):
+        with common.kept(file, max_bytes) as copy:
             return _read(copy, channel_map, max_bytes)
     return _read(file, channel_map, max_bytes)
 
@@ -345,15 +337,15 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         expected = f"a channel map only with logs whose columns have any names ({taking})"
         received = f"a channel map with the {chosen.label} '{file.name}'"
         raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-    return chosen.read(file, ReadOptions(channel_map, sha256))
+    return chosen.read(file, common.ReadOptions(channel_map, sha256))
 
 
 def _head(file: Path) -> tuple[bytes, str]:
     """The first bytes of a file, none of a folder, and the hash of all."""
     if file.is_dir():
-        return b"", folder_sha256(file)
+        return b"", common.folder_sha256(file)
     with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+        head = stream.read(common.HEAD_BYTES)
         stream.seek(0)
         return head, hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -364,7 +356,7 @@ def _log_size(file: Path) -> int:
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from error
     if stat.S_ISDIR(status.st_mode) and any(row.sniff(b"", file) for row in readable_formats()):
-        return folder_size(file)
+        return common.folder_size(file)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
         expected = "the path of a log file"
@@ -388,7 +380,6 @@ def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
 
 # -- Example --
 
-#: File of the example in the package's data.
 EXAMPLE_FLIGHT = "example_flight.parquet"
 
 

@@ -242,7 +242,6 @@ class Pictures:
 
 #: At most so much of a flight is drawn over time [s].
 FIT_SHOWN_S = 40.0
-#: Size of the figure of a flight.
 SIZE_INCHES = (11.0, 8.5)
 
 

@@ -15,24 +15,7 @@ from eivor.errors import NonFiniteError, TooFewSamplesError
 from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    GREY,
-    RED,
-    GivenAxes,
-    Panels,
-    banded,
-    column_page,
-    figure_of,
-    fitting,
-    given_axes,
-    labelled,
-    legend,
-    mosaic,
-    of_most_power,
-    page,
-)
+from eivor.report import figure_panels as plots
 from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
@@ -46,7 +29,7 @@ if TYPE_CHECKING:
 
 # -- Multi-step prediction --
 
-AHEAD_COLOURS = (RED, BLUE, "#8a6d3b")
+AHEAD_COLOURS = (plots.RED, plots.BLUE, "#8a6d3b")
 WIDTH_INCHES, ROW_INCHES = 11.0, 2.3
 #: So much of a flight is drawn over time [s].
 AHEAD_SHOWN_S = 20.0
@@ -54,9 +37,9 @@ AHEAD_SHOWN_S = 20.0
 BROKEN_AFTER = 3.0
 
 
-def prediction_panels(predictions: MultiStepPrediction) -> Panels:
+def prediction_panels(predictions: MultiStepPrediction) -> plots.Panels:
     """Panels by name: each quantity, and "QUANTITY by horizon" beside it."""
-    panels: Panels = {}
+    panels: plots.Panels = {}
     liveliest = _liveliest(predictions)
     for number, models in enumerate(predictions.by_quantity):
         name = models[0].quantity
@@ -69,8 +52,8 @@ def prediction_panels(predictions: MultiStepPrediction) -> Panels:
 def prediction_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """A page with two panels in a row."""
     pairs = list(zip(names[::2], names[1::2], strict=True))
-    figure = page(WIDTH_INCHES, ROW_INCHES * len(pairs) + 1.2)
-    return mosaic(figure, pairs, width_ratios=(2.2, 1.0))
+    figure = plots.page(WIDTH_INCHES, ROW_INCHES * len(pairs) + 1.2)
+    return plots.mosaic(figure, pairs, width_ratios=(2.2, 1.0))
 
 
 def _draw_ahead_over_time(
@@ -86,7 +69,7 @@ def _draw_ahead_over_time(
     time = prediction.start_s[displayed] + after
     quantity = models[0].quantity
     if models[0].series is not None:
-        ax.plot(*_unbroken(time, times * models[0].series[displayed, 0]), color=DARK, lw=2.6, alpha=0.4)
+        ax.plot(*_unbroken(time, times * models[0].series[displayed, 0]), color=plots.DARK, lw=2.6, alpha=0.4)
         words = f"{quantity} [{unit}]"
     else:
         words = f"error of {quantity} [{unit}]"
@@ -95,18 +78,18 @@ def _draw_ahead_over_time(
             ax.plot(*_unbroken(time, times * item.left[displayed, -1]), color=colour, lw=1.0)
         elif item.model != UNCHANGED:
             ax.plot(*_unbroken(time, times * item.series[displayed, 1]), color=colour, lw=1.0)
-    labelled(ax, x="time [s]", y=words, size=9.0)
+    plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
     if first:
         title = f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight"
-        ax.set_title(fitting(ax, title), fontsize=9, parse_math=False)
+        ax.set_title(plots.fitting(ax, title), fontsize=9, parse_math=False)
 
 
 def _by_horizon(
     ax: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, first: bool
 ) -> None:
     if first:
-        ax.plot([], [], color=DARK, lw=2.6, alpha=0.4, label="measured")
+        ax.plot([], [], color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
     draw_by_horizon(ax, prediction, models, key=first)
     if first:
         ax.set_title("By horizon", fontsize=9)
@@ -122,15 +105,15 @@ def draw_by_horizon(
         axes.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
     most = times * max(max(model.rms) for model in models)
     axes.set_ylim(0.0, (1.75 if key else 1.1) * most or 1.0)
-    labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
+    plots.labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
     if key:
-        legend(axes, size=7, place="upper left")
+        plots.legend(axes, size=7, place="upper left")
 
 
 def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, str]]:
     parametric = [model for model in models if model.model != UNCHANGED]
     colours = dict(zip((item.model for item in parametric), AHEAD_COLOURS, strict=False))
-    return [(model, colours.get(model.model, GREY)) for model in reversed(models)]
+    return [(model, colours.get(model.model, plots.GREY)) for model in reversed(models)]
 
 
 def _liveliest(prediction: MultiStepPrediction) -> slice:
@@ -139,7 +122,7 @@ def _liveliest(prediction: MultiStepPrediction) -> slice:
     stayed = [models[-1] for models in prediction.by_quantity]
     moved = [(np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0))) ** 2 for item in stayed]
     step = float(np.median(np.diff(time))) if time.size > 1 else AHEAD_SHOWN_S
-    return of_most_power(np.sum(moved, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
+    return plots.of_most_power(np.sum(moved, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
 
 
 def _unbroken(
@@ -185,26 +168,29 @@ def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: fl
     amplitude = np.sqrt(2.0 * spectrum / (values.size * rate_hz))
     gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
     fitted = np.sqrt(2.0 / rate_hz) * result.std * gain**result.order
-    axes.loglog(frequency, amplitude, color=GREY, lw=0.4, alpha=0.5, label="periodogram")
+    axes.loglog(frequency, amplitude, color=plots.GREY, lw=0.4, alpha=0.5, label="periodogram")
     axes.loglog(
-        *banded(frequency, amplitude, BANDS_PER_DECADE), "o", color=BLUE, ms=4, label="mean power of bands"
+        *plots.banded(frequency, amplitude, BANDS_PER_DECADE),
+        "o",
+        color=plots.BLUE,
+        ms=4,
+        label="mean power of bands",
     )
     used = frequency <= rate_hz * result.bandwidth / values.size
     what = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
-    axes.loglog(frequency, fitted, color=RED, lw=0.9, ls="--")
-    axes.loglog(frequency[used], fitted[used], color=RED, lw=1.8, label=f"{what}\n(fitted where solid)")
+    axes.loglog(frequency, fitted, color=plots.RED, lw=0.9, ls="--")
+    axes.loglog(frequency[used], fitted[used], color=plots.RED, lw=1.8, label=f"{what}\n(fitted where solid)")
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"amplitude density [{printable(unit) or '-'} per √Hz]", parse_math=False)
     # periodogram bins may be next to nothing; below the bands they say nothing either
     floor, top = float(np.quantile(amplitude, 0.01)), float(amplitude.max())
     axes.set_ylim(0.5 * max(floor, 1e-12 * top), 3.0 * top)
     axes.grid(alpha=0.25, which="both")
-    legend(axes)
+    plots.legend(axes)
 
 
 # -- Residual figures --
 
-#: Names of the panels.
 PANELS = ("time", "autocorrelation", "spectrum")
 #: Lags of the autocorrelation, and the largest share of the record that they may reach.
 LAGS, LARGEST_SHARE = 60, 0.25
@@ -220,7 +206,7 @@ def residual_figure(
     start_s: float = 0.0,
     lags: int = LAGS,
     title: str = "",
-    axes: GivenAxes | None = None,
+    axes: plots.GivenAxes | None = None,
 ) -> Figure:
     """Three panels that identify whether a residual is white.
 
@@ -250,9 +236,9 @@ def residual_figure(
         raise TooFewSamplesError(expected, f"{residual.size}", "Use a longer record.")
     if axes is None:
         rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
-        panels = mosaic(page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
+        panels = plots.mosaic(plots.page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
     else:
-        panels = given_axes(axes, PANELS, title)
+        panels = plots.given_axes(axes, PANELS, title)
     squared = unit.replace("^2", "²")
     if "time" in panels:
         over_time = panels["time"]
@@ -263,7 +249,7 @@ def residual_figure(
         _draw_autocorrelation(panels["autocorrelation"], residual, most, rate_hz)
     if "spectrum" in panels:
         draw_noise_spectrum(panels["spectrum"], residual, rate_hz, squared)
-    return figure_of(*panels.values())
+    return plots.figure_of(*panels.values())
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
@@ -283,11 +269,11 @@ def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarr
     if values.size > 2 * STRETCHES:
         first = np.arange(STRETCHES) * values.size // STRETCHES
         low, high = (reduce.reduceat(values, first) for reduce in (np.minimum, np.maximum))
-        axes.fill_between(time[first], low, high, color=GREY, lw=0.3, label="range")
+        axes.fill_between(time[first], low, high, color=plots.GREY, lw=0.3, label="range")
     else:
-        axes.plot(time, values, color=GREY, lw=0.7)
-    axes.axhline(0.0, color=DARK, lw=0.8)
-    labelled(axes, x="time t [s]")
+        axes.plot(time, values, color=plots.GREY, lw=0.7)
+    axes.axhline(0.0, color=plots.DARK, lw=0.8)
+    plots.labelled(axes, x="time t [s]")
     axes.margins(x=0.005)
 
 
@@ -297,15 +283,15 @@ def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int
     lag = np.arange(1, lags + 1)
     robust, white = robust_band(values, lags), normal_quantile(0.95) / np.sqrt(values.size)
     axes.fill_between(
-        lag, -robust, robust, color=BLUE, alpha=0.3, lw=0, label="uncorrelated, varying strength"
+        lag, -robust, robust, color=plots.BLUE, alpha=0.3, lw=0, label="uncorrelated, varying strength"
     )
     for edge in (-white, white):
-        axes.axhline(edge, color=RED, lw=1.0, ls="--", label="white noise, 95 %" if edge > 0.0 else "_")
-    axes.vlines(lag, 0.0, R[1:] / R[0], color=DARK, lw=1.2)
-    axes.plot(lag, R[1:] / R[0], "o", color=DARK, ms=2.5)
-    axes.axhline(0.0, color=DARK, lw=0.8)
-    labelled(axes, x=f"lag [samples of {1.0 / rate_hz:.3g} s]", y="autocorrelation [-]")
-    legend(axes, size=7)
+        axes.axhline(edge, color=plots.RED, lw=1.0, ls="--", label="white noise, 95 %" if edge > 0.0 else "_")
+    axes.vlines(lag, 0.0, R[1:] / R[0], color=plots.DARK, lw=1.2)
+    axes.plot(lag, R[1:] / R[0], "o", color=plots.DARK, ms=2.5)
+    axes.axhline(0.0, color=plots.DARK, lw=0.8)
+    plots.labelled(axes, x=f"lag [samples of {1.0 / rate_hz:.3g} s]", y="autocorrelation [-]")
+    plots.legend(axes, size=7)
 
 
 # -- Signal figures --
@@ -321,21 +307,21 @@ WORDS = {
 }
 
 
-def signals_figure(signals: Signals, *, title: str = "", axes: GivenAxes | None = None) -> Figure:
+def signals_figure(signals: Signals, *, title: str = "", axes: plots.GivenAxes | None = None) -> Figure:
     """Channels over time, one below the other; samples that are not valid leave gaps."""
     names = tuple(signals.channels)
     if axes is None:
-        panels = column_page(names, (SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7), title)
+        panels = plots.column_page(names, (SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7), title)
     else:
-        panels = given_axes(axes, names, title)
+        panels = plots.given_axes(axes, names, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
     for name, drawn_panel in panels.items():
         values = signals.channel(name)
         if signals.valid is not None:
             values = np.where(signals.valid, values, np.nan)
-        drawn_panel.plot(time, values, color=DARK, lw=0.7)
+        drawn_panel.plot(time, values, color=plots.DARK, lw=0.7)
         channel = canonical_channel(name)
         unit = (channel.unit if channel else "").replace("^2", "²") or "-"
-        labelled(drawn_panel, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
+        plots.labelled(drawn_panel, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
         drawn_panel.margins(x=0.005)
-    return figure_of(*panels.values())
+    return plots.figure_of(*panels.values())

@@ -33,7 +33,7 @@ from eivor.report.document import (
     TableOf,
     table,
 )
-from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows
+from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows, symbol_of
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
@@ -465,8 +465,7 @@ def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
 
 def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> TableOf:
     """A row for each flight or method, a column for each quantity."""
-    words = [quantity.wording for quantity in rows[0][1]]
-    titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
+    titles = [symbol_of(quantity.wording) for quantity in rows[0][1]]
     columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
     cells = []
     for row, quantities in rows:

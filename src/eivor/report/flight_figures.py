@@ -18,33 +18,8 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
+from eivor.report import figure_panels as plots
 from eivor.report.document import capitalised, short_name
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    FIT_SHOWN_S,
-    GREY,
-    RED,
-    SIZE_INCHES,
-    STATUS_COLOURS,
-    GivenAxes,
-    Panels,
-    Picture,
-    PlottedInterval,
-    banded,
-    column_page,
-    draw_ellipse,
-    figure_of,
-    fitting,
-    forest_picture,
-    given_axes,
-    labelled,
-    legend,
-    liveliest,
-    mosaic,
-    page,
-    without_abscissa,
-)
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
 from eivor.tools import Float, printable
 
@@ -121,22 +96,21 @@ def spectrum(
 
 # -- Measured and predicted --
 
-#: Line styles of several axes in one panel.
 STYLES = ("-", "--", ":")
 
 
 def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) -> None:
     """Draw what was measured along one axis and what the model says within the band, or what is left."""
     run = max(runs, key=lambda candidate: candidate.time_s.size)
-    inside = liveliest(trace.measured[run.rows], int(FIT_SHOWN_S / run.spectral.step_s))
+    inside = plots.liveliest(trace.measured[run.rows], int(plots.FIT_SHOWN_S / run.spectral.step_s))
     time, (measured, predicted) = run.time_s[inside], within_band(trace, run)[inside].T
     if left:
-        axes.plot(time, measured - predicted, color=GREY, lw=0.9)
+        axes.plot(time, measured - predicted, color=plots.GREY, lw=0.9)
         axes.axhline(0.0, color="black", lw=0.5)
         axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
     else:
-        axes.plot(time, measured, color=DARK, lw=0.9, label="measured")
-        axes.plot(time, predicted, color=RED, lw=1.1, label=f"predicted: {trace.model}")
+        axes.plot(time, measured, color=plots.DARK, lw=0.9, label="measured")
+        axes.plot(time, predicted, color=plots.RED, lw=1.1, label=f"predicted: {trace.model}")
         axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
         what = "the whole run" if len(runs) == 1 else f"the longest of {len(runs)} runs"
         if time.size < run.time_s.size:
@@ -144,9 +118,9 @@ def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) ->
         low, high = band_of(trace, run)
         passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
         title = f"Measured and predicted, {passed}: {what}, {short_name(run.name)}"
-        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
-        legend(axes)
-    labelled(axes, x="time from the log's start [s]")
+        axes.set_title(plots.fitting(axes, title), fontsize=9, parse_math=False)
+        plots.legend(axes)
+    plots.labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
 
 
@@ -163,7 +137,7 @@ WIDE_RATIO = 10.0
 TICKS = (1, 2, 5)
 
 
-def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
+def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
     """Pictures of an estimate that are not over time."""
     runs = flight_runs(result)
     yield _autocorrelation_picture(fit.estimate, runs)
@@ -176,7 +150,7 @@ def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
     yield from _ellipse(result, fit.estimate)
 
 
-def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Picture:
+def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots.Picture:
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
     layout, residuals = estimate.rows.layout, estimate.residuals
     if isinstance(layout, BinRows):
@@ -197,16 +171,16 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Pictu
     band = 1.96 / np.sqrt(max(2.0 * power.size, 1.0))
 
     def draw(axes: Axes) -> None:
-        axes.axhspan(-band, band, color=BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
-        axes.vlines(shift, 0.0, correlation, color=GREY, lw=1.6)
-        axes.plot(shift, correlation, "o", color=GREY, ms=3)
+        axes.axhspan(-band, band, color=plots.BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
+        axes.vlines(shift, 0.0, correlation, color=plots.GREY, lw=1.6)
+        axes.plot(shift, correlation, "o", color=plots.GREY, ms=3)
         axes.axhline(0.0, color="black", lw=0.5)
-        labelled(axes, x="shift [s]", y="correlation")
+        plots.labelled(axes, x="shift [s]", y="correlation")
         limit = max(0.3, 1.15 * float(np.max(np.abs(correlation), initial=0.0)))
         axes.set_ylim(-limit, limit)
-        legend(axes, place="upper right")
+        plots.legend(axes, place="upper right")
 
-    return Picture(
+    return plots.Picture(
         f"Autocorrelation of the {what}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
         draw,
@@ -214,7 +188,7 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Pictu
     )
 
 
-def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> Picture:
+def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> plots.Picture:
     """The objective against one nuisance, at the best of the others, as chi-square."""
     profile, least = estimate.profiles[number], estimate.solution.objective
     row = _row_of(result, profile.nuisance.name)
@@ -234,17 +208,17 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
         _abscissa(axes, profile.grid * scale)
         first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(end, first, last)) for end in row.interval)
-        axes.axvspan(low, high, color=BLUE, alpha=0.18, lw=0, label="95 % interval")
-        axes.axvline(row.value, color=BLUE, lw=0.7)
+        axes.axvspan(low, high, color=plots.BLUE, alpha=0.18, lw=0, label="95 % interval")
+        axes.axvline(row.value, color=plots.BLUE, lw=0.7)
         axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
         axes.set_yscale("symlog", linthresh=quantile)
         tallest = max(PROFILE_HEIGHT * quantile, float(excess.max()))
         axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
-        labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
-        legend(axes, size=7, place="upper left", columns=2)
+        plots.labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
+        plots.legend(axes, size=7, place="upper left", columns=2)
 
     rows = [("objective", *pair) for pair in zip(values.tolist(), excess.tolist(), strict=True)]
-    return Picture(
+    return plots.Picture(
         f"How well each {wording.words} fits",
         "Values whose curve stays below the dashed line fit the flight; equal steps below it, powers of "
         "ten above.",
@@ -273,19 +247,19 @@ def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
 
 def _excitation_picture(
     traces: tuple[Trace, ...], runs: list[FlightRun], title: str, per_decade: int | None = None
-) -> Picture:
+) -> plots.Picture:
     """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
     traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     lines = []
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
         for values, colour, label in (
-            (trace.driven, RED, f"input: {trace.drive}{of_axis}"),
-            (trace.measured - trace.predicted, GREY, f"residual{of_axis}"),
+            (trace.driven, plots.RED, f"input: {trace.drive}{of_axis}"),
+            (trace.measured - trace.predicted, plots.GREY, f"residual{of_axis}"),
         ):
             frequency, amplitude = spectrum(values, runs)
             if per_decade is not None:
-                frequency, amplitude = banded(frequency, amplitude, per_decade)
+                frequency, amplitude = plots.banded(frequency, amplitude, per_decade)
             lines.append((label, colour, style, frequency, amplitude))
 
     def draw(axes: Axes) -> None:
@@ -294,10 +268,10 @@ def _excitation_picture(
         low, high = axes.get_ylim()
         axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
         low, high = runs[0].spectral.band_hz
-        axes.axvspan(low, high, color=BLUE, alpha=0.12, lw=0, label="band used")
-        labelled(axes, x="frequency [Hz]", y=f"amplitude [{traces[0].unit} per √Hz]")
+        axes.axvspan(low, high, color=plots.BLUE, alpha=0.12, lw=0, label="band used")
+        plots.labelled(axes, x="frequency [Hz]", y=f"amplitude [{traces[0].unit} per √Hz]")
         axes.grid(alpha=0.25, which="both")
-        legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
+        plots.legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
 
     frequency = lines[0][3]
     steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
@@ -305,7 +279,7 @@ def _excitation_picture(
     kept = np.unique(kept.clip(max=frequency.size - 1))
     columns = (frequency[kept].tolist(), *(line[4][kept].tolist() for line in lines))
     titles = ("frequency [Hz]", *(line[0] for line in lines))
-    return Picture(
+    return plots.Picture(
         title,
         "Where the input stands above the residual, the flight carries some information.",
         draw,
@@ -313,7 +287,7 @@ def _excitation_picture(
     )
 
 
-def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
+def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
     for name, sets in fit.sets.items():
         row = _row_of(result, name)
         wording = row.wording
@@ -325,8 +299,8 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
         ):
             pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
             texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or "no value"
-            rows.append(PlottedInterval(label, np.nan, pieces, texts))
-        yield forest_picture(
+            rows.append(plots.PlottedInterval(label, np.nan, pieces, texts))
+        yield plots.forest_picture(
             f"Three 95 % sets of the {wording.words}",
             axis_of(wording),
             rows,
@@ -343,12 +317,14 @@ def _row_of(result: FlightEstimate, name: str) -> QuantityRow:
     return QuantityRow(name, result.motion.quantities[name], result.quantities[name])
 
 
-def quantity_interval(label: str, row: QuantityRow) -> PlottedInterval:
+def quantity_interval(label: str, row: QuantityRow) -> plots.PlottedInterval:
     """A quantity as a row of a forest."""
     low, high = row.interval
     known = math.isfinite(row.value) and not (math.isnan(low) or math.isnan(high))
     texts = " ".join(dict.fromkeys(row.texts))
-    return PlottedInterval(label, row.value, ((low, high),) if known else (), texts, row.quantity.verdict)
+    return plots.PlottedInterval(
+        label, row.value, ((low, high),) if known else (), texts, row.quantity.verdict
+    )
 
 
 def _piece(low: float, high: float, value: float) -> str:
@@ -360,7 +336,7 @@ def _piece(low: float, high: float, value: float) -> str:
     return f"below {high:.3g}" if np.isfinite(high) else "any value"
 
 
-def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
+def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Picture]:
     """The two parameters whose errors correlate most, together."""
     covariance, names = estimate.covariance, list(estimate.names)
     spread = np.sqrt(np.diag(covariance))
@@ -392,11 +368,11 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
 
     def draw(axes: Axes) -> None:
         bounded = np.isfinite(intervals).all()
-        draw_ellipse(axes, scaled, "joint 95 % ellipse", intervals if bounded else ())
-        labelled(axes, x=axis_of(rows[0].wording), y=axis_of(rows[1].wording))
-        legend(axes)
+        plots.draw_ellipse(axes, scaled, "joint 95 % ellipse", intervals if bounded else ())
+        plots.labelled(axes, x=axis_of(rows[0].wording), y=axis_of(rows[1].wording))
+        plots.legend(axes)
 
-    yield Picture(
+    yield plots.Picture(
         f"{capitalised(rows[0].wording.words)} and {rows[1].wording.words} together",
         f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
         draw,
@@ -415,7 +391,7 @@ AXIS_INCHES = 4.0
 LEAST_BESIDE = 3
 
 
-def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figure:
+def flight_figure(result: FlightEstimate, axes: plots.GivenAxes | None = None) -> Figure:
     """Figure of a result; without an estimate it shows the flight itself and says why.
 
     Parameters
@@ -433,25 +409,27 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
     panels = _flight_panels(result) if result.fit is None else _fit_panels(result, result.fit)
     names = tuple(panels)
     if axes is not None:
-        placed = given_axes(axes, names)
+        placed = plots.given_axes(axes, names)
     elif result.fit is None:
         above = len(names) - 1  # the last has words only
-        placed = column_page(names, SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
+        placed = plots.column_page(
+            names, plots.SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1)
+        )
     else:
         placed = _fit_page(names)
     for name, panel in placed.items():
         panels[name](panel)
-    figure = figure_of(*placed.values())
+    figure = plots.figure_of(*placed.values())
     if axes is None:
         _title(figure, result)
     return figure
 
 
-def _fit_panels(result: FlightEstimate, fit: Fit) -> Panels:
+def _fit_panels(result: FlightEstimate, fit: Fit) -> plots.Panels:
     """Panels of an estimate, in order; where there are several of a kind, they say what they are of."""
     estimate, runs = fit.estimate, flight_runs(result)
     traces = fit.traces(result.motion)
-    panels: Panels = {}
+    panels: plots.Panels = {}
     for trace in traces:
         of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
         panels[f"fit{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, left=False)
@@ -480,16 +458,18 @@ def _fit_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
     wide = [name for name in names if name.startswith(("fit", "residual"))]
     others = [name for name in names if name not in wide]
-    width, height = SIZE_INCHES
-    figure = page(width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
-    placed = mosaic(
+    width, height = plots.SIZE_INCHES
+    figure = plots.page(
+        width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1)
+    )
+    placed = plots.mosaic(
         figure,
         [*([name] * len(others) for name in wide), others],
         height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2),
     )
     for fit, residual in zip(wide[::2], wide[1::2], strict=True):
         placed[residual].sharex(placed[fit])
-        without_abscissa(placed[fit])
+        plots.without_abscissa(placed[fit])
     return placed
 
 
@@ -515,7 +495,7 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
 # -- Figure without estimate --
 
 
-def _flight_panels(result: FlightEstimate) -> Panels:
+def _flight_panels(result: FlightEstimate) -> plots.Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
@@ -526,7 +506,7 @@ def _flight_panels(result: FlightEstimate) -> Panels:
     where, active = result.motion.words.where, prepared.active
     known = f"shaded where {where}" if active.mask.any() else f"never {where}"
     title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
-    panels: Panels = {
+    panels: plots.Panels = {
         name: partial(_draw_series, plot_data=item, result=result, title="" if number else title)
         for number, (name, item) in enumerate(by_label.items())
     }
@@ -537,18 +517,21 @@ def _flight_panels(result: FlightEstimate) -> Panels:
 def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
     prepared = result.prepared[0]
     time = prepared.grid.time_s
-    axes.plot(time, plot_data.values, color=DARK, lw=0.9)
-    labelled(axes, x="time from the log's start [s]", y=plot_data.label)
+    axes.plot(time, plot_data.values, color=plots.DARK, lw=0.9)
+    plots.labelled(axes, x="time from the log's start [s]", y=plot_data.label)
     axes.margins(x=0.005)
-    for mask, colour in ((prepared.active.mask, BLUE), (prepared.used, STATUS_COLOURS[Status.IDENTIFIED])):
+    for mask, colour in (
+        (prepared.active.mask, plots.BLUE),
+        (prepared.used, plots.STATUS_COLOURS[Status.IDENTIFIED]),
+    ):
         if mask.any():
             across = axes.get_xaxis_transform()
             axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
     if title:
-        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
+        axes.set_title(plots.fitting(axes, title), fontsize=9, parse_math=False)
 
 
 def _write_reasons(axes: Axes, result: FlightEstimate) -> None:
     axes.set_axis_off()
-    lines = [fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
+    lines = [plots.fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
     axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=9, parse_math=False)

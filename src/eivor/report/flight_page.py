@@ -116,7 +116,6 @@ def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:
 
 # -- Drawings --
 
-#: Width of a drawing [inch].
 WIDTH_INCHES = 3.5
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000

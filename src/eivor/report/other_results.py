@@ -322,7 +322,6 @@ def plan_json(made: FlightPlan) -> dict[str, Json]:
 # -- Track figure --
 
 TRACK_WIDTH, HEIGHT = 10.0, 4.5
-#: Letters of a line of words.
 LETTERS = 90
 
 

@@ -84,6 +84,11 @@ def _number(value: float, position: int, exponent: int) -> str:
     return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
 
 
+def symbol_of(wording: QuantitySpec) -> str:
+    """Symbol and unit of a quantity."""
+    return f"{wording.symbol} [{wording.shown_unit}]" if wording.shown_unit else wording.symbol
+
+
 def axis_of(wording: QuantitySpec) -> str:
     """Words of an axis for a quantity in its shown unit."""
     return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"

@@ -25,17 +25,7 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
 from eivor.motions.table import motion_of_model, name_of_model
-from eivor.report.json_document import (
-    LOG_SCHEMA,
-    MOTION_SCHEMA,
-    FitDocument,
-    JsonCandidate,
-    JsonCovariance,
-    JsonProvenance,
-    JsonQuantity,
-    JsonRow,
-    LogDocument,
-)
+from eivor.report import json_document
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
 
@@ -56,7 +46,7 @@ class SavedFit:
 
     quantities: Mapping[str, Quantity]  # Parameters and derived quantities
     estimated: JointEstimate | None  # Joint vector and covariance; None without an estimate
-    document: FitDocument = field(repr=False)  # The whole document
+    document: json_document.FitDocument = field(repr=False)  # The whole document
     #: For each flight of a pool its quantities, those that are its own among them; empty otherwise.
     by_flight: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
@@ -373,12 +363,12 @@ def load_fits(file: str | Path) -> dict[str, SavedFit]:
         raise _no_document(path, "content that is not JSON") from error
     schema = document.get("schema") if isinstance(document, dict) else None
     try:
-        if schema == MOTION_SCHEMA:
+        if schema == json_document.MOTION_SCHEMA:
             fit = fit_of(document)
             return {name_of_model(fit.document.model.name): fit}
-        if schema != LOG_SCHEMA:
+        if schema != json_document.LOG_SCHEMA:
             raise _no_document(path, "another document")
-        given = msgspec.convert(document, LogDocument)
+        given = msgspec.convert(document, json_document.LogDocument)
         return {name: fit_of(motion, given.provenance) for name, motion in given.motions.items()}
     except (msgspec.ValidationError, ValueError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
@@ -386,15 +376,15 @@ def load_fits(file: str | Path) -> dict[str, SavedFit]:
 
 def _no_document(path: Path, received: str) -> InputError:
     return InputError(
-        f"a document of schema {MOTION_SCHEMA} or {LOG_SCHEMA} in {path.name}",
+        f"a document of schema {json_document.MOTION_SCHEMA} or {json_document.LOG_SCHEMA} in {path.name}",
         received,
         "Write one with: eivor identify LOG --json FILE.",
     )
 
 
-def fit_of(document: Mapping[str, Any], provenance: JsonProvenance | None = None) -> SavedFit:
+def fit_of(document: Mapping[str, Any], provenance: json_document.JsonProvenance | None = None) -> SavedFit:
     """Return the fit of a motion's document, with the provenance of the log's where it has none."""
-    given = msgspec.convert(document, FitDocument)
+    given = msgspec.convert(document, json_document.FitDocument)
     if provenance is not None:
         given = msgspec.structs.replace(given, provenance=provenance)
     quantities = _read_quantities(given)
@@ -406,11 +396,11 @@ def fit_of(document: Mapping[str, Any], provenance: JsonProvenance | None = None
     )
 
 
-def _read_quantities(given: FitDocument | JsonRow) -> dict[str, Quantity]:
+def _read_quantities(given: json_document.FitDocument | json_document.JsonRow) -> dict[str, Quantity]:
     return {name: _quantity(item) for name, item in {**given.parameters, **given.derived}.items()}
 
 
-def _quantity(given: JsonQuantity) -> Quantity:
+def _quantity(given: json_document.JsonQuantity) -> Quantity:
     low, high = given.interval
     return Quantity(
         value=_number(given.value, math.nan),
@@ -424,9 +414,11 @@ def _quantity(given: JsonQuantity) -> Quantity:
     )
 
 
-def _joint(given: JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
+def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
     """Joint vector of a document; of several delays where it fits best."""
-    fits: list[JsonCovariance | JsonCandidate] = [item for item in given.candidates or () if item.best]
+    fits: list[json_document.JsonCovariance | json_document.JsonCandidate] = [
+        item for item in given.candidates or () if item.best
+    ]
     fits = fits or [given]
     if len(fits) != 1 or not fits[0].parts or not set(given.names) <= set(quantities):
         raise ValueError("a covariance of its quantities, and which candidate is the best")

@@ -32,6 +32,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
+from eivor.report import figure_panels as plots
 from eivor.report.document import (
     Document,
     Facts,
@@ -42,23 +43,6 @@ from eivor.report.document import (
     table,
 )
 from eivor.report.document import Figure as DocumentFigure
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    FIT_SHOWN_S,
-    GREY,
-    RED,
-    SIZE_INCHES,
-    GivenAxes,
-    Panels,
-    column_page,
-    figure_of,
-    fitting,
-    given_axes,
-    labelled,
-    legend,
-    liveliest,
-)
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
 from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
@@ -568,30 +552,29 @@ def _by_run(validation: Validation) -> TableOf:
 
 # -- Validation figure --
 
-VALIDATION_COLOURS = (RED, BLUE, GREY, "#8a6d3b")
-#: Letters of a line of the title.
+VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 TITLE_LETTERS = 120
 
 
-def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> Figure:
+def validation_figure(validation: Validation, axes: plots.GivenAxes | None = None) -> Figure:
     """Figure of a validation."""
     multi_step = validation.multi_step_prediction
-    panels: Panels = {} if multi_step is None else prediction_panels(multi_step)
+    panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
     for models in validation.by_quantity:
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
     names = tuple(panels)
     if axes is not None:
-        placed = given_axes(axes, names)
+        placed = plots.given_axes(axes, names)
     elif multi_step is not None:
         placed = prediction_page(names)
     else:
-        size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
-        placed = column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
+        size = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(names) / 4.0)
+        placed = plots.column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
     for name, ax in placed.items():
         panels[name](ax)
-    figure = figure_of(*placed.values())
+    figure = plots.figure_of(*placed.values())
     if axes is None:
         sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
         title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
@@ -601,7 +584,7 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
     time, series = _displayed(validation, models[0])
-    ax.plot(time, models[0].measured[series], color=DARK, lw=1.2, label="measured")
+    ax.plot(time, models[0].measured[series], color=plots.DARK, lw=1.2, label="measured")
     limits = _measured_limits(models[0].measured[series])
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
         rms, explained = model.error.rms, model.error.explained
@@ -609,14 +592,16 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
         ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=label)
     first = models[0]
     ax.set_ylim(*limits)
-    labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
+    plots.labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
     start, end = time[0], time[-1]
     ax.set_title(
-        fitting(ax, f"{first.quantity.capitalize()}, {first.horizon.words}, from {start:.0f} to {end:.0f} s"),
+        plots.fitting(
+            ax, f"{first.quantity.capitalize()}, {first.horizon.words}, from {start:.0f} to {end:.0f} s"
+        ),
         fontsize=9,
         parse_math=False,
     )
-    legend(ax, place="upper right")
+    plots.legend(ax, place="upper right")
 
 
 def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
@@ -628,7 +613,7 @@ def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, 
     low, high = _measured_limits(models[0].measured[series])
     half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
     ax.set_ylim(-half, half)
-    labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
+    plots.labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
 
 
 def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
@@ -643,6 +628,6 @@ def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])
     values = first.measured[begin : begin + lengths[longest]]
-    inside = liveliest(values, max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
+    inside = plots.liveliest(values, max(int(plots.FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     time = validation.flight.grid.time_s[validation.flight.samples_of_runs[longest]]
     return time[inside], slice(begin + inside.start, begin + inside.stop)

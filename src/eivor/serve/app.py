@@ -62,9 +62,7 @@ LINGER_S = 1.0
 LAST_S = 2
 #: Connections at a time, and bytes of a request's head and of a request that is no log.
 MOST_CONNECTIONS, MOST_HEAD, MOST_JSON = 64, 65_536, 1_000_000
-#: Fields of a query.
 MOST_FIELDS = 20
-#: The flight that comes with Eivor.
 EXAMPLE = "example_flight.parquet"
 _REOPEN = "Open the address that `eivor serve` has printed."
 _RELOAD = "Load the page again."

@@ -62,7 +62,6 @@ def absent(what: str, name: str) -> RefusedError:
 
 #: Letters of a word, and of a file's text.
 LONGEST_WORD, LONGEST_FILE = 2_000, 100_000
-#: Logs of a job.
 MOST_LOGS = 100
 #: Files of the one who asks, as text or as the name of one that comes with Eivor.
 FILES = ("vehicle", "map")

@@ -13,19 +13,8 @@ from functools import partial
 from pathlib import Path
 
 from eivor.atomic_file import write_atomically
+from eivor.cli import parsing
 from eivor.cli.export import supplied
-from eivor.cli.parsing import (
-    LogArgument,
-    check_mission,
-    check_windows,
-    flight_options,
-    identified,
-    named,
-    named_motions,
-    parse_window,
-    position_of,
-    with_distinct_names,
-)
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
@@ -121,8 +110,8 @@ def identify(
     with _temporary_files_in(folder):
         progress({"stage": "reading"})
         with _vehicle(request.vehicle, folder) as vehicle:
-            motions = named_motions(request.model, vehicle)
-        options = flight_options(motions, **request.options)
+            motions = parsing.named_motions(request.model, vehicle)
+        options = parsing.flight_options(motions, **request.options)
         supplied(request.mass, (), "")  # exports take it: what it says is reported now
         several, names, seen = len(request.logs) > 1, {}, Counter[str]()
         for log in dict.fromkeys(log for log, _ in request.logs):
@@ -135,13 +124,13 @@ def identify(
                 for log, name in names.items()
             }
         given = [
-            LogArgument(Path(names[log]), parse_window(window) if window else None)
+            parsing.LogArgument(Path(names[log]), parsing.parse_window(window) if window else None)
             for log, window in request.logs
         ]
-        recordings = with_distinct_names(given, [read[log] for log, _ in request.logs])
+        recordings = parsing.with_distinct_names(given, [read[log] for log, _ in request.logs])
         windows = [item.window for item in given]
-        check_windows(recordings, [window or options.window for window in windows])
-        result = identified(
+        parsing.check_windows(recordings, [window or options.window for window in windows])
+        result = parsing.identified(
             recordings, motions, options, windows, progress=lambda stage: progress({"stage": stage.value})
         )
         progress({"stage": "writing"})
@@ -153,7 +142,7 @@ def identify(
 def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
     """Recording of a log, under its own name wherever the file is named."""
     try:
-        with named(log.name, several=several):
+        with parsing.named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)
     except EivorError as error:
         raise _reworded(error, partial(_log_name, log)) from error
@@ -243,8 +232,8 @@ def plan(folder: Path, stem: str, words: WordsOf) -> File:
     form, home = WRITTEN[words["form"]], words.get("home", "")
     position = None
     if form.is_mission:
-        check_mission("it", home, "")
-        position = position_of(home)
+        parsing.check_mission("it", home, "")
+        position = parsing.position_of(home)
     made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if form.is_mission else "")
     return File(f"{stem}-{form.file}", form.text(made, position))
 

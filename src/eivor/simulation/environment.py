@@ -53,11 +53,6 @@ class SensorNoise:
         if not all(0.0 <= level < np.inf for level in levels):
             raise UsageError("finite noise levels of at least 0", f"{levels}", "Give standard deviations.")
 
-    @classmethod
-    def none(cls) -> SensorNoise:
-        """Sensors without noise."""
-        return cls(NoiseKind.WHITE, 0.0, 0.0, 0.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:

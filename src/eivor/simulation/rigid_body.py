@@ -260,7 +260,6 @@ def _sum(first: Components, second: Components) -> list[Value]:
 
 # -- Logged --
 
-#: Source of the channels.
 SIMULATOR = "rigid body"
 
 

@@ -168,11 +168,6 @@ class Sensors:
                 remedy = "Leave it out: quaternions are not averaged part by part."
                 raise ParameterError(expected, f"{name}={getattr(self.attitude, name):g}", remedy)
 
-    @classmethod
-    def exact(cls) -> Sensors:
-        """Sensors without errors, rotor speeds included."""
-        return cls(Sensor(), Sensor(), Sensor(), Sensor(), Sensor(), Sensor())
-
 
 @dataclass(frozen=True, slots=True)
 class Logged:

@@ -256,7 +256,6 @@ TILT_CORRELATION_S = 1.0
 TILT_SMOOTHING_S = 0.15
 #: A vehicle this far from its reference is lost [m].
 LOST_M = 5.0
-#: Source of the channels.
 SIMULATOR = "vertical"
 
 

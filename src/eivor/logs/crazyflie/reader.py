@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
+from eivor.logs import common
 from eivor.logs.channel_map import (
     ChannelMap,
     ChannelRule,
@@ -21,17 +22,6 @@ from eivor.logs.channel_map import (
     load_channel_map,
     parse_expression,
     tilt_of_angles,
-)
-from eivor.logs.common import (
-    UNITS,
-    Columns,
-    LogFormat,
-    ReadOptions,
-    believable,
-    channel_findings,
-    low_pass_delay_s,
-    noted,
-    source_tables,
 )
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, looked_for, mapped_channels
 from eivor.signals.channels import held_by_default
@@ -70,7 +60,7 @@ class VariableSource:
 
 #: What one of a variable's unit is in SI units.
 _UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
-    unit: UNITS[unit][1] for unit in ("g", "deg", "rpm")
+    unit: common.UNITS[unit][1] for unit in ("g", "deg", "rpm")
 }
 
 
@@ -82,7 +72,7 @@ def _source(row: Mapping[str, Any]) -> VariableSource:
         row.get("sign", 1.0) * _UNITS[row.get("unit", "")],
         held=held_by_default(name),
         estimated=row.get("estimated", False),
-        delay_s=low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
+        delay_s=common.low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
     )
     return VariableSource(row.get("quantity", name), (rule,), row.get("zero_is_absent", True))
 
@@ -119,7 +109,7 @@ def _angles(group: str) -> VariableSource:
 
 def _tilt(group: str) -> VariableSource:
     columns = (f"{group}.roll", f"{group}.pitch")
-    expression = replace(tilt_of_angles(UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch")
+    expression = replace(tilt_of_angles(common.UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch")
     rule = ChannelRule("cos_tilt", expression, angles=columns, angle_unit="deg")
     return VariableSource("attitude", (rule,))
 
@@ -134,7 +124,7 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
 #: All sources; of one quantity the preferred first.
 SOURCES = tuple(
     next((make(row[kind]) for kind, make in _MAKERS.items() if kind in row), None) or _source(row)
-    for row in source_tables("eivor.logs.crazyflie")["sources"]
+    for row in common.source_tables("eivor.logs.crazyflie")["sources"]
 )
 
 #: What was looked for, by channel.
@@ -148,11 +138,13 @@ def filter_findings(channels: Iterable[Channel]) -> list[Finding]:
     """Say what was taken off the stamps of variables that are behind a low-pass."""
     selected = []
     for cutoff in (ACCELEROMETER_HZ, GYRO_HZ):
-        late = [channel.source for channel in channels if channel.delay_s == low_pass_delay_s(cutoff)]
+        late = [channel.source for channel in channels if channel.delay_s == common.low_pass_delay_s(cutoff)]
         if late:
-            delay_ms = 1e3 * low_pass_delay_s(cutoff)
+            delay_ms = 1e3 * common.low_pass_delay_s(cutoff)
             selected.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
-    return noted("sensor_delay", "Taken off the stamps, as the firmware filters: {}.", "; ".join(selected))
+    return common.noted(
+        "sensor_delay", "Taken off the stamps, as the firmware filters: {}.", "; ".join(selected)
+    )
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
@@ -367,10 +359,10 @@ class Event:
             self._values[name] = values
         return self._values[name]
 
-    def columns(self, names: Sequence[str]) -> Columns:
+    def columns(self, names: Sequence[str]) -> common.Columns:
         """Return some columns."""
         clocks = frozenset(name for name in names if self.names[name] == CLOCK)
-        return Columns({name: self.values(name) for name in names}, seconds=clocks)
+        return common.Columns({name: self.values(name) for name in names}, seconds=clocks)
 
 
 @dataclass(slots=True)
@@ -403,10 +395,10 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     stamps = (records["stamp"] for records in results.values())
     start = min(int(np.partition(item, item.size // 2)[item.size // 2]) for item in stamps)
     times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in results.items()}
-    usable = {key: believable(time_s) for key, time_s in times.items()}
+    usable = {key: common.believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     lost = sum(int((~which).sum()) for which in usable.values())
-    findings += noted("time_stamps", "Records left out, because their stamp cannot be: {}.", lost)
+    findings += common.noted("time_stamps", "Records left out, because their stamp cannot be: {}.", lost)
     events = [
         Event(item.name, item.variables, results[key][usable[key]], times[key][usable[key]] - begins)
         for item in header.types
@@ -509,7 +501,7 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
             "The log has no checksum at its end: it was cut ({}). End the logging before the power goes "
             "(usd.logging = 0)."
         )
-        findings += noted("truncated", sentence, rest)
+        findings += common.noted("truncated", sentence, rest)
     elif not sound:
         sentence = (
             "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
@@ -517,7 +509,7 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
         findings.append(Finding("checksum", sentence))
     skipped = walk.skipped + (left if sound else 0)
     damaged = "Damaged parts were left out: {} bytes that belong to no record."
-    return findings + noted("corrupt_parts", damaged, skipped)
+    return findings + common.noted("corrupt_parts", damaged, skipped)
 
 
 def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray, " n"]:
@@ -551,12 +543,11 @@ def _gaps(event: Event) -> str:
 
 # -- Reader --
 
-#: Name of the format.
 NAME = "crazyflie"
 _BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "the firmware")
 
 
-def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
+def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
     """Read a Crazyflie microSD log."""
     try:
         data = file.read_bytes()
@@ -570,7 +561,7 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
         remedy = "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0)."
         raise EmptyLogError("a Crazyflie microSD log with records", received, remedy)
     texts = [text for event in events if (text := _gaps(event))]
-    findings += noted("dropouts", "Records are missing in {}.", "; ".join(texts))
+    findings += common.noted("dropouts", "Records are missing in {}.", "; ".join(texts))
     events.sort(key=lambda event: -event.time_s.size)
     if options.channel_map is None:
         chosen, looked = _BUILT_IN, LOOKED_FOR
@@ -587,7 +578,7 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
         sha256=options.sha256,
         input_map=chosen.input_map,
         looked_for=looked,
-        findings=(*findings, *channel_findings(channels)),
+        findings=(*findings, *common.channel_findings(channels)),
         origin=LogOrigin(airframe="Crazyflie"),
     )
 
@@ -610,7 +601,7 @@ def _known_channels(name: str, events: Sequence[Event], findings: list[Finding])
             "Name them in a channel map (--map), or log others.",
         )
     sentence = "Variables that no channel is made of: {}. A map can name them."
-    findings += noted("ignored_columns", sentence, listed(others))
+    findings += common.noted("ignored_columns", sentence, listed(others))
     findings += filter_findings(list(channels.values()))
     return channels
 
@@ -635,7 +626,7 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
             used = VariableSource(name, tuple(replace(rule, name=name) for rule in source.rules))
         chosen.setdefault(used.quantity, (used, event))
     names = listed(list(dict.fromkeys(zeros)))
-    findings += noted("never_valid", "Logged as zero throughout: {}.", names)
+    findings += common.noted("never_valid", "Logged as zero throughout: {}.", names)
     return list(chosen.values())
 
 
@@ -702,7 +693,7 @@ def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], na
 
 
 FORMATS = (
-    LogFormat(
+    common.LogFormat(
         NAME,
         "Crazyflie microSD",
         # a version of one byte follows the first one, which no text has

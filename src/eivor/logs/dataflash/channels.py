@@ -10,20 +10,8 @@ import numpy as np
 
 from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.logs.common import SILENCE_S, UNITS, held_at, low_pass_delay_s, notch_delay_s, noted
+from eivor.logs.dataflash import sources as ardupilot
 from eivor.logs.dataflash.messages import Messages, rows_of
-from eivor.logs.dataflash.sources import (
-    ATTITUDE,
-    ATTITUDE_MODES,
-    ATTITUDE_SETPOINTS,
-    CHANNEL_SOURCES,
-    LANDED_EVENTS,
-    OPEN_LOOP_MODES,
-    PILOT_MODES,
-    RATE_MODES,
-    RATE_SETPOINTS,
-    MessageReading,
-    MessageSource,
-)
 from eivor.signals.channels import CurveSide, unit_of
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, clean_channel
 from eivor.tools import Bool, Float
@@ -34,7 +22,7 @@ from eivor.tools import Bool, Float
 DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 
-def add_air_density(reading: MessageReading) -> None:
+def add_air_density(reading: ardupilot.MessageReading) -> None:
     """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
     table = reading.table("BARO", "Press", "Temp")
     if table is None or "air_temperature" not in reading.channels:
@@ -92,17 +80,17 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
     )
 
 
-def _columns_read() -> Iterator[tuple[MessageSource, str]]:
+def _columns_read() -> Iterator[tuple[ardupilot.MessageSource, str]]:
     """Columns that channels are made of, and the SI unit of those channels."""
-    for name, sources in CHANNEL_SOURCES.items():
+    for name, sources in ardupilot.CHANNEL_SOURCES.items():
         for source in sources:
             yield source, unit_of(name)
     degree, turn = UNITS["deg"][1], UNITS["rpm"][1]
-    for column in ATTITUDE:
-        yield MessageSource("ATT", column, degree), "rad"
-    for column in RATE_SETPOINTS.values():
-        yield MessageSource("RATE", column, degree), "rad/s"
-    yield MessageSource("ESC", "RPM", turn), "rad/s"
+    for column in ardupilot.ATTITUDE:
+        yield ardupilot.MessageSource("ATT", column, degree), "rad"
+    for column in ardupilot.RATE_SETPOINTS.values():
+        yield ardupilot.MessageSource("RATE", column, degree), "rad/s"
+    yield ardupilot.MessageSource("ESC", "RPM", turn), "rad/s"
 
 
 def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, str]]]:
@@ -243,7 +231,7 @@ def disagreement(
 MAX_ESCS = 32
 
 
-def add_outputs(reading: MessageReading) -> None:
+def add_outputs(reading: ardupilot.MessageReading) -> None:
     """Add the motors' outputs; the thrust that they stand for is the input where no throttle is logged."""
     table = reading.table("RCOU")
     if table is None:
@@ -285,7 +273,7 @@ def add_outputs(reading: MessageReading) -> None:
     reading.findings.extend(noted("motor_range", "{}", doubt))
 
 
-def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:
+def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Float[np.ndarray, " n"]:
     """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
     motor_table = reading.table("MOTB")
     column = motor_table.first("BatVolt", "BV") if motor_table is not None else ""
@@ -299,7 +287,7 @@ def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"
     return np.asarray(np.interp(table.time_s(), motor_table.time_s()[sound][order], ratio[sound][order]))
 
 
-def add_rotor_speeds(reading: MessageReading) -> None:
+def add_rotor_speeds(reading: ardupilot.MessageReading) -> None:
     """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
     table = reading.table("ESC", "RPM")
     column = table.first("Instance", "I") if table is not None else ""
@@ -318,13 +306,13 @@ def add_rotor_speeds(reading: MessageReading) -> None:
 # -- States --
 
 _BY_MODE = {
-    "pilot_in_control": PILOT_MODES,
-    "input_open_loop": OPEN_LOOP_MODES,
-    "pilot_sets_attitude": (*ATTITUDE_MODES, *RATE_MODES),
+    "pilot_in_control": ardupilot.PILOT_MODES,
+    "input_open_loop": ardupilot.OPEN_LOOP_MODES,
+    "pilot_sets_attitude": (*ardupilot.ATTITUDE_MODES, *ardupilot.RATE_MODES),
 }
 
 
-def add_states(reading: MessageReading) -> None:
+def add_states(reading: ardupilot.MessageReading) -> None:
     """Add what modes, events and sticks say."""
     modes = reading.table("MODE")
     column = modes.first("ModeNum", "Mode") if modes is not None else ""
@@ -336,19 +324,19 @@ def add_states(reading: MessageReading) -> None:
     _add_throttle(reading)
 
 
-def _add_landed(reading: MessageReading) -> None:
+def _add_landed(reading: ardupilot.MessageReading) -> None:
     events, arming = reading.table("EV", "Id"), reading.table("ARM", "ArmState")
     if events is not None:
         numbers = events.values("Id")
-        known = np.isin(numbers, list(LANDED_EVENTS))
+        known = np.isin(numbers, list(ardupilot.LANDED_EVENTS))
         if known.any():
-            values = np.array([LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
+            values = np.array([ardupilot.LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
             reading.add("landed", events.where(known), values, "EV.Id")
     if "landed" not in reading.channels and arming is not None:
         reading.add("landed", arming, (arming.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
 
 
-def _add_throttle(reading: MessageReading) -> None:
+def _add_throttle(reading: ardupilot.MessageReading) -> None:
     sticks = reading.table("RCIN")
     number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
     column = sticks.first(f"C{number}", f"Ch{number}") if sticks is not None else ""
@@ -387,9 +375,9 @@ SWEPT = {
 }
 
 
-def add_attitude(reading: MessageReading) -> None:
+def add_attitude(reading: ardupilot.MessageReading) -> None:
     """Add the attitude as a quaternion."""
-    table = reading.table("ATT", *ATTITUDE)
+    table = reading.table("ATT", *ardupilot.ATTITUDE)
     if table is None:
         return
     for part in "wxyz":
@@ -413,15 +401,15 @@ def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
     return made
 
 
-def add_setpoints(reading: MessageReading) -> None:
+def add_setpoints(reading: ardupilot.MessageReading) -> None:
     """Add the setpoints of attitude and of rates, distinguished by who makes them."""
     wanted: list[tuple[str, str, str, tuple[int, ...]]] = [
-        (f"reference_{angle}", "ATT", column, reading.with_sweeps(ATTITUDE_MODES))
-        for angle, column in ATTITUDE_SETPOINTS.items()
+        (f"reference_{angle}", "ATT", column, reading.with_sweeps(ardupilot.ATTITUDE_MODES))
+        for angle, column in ardupilot.ATTITUDE_SETPOINTS.items()
     ]
     wanted += [
-        (f"reference_angular_rate_{axis}", "RATE", column, RATE_MODES)
-        for axis, column in RATE_SETPOINTS.items()
+        (f"reference_angular_rate_{axis}", "RATE", column, ardupilot.RATE_MODES)
+        for axis, column in ardupilot.RATE_SETPOINTS.items()
     ]
     for name, message, column, modes in wanted:
         table = reading.table(message, column)
@@ -457,7 +445,7 @@ def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return angle
 
 
-def add_sweeps(reading: MessageReading) -> None:
+def add_sweeps(reading: ardupilot.MessageReading) -> None:
     """Add the injected sweeps, each where it is."""
     sweep, settings = reading.table("SIDD", "Targ"), reading.table("SIDS", "Ax")
     if sweep is None:
@@ -477,7 +465,9 @@ def add_sweeps(reading: MessageReading) -> None:
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
 
 
-def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
+def _add_sweep(
+    reading: ardupilot.MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]
+) -> None:
     """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
     given_channel = reading.channels.get(name)
     reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")

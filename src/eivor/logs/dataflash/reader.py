@@ -13,19 +13,8 @@ import numpy as np
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
 from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, by_rate, findings_of, noted
-from eivor.logs.dataflash.channels import (
-    add_air_density,
-    add_attitude,
-    add_outputs,
-    add_rotor_speeds,
-    add_setpoints,
-    add_states,
-    add_sweeps,
-    delay_findings,
-    delay_of,
-    unit_findings,
-    vehicle_of,
-)
+from eivor.logs.dataflash import channels
+from eivor.logs.dataflash import sources as ardupilot
 from eivor.logs.dataflash.messages import (
     HEAD,
     Messages,
@@ -34,18 +23,6 @@ from eivor.logs.dataflash.messages import (
     read_lines,
     read_messages,
     rows_of,
-)
-from eivor.logs.dataflash.sources import (
-    CHANNEL_SOURCES,
-    CHOSEN_BY_RATE,
-    LOOKED_FOR,
-    NEEDED,
-    RATES,
-    WITHOUT_HEIGHT_MODES,
-    MessageReading,
-    MessageSource,
-    choose_estimator,
-    dataflash_origin,
 )
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Frame, Recording
@@ -65,8 +42,10 @@ _ADVICE = (
 def _advice(channel: str) -> tuple[str, ...]:
     if not channel:
         return _ADVICE
-    messages = dict.fromkeys(source.message for source in CHANNEL_SOURCES.get(channel, ()))
-    return tuple(f"ArduPilot logs {name} {RATES[name]}" for name in messages if name in RATES)
+    messages = dict.fromkeys(source.message for source in ardupilot.CHANNEL_SOURCES.get(channel, ()))
+    return tuple(
+        f"ArduPilot logs {name} {ardupilot.RATES[name]}" for name in messages if name in ardupilot.RATES
+    )
 
 
 # -- Reader --
@@ -86,8 +65,8 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         raise CorruptLogError(expected, received, "Copy it from the vehicle again.") from error
     tables, findings = _tables(content)
     parameters = _parameters(tables)
-    choose_estimator(tables, parameters, findings)
-    reading = MessageReading.of(tables, parameters, findings)
+    ardupilot.choose_estimator(tables, parameters, findings)
+    reading = ardupilot.MessageReading.of(tables, parameters, findings)
     _add_all(reading)
     if not reading.channels:
         raise EmptyLogError(
@@ -96,8 +75,8 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
             "Check LOG_BITMASK and LOG_BACKEND_TYPE, that the vehicle was armed, and that the beginning of "
             "the file is there, where messages are described (FMT).",
         )
-    findings += unit_findings(tables)
-    findings += delay_findings(reading.heads.values(), parameters)
+    findings += channels.unit_findings(tables)
+    findings += channels.delay_findings(reading.heads.values(), parameters)
     sentence = "Not in force while its message is silent: {}."
     findings += noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return Recording(
@@ -107,32 +86,34 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         frame=Frame.NED,
         sha256=options.sha256,
         parameters=parameters,
-        looked_for=LOOKED_FOR,
+        looked_for=ardupilot.LOOKED_FOR,
         findings=(*findings, *findings_of(reading.profiles, reading.channels)),
-        vehicle=vehicle_of(tables, parameters),
-        origin=dataflash_origin(tables, parameters),
+        vehicle=channels.vehicle_of(tables, parameters),
+        origin=ardupilot.dataflash_origin(tables, parameters),
     )
 
 
-def _add_all(reading: MessageReading) -> None:
+def _add_all(reading: ardupilot.MessageReading) -> None:
     counts = {name: table.count for name, table in reading.tables.items()}
-    for name, sources in CHANNEL_SOURCES.items():
+    for name, sources in ardupilot.CHANNEL_SOURCES.items():
         by_choice = by_rate(sources, lambda source: counts.get(source.message, 0))
-        for source in by_choice if name in CHOSEN_BY_RATE else sources:
+        for source in by_choice if name in ardupilot.CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
                 _add(reading, name, source)
-    add_attitude(reading)
-    add_setpoints(reading)
-    add_sweeps(reading)
-    add_states(reading)
-    add_air_density(reading)
-    add_outputs(reading)
-    add_rotor_speeds(reading)
+    channels.add_attitude(reading)
+    channels.add_setpoints(reading)
+    channels.add_sweeps(reading)
+    channels.add_states(reading)
+    channels.add_air_density(reading)
+    channels.add_outputs(reading)
+    channels.add_rotor_speeds(reading)
     reading.forget_clocks()
     reading.channels.cut = partial(_channels_of_part, reading)
 
 
-def _channels_of_part(reading: MessageReading, start_s: float, end_s: float, step_s: float) -> KeptChannels:
+def _channels_of_part(
+    reading: ardupilot.MessageReading, start_s: float, end_s: float, step_s: float
+) -> KeptChannels:
     """Channels of the messages from one second to another, so far apart."""
     part = reading.part(start_s, end_s, step_s)
     _add_all(part)
@@ -141,7 +122,7 @@ def _channels_of_part(reading: MessageReading, start_s: float, end_s: float, ste
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
-    messages, findings = read(content, NEEDED)
+    messages, findings = read(content, ardupilot.NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
     sentence = "Left out, because codes, names and length of their fields disagree: {}."
     findings += noted("message_formats", sentence, unusable)
@@ -189,7 +170,7 @@ def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
     return dict(sorted(values.items()))
 
 
-def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
+def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.MessageSource) -> None:
     table = reading.table(source.message, source.column)
     if table is None:
         return
@@ -201,7 +182,7 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
         result = table.values(source.column)
         result *= factor
         if source.needs_height_loop:
-            manual = reading.with_sweeps(WITHOUT_HEIGHT_MODES)
+            manual = reading.with_sweeps(ardupilot.WITHOUT_HEIGHT_MODES)
             result[reading.modes_at(table, manual, before=True)] = np.nan
             result[reading.landed_at(table)] = np.nan
         return result
@@ -212,7 +193,7 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
         values,
         f"{'-' if factor < 0.0 else ''}{table.name}.{source.column}",
         estimated=source.estimated,
-        delay_s=delay_of(name, reading.parameters),
+        delay_s=channels.delay_of(name, reading.parameters),
         is_setpoint=source.is_setpoint,
         curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
     )

@@ -9,16 +9,7 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import (
-    ChannelProfile,
-    KeptChannels,
-    channel_sources,
-    held_at,
-    logged_channel,
-    look,
-    silenced,
-    source_tables,
-)
+from eivor.logs import common
 from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
@@ -26,7 +17,6 @@ from eivor.tools import Bool, Float
 
 # -- Origin --
 
-#: Messages that are looked at for it.
 ORIGIN_MESSAGES = frozenset({"GPS"})
 #: What the firmware says of itself when a log begins: its name and version, the board's id, the frame.
 _FIRMWARE = re.compile(r"(?:APM:|Ardu)\w+ V\d\S*")
@@ -114,8 +104,8 @@ class MessageSource:
 
 
 #: Sources of each channel, the preferred one first.
-_TABLES = source_tables("eivor.logs.dataflash")
-CHANNEL_SOURCES = channel_sources(_TABLES, MessageSource)
+_TABLES = common.source_tables("eivor.logs.dataflash")
+CHANNEL_SOURCES = common.channel_sources(_TABLES, MessageSource)
 #: How often each message is logged, and what raises it.
 RATES: Mapping[str, str] = _TABLES["rates"]
 
@@ -147,7 +137,6 @@ LANDED_EVENTS = {11: 1.0, 18: 1.0, 28: 0.0}
 
 #: Messages that say what holds until the next of them.
 STATES = frozenset({"MODE", "EV", "ARM", "SIDS", "MSG", "VER", "PARM"})
-#: Messages that are looked at.
 NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}
     | {"NKF6", "XKF6", "EKF6", "NKF4", "XKF4", "XKFS", "ATT", "RCOU", "RCIN", "MOTB", "ESC"}
@@ -234,9 +223,9 @@ class MessageReading:
     findings: list[Finding]
     start_s: float
     end_s: float
-    channels: KeptChannels = field(default_factory=KeptChannels)
+    channels: common.KeptChannels = field(default_factory=common.KeptChannels)
     heads: dict[str, Channel] = field(default_factory=dict)  # The same without their arrays
-    profiles: dict[str, ChannelProfile] = field(default_factory=dict)
+    profiles: dict[str, common.ChannelProfile] = field(default_factory=dict)
     inactive_setpoints: list[str] = field(default_factory=list)  # Setpoints that are not in force throughout
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -308,7 +297,7 @@ class MessageReading:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
         def made(inactive: list[str] | None = None) -> Channel:
-            channel = logged_channel(
+            channel = common.logged_channel(
                 name,
                 self.time_s(table, delay_s),
                 values() if callable(values) else values,
@@ -318,7 +307,7 @@ class MessageReading:
                 curve_side=curve_side,
             )
             is_valid = is_setpoint and np.isfinite(channel.values).any()
-            return silenced(channel, self.end_s - self.start_s, inactive) if is_valid else channel
+            return common.silenced(channel, self.end_s - self.start_s, inactive) if is_valid else channel
 
         channel = made(self.inactive_setpoints)
         if np.isfinite(channel.values).any():
@@ -332,7 +321,7 @@ class MessageReading:
         self.channels.put(channel, make)
         nothing = np.empty(0)
         self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
-        self.profiles[channel.name] = look(channel)
+        self.profiles[channel.name] = common.look(channel)
 
     def modes_at(
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False
@@ -367,4 +356,4 @@ class MessageReading:
         stated = states.values(column)
         known = np.ones(stated.size, dtype=np.bool_) if among is None else np.isin(stated, among)
         within = np.isin(stated, holding)
-        return held_at(self.time_s(states)[known], within[known], self.time_s(table), before)
+        return common.held_at(self.time_s(states)[known], within[known], self.time_s(table), before)

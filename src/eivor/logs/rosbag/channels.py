@@ -23,34 +23,14 @@ from eivor.logs.common import (
     source_tables,
 )
 from eivor.logs.mapping import looked_for
-from eivor.logs.rosbag.containers import (
-    MAGICS,
-    MCAP,
-    ROS1,
-    SQLITE,
-    bag_files,
-    bag_parts,
-    check_installed,
-    is_bag_folder,
-)
+from eivor.logs.rosbag import containers
+from eivor.logs.rosbag import topics as ros
 from eivor.logs.rosbag.messages import (
     PACKAGE,
     MessageLayout,
     UnsoundMessageError,
     message_layout,
     px4_releases,
-)
-from eivor.logs.rosbag.topics import (
-    BagTopic,
-    Contents,
-    RawTopic,
-    as_columns,
-    map_channels,
-    mapped_topics,
-    of_one_clock,
-    read_contents,
-    start_ns,
-    with_derived,
 )
 from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
@@ -71,17 +51,17 @@ def is_px4(name: str, kind: str) -> bool:
     return kind.startswith(f"{PACKAGE}/") and match is not None and match["topic"] in NEEDED_TOPICS
 
 
-def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
+def px4_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
     """Return the channels of PX4's topics, z down, and the kind of vehicle."""
     matches = (_NAME.fullmatch(raw.name) for raw in raws)
     _check_one_vehicle("topics", {match["vehicle"] for match in matches if match is not None})
     layouts = _layouts(raws, findings)
-    columns = [as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
-    sound = of_one_clock([column for column in columns if column is not None], findings)
+    columns = [ros.as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
+    sound = ros.of_one_clock([column for column in columns if column is not None], findings)
     if not sound:
         return {}, ""
     topics = _chosen(sound, findings)
-    channels = read_topics(topics, np.uint64(start_ns(sound) // 1000), {}, findings)
+    channels = read_topics(topics, np.uint64(ros.start_ns(sound) // 1000), {}, findings)
     findings += unknown_filters(channels.values(), "A bag holds")
     return channels, vehicle_of(topics, {})
 
@@ -95,7 +75,7 @@ def _check_one_vehicle(what: str, places: set[str]) -> None:
         )
 
 
-def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Topic]:
+def _chosen(sound: Sequence[ros.BagTopic], findings: list[Finding]) -> dict[str, Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
     by_name: dict[str, dict[str, list[Topic]]] = {}
     for item in sound:
@@ -111,7 +91,7 @@ def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Top
 
 
 def _layouts(
-    raws: Sequence[RawTopic], findings: list[Finding]
+    raws: Sequence[ros.RawTopic], findings: list[Finding]
 ) -> dict[str, Callable[[bytes], MessageLayout]]:
     """How the messages of each topic are read: by its definition, or by the releases that fit."""
     layouts = {raw.name: raw.defined() for raw in raws if raw.text}
@@ -140,7 +120,7 @@ def _layouts(
     return layouts
 
 
-def _fitting(raw: RawTopic, numbers: Sequence[str]) -> set[str]:
+def _fitting(raw: ros.RawTopic, numbers: Sequence[str]) -> set[str]:
     """The releases whose type is as long as the first message."""
     result = set()
     for number in numbers:
@@ -152,7 +132,7 @@ def _fitting(raw: RawTopic, numbers: Sequence[str]) -> set[str]:
     return result
 
 
-def _agreed(raw: RawTopic, numbers: Sequence[str]) -> Callable[[bytes], MessageLayout]:
+def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], MessageLayout]:
     """What gives the layout of a message as far as some releases agree on it."""
     releases = px4_releases()
     kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)
@@ -235,15 +215,17 @@ def is_known(name: str, kind: str) -> bool:
     return any(source.serves(name, kind) for sources in CHANNEL_SOURCES.values() for source in sources)
 
 
-def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Channel]:
+def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str, Channel]:
     """Return the channels of topics, z up."""
     names = [raw.name for raw in raws if f"/{MAVROS}" in f"/{raw.name.lstrip('/')}"]
     _check_one_vehicle("mavros", {name.partition(MAVROS)[0] for name in names})
-    columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
-    topics = of_one_clock([_complete(column, findings) for column in columns if column is not None], findings)
+    columns = [ros.as_columns(raw, raw.defined(), findings) for raw in raws]
+    topics = ros.of_one_clock(
+        [_complete(column, findings) for column in columns if column is not None], findings
+    )
     if not topics:
         return {}
-    start = start_ns(topics)
+    start = ros.start_ns(topics)
     end_s = max(float(topic.seconds(start).max()) for topic in topics)
     channels: dict[str, Channel] = {}
     unclear: dict[str, list[str]] = {}
@@ -265,9 +247,9 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
     return channels
 
 
-def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
+def _complete(topic: ros.BagTopic, findings: list[Finding]) -> ros.BagTopic:
     """A topic with the columns that are worked out of its own."""
-    fields = with_derived(topic.kind, topic.fields)
+    fields = ros.with_derived(topic.kind, topic.fields)
     if topic.kind == "nav_msgs/Odometry" and "twist.world.z" in fields and _is_in_the_world(topic, fields):
         fields |= {f"twist.world.{axis}": fields[f"twist.twist.linear.{axis}"] for axis in "xyz"}
         sentence = (
@@ -275,10 +257,10 @@ def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
             "the world, although odometry's is in the body's axes."
         )
         findings.append(Finding("odometry_frame", sentence))
-    return BagTopic(topic.name, topic.kind, fields, topic.stamp_ns, topic.record_ns)
+    return ros.BagTopic(topic.name, topic.kind, fields, topic.stamp_ns, topic.record_ns)
 
 
-def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
+def _is_in_the_world(topic: ros.BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
     """Whether the velocity of odometry as it stands is that of its place, over a second: places are noisy."""
     time_s = topic.seconds(int(topic.stamp_ns.min()))
     later = np.searchsorted(time_s, time_s + WAY_S)
@@ -300,7 +282,7 @@ def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
     return bool(standing * MUCH_BETTER < turned)
 
 
-def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Channel | None:
+def _channel(name: str, topic: ros.BagTopic, source: RosSource, start: int) -> Channel | None:
     values = source.sign * topic.fields[source.field].astype(np.float64)
     finite = values[np.isfinite(values)]
     if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
@@ -356,26 +338,26 @@ def _advice(channel: str) -> tuple[str, ...]:
 
 
 def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
-    magic = next(start for start, known in MAGICS.items() if known == kind)
+    magic = next(start for start, known in containers.MAGICS.items() if known == kind)
     return LogFormat(
         name,
         label,
-        lambda head, file: head.startswith(magic) or (folders and is_bag_folder(file)),
+        lambda head, file: head.startswith(magic) or (folders and containers.is_bag_folder(file)),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
         advice=_advice,
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
         "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
         endings=(ending,),
-        parts=lambda folder: bag_parts(folder) if folders else FolderParts(),
+        parts=lambda folder: containers.bag_parts(folder) if folders else FolderParts(),
     )
 
 
 #: ROS 1 bags, ROS 2 bags (a folder, or a file of sqlite3), and MCAP.
 FORMATS = (
-    _bag("ros1", "ROS 1 bag", ROS1, ".bag"),
-    _bag("ros2", "ROS 2 bag", SQLITE, ".db3", folders=True),
-    _bag("mcap", "MCAP", MCAP, ".mcap"),
+    _bag("ros1", "ROS 1 bag", containers.ROS1, ".bag"),
+    _bag("ros2", "ROS 2 bag", containers.SQLITE, ".db3", folders=True),
+    _bag("mcap", "MCAP", containers.MCAP, ".mcap"),
 )
 
 
@@ -386,19 +368,19 @@ _MOST_LISTED = 12
 
 def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     """Read a bag."""
-    check_installed()
-    files = bag_files(path)
+    containers.check_installed()
+    files = containers.bag_files(path)
     findings: list[Finding] = []
     input_map = vehicle = ""
     looked: Mapping[str, tuple[str, ...]]
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
-        named = mapped_topics(chosen)
-        contents = read_contents(files, lambda topic, _kind: topic in named, findings)
-        channels = map_channels(chosen, contents, path.name, findings)
+        named = ros.mapped_topics(chosen)
+        contents = ros.read_contents(files, lambda topic, _kind: topic in named, findings)
+        channels = ros.map_channels(chosen, contents, path.name, findings)
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
-        contents = read_contents(
+        contents = ros.read_contents(
             files, lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind), findings
         )
         channels, frame, vehicle = _known_channels(contents, findings)
@@ -418,7 +400,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     )
 
 
-def _known_channels(contents: Contents, findings: list[Finding]) -> tuple[dict[str, Channel], Frame, str]:
+def _known_channels(contents: ros.Contents, findings: list[Finding]) -> tuple[dict[str, Channel], Frame, str]:
     of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
     if of_px4:
         channels, vehicle = px4_channels(of_px4, findings)
@@ -428,7 +410,7 @@ def _known_channels(contents: Contents, findings: list[Finding]) -> tuple[dict[s
     return ros_channels(others, findings), Frame.Z_UP, ""
 
 
-def _nothing(path: Path, contents: Contents, findings: list[Finding]) -> EmptyLogError:
+def _nothing(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
     topics = [f"{name} ({kind})" for name, kind in sorted(contents.listed.items())]
     text = ", ".join(topics[:_MOST_LISTED]) + (
         f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""

@@ -322,7 +322,6 @@ def start_ns(topics: Sequence[BagTopic]) -> int:
 
 # -- By map --
 
-#: Names of the clock.
 CLOCKS = ("stamp", "header.stamp", "timestamp")
 
 

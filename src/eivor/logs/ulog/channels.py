@@ -7,45 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eivor.logs.common import (
-    MAX_SPAN_S,
-    UNITS,
-    by_rate,
-    held_at,
-    logged_channel,
-    low_pass_delay_s,
-    notch_delay_s,
-    noted,
-    silenced,
-)
-from eivor.logs.ulog.topics import (
-    ACTUATOR_SOURCES,
-    ATTITUDE_SETPOINT,
-    ATTITUDE_STATES,
-    CHANNEL_SOURCES,
-    CHOSEN_BY_RATE,
-    CONTROLLER_POSITION,
-    CONTROLLER_VELOCITY,
-    ESC_FUNCTION,
-    ESC_SPEED,
-    ESC_TOPIC,
-    ESTIMATOR_TOPIC,
-    FIRST_MOTOR_FUNCTION,
-    MAX_ACTUATORS,
-    MAX_ESCS,
-    NAVIGATION_STATE,
-    OPEN_LOOP_STATES,
-    PILOT_STATES,
-    PULSES_TOPIC,
-    RATE_STATES,
-    RATES_SETPOINT,
-    RESET_COUNTERS,
-    Topic,
-    TopicSource,
-    position_of,
-    since_start,
-    varying_fields,
-)
+from eivor.logs import common
+from eivor.logs.ulog import topics as px4
 from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Bool, Float
@@ -61,37 +24,42 @@ UNIT_WITHIN = 0.05
 
 
 def attitude_setpoints(
-    topics: Mapping[str, Topic], clocks: Clocks
+    topics: Mapping[str, px4.Topic], clocks: Clocks
 ) -> Iterator[tuple[str, str, Float[np.ndarray, " n"], str]]:
     """Setpoints of roll, pitch and yaw, and of their rates: name, topic, values and label."""
-    attitude = topics.get(ATTITUDE_SETPOINT)
+    attitude = topics.get(px4.ATTITUDE_SETPOINT)
     if attitude is not None:
-        by_sticks = _in_states(topics, clocks, ATTITUDE_SETPOINT, ATTITUDE_STATES)
+        by_sticks = _in_states(topics, clocks, px4.ATTITUDE_SETPOINT, px4.ATTITUDE_STATES)
         for name, (values, field) in zip(NAMES, _angles(attitude.fields), strict=False):
-            label = f"{ATTITUDE_SETPOINT}.{field}"
+            label = f"{px4.ATTITUDE_SETPOINT}.{field}"
             for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
                 series = np.where(where, values, np.nan)
-                yield f"{kind}reference_{name}", ATTITUDE_SETPOINT, series, label
-    rates = topics.get(RATES_SETPOINT)
+                yield f"{kind}reference_{name}", px4.ATTITUDE_SETPOINT, series, label
+    rates = topics.get(px4.RATES_SETPOINT)
     if rates is not None:
-        by_sticks = _in_states(topics, clocks, RATES_SETPOINT, RATE_STATES)
+        by_sticks = _in_states(topics, clocks, px4.RATES_SETPOINT, px4.RATE_STATES)
         for axis, name in zip("xyz", NAMES, strict=True):
             if name in rates.fields:
                 series = np.where(by_sticks, rates.fields[name].astype(np.float64), np.nan)
-                yield f"reference_angular_rate_{axis}", RATES_SETPOINT, series, f"{RATES_SETPOINT}.{name}"
+                yield (
+                    f"reference_angular_rate_{axis}",
+                    px4.RATES_SETPOINT,
+                    series,
+                    f"{px4.RATES_SETPOINT}.{name}",
+                )
 
 
 def _in_states(
-    topics: Mapping[str, Topic], clocks: Clocks, topic: str, states: tuple[int, ...]
+    topics: Mapping[str, px4.Topic], clocks: Clocks, topic: str, states: tuple[int, ...]
 ) -> Bool[np.ndarray, " n"]:
     """Whether the vehicle was in one of some states at each message of a topic."""
-    status = topics.get(NAVIGATION_STATE.topic)
-    if status is None or NAVIGATION_STATE.field not in status.fields:
+    status = topics.get(px4.NAVIGATION_STATE.topic)
+    if status is None or px4.NAVIGATION_STATE.field not in status.fields:
         return np.zeros(clocks[topic].size, dtype=np.bool_)
-    times = clocks[NAVIGATION_STATE.topic]
+    times = clocks[px4.NAVIGATION_STATE.topic]
     known = np.isfinite(times)
-    within = np.isin(status.fields[NAVIGATION_STATE.field], states)
-    return held_at(times[known], within[known], clocks[topic], before=False)
+    within = np.isin(status.fields[px4.NAVIGATION_STATE.field], states)
+    return common.held_at(times[known], within[known], clocks[topic], before=False)
 
 
 def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " n"], str]]:
@@ -137,17 +105,19 @@ LONGEST_MEAN_S = 0.02
 Delay = tuple[float, str]
 
 
-def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
+def topic_delays(topic: px4.Topic, parameters: Mapping[str, float]) -> list[Delay]:
     """Known delays of a topic, each with its cause; none for most topics."""
     delays: list[Delay] = []
     filter_name = LOW_PASSES.get(topic.name, "")
     cutoff = parameters.get(filter_name, 0.0)
     if cutoff > 0.0:
-        delays.append((low_pass_delay_s(cutoff), f"low-pass of {cutoff:g} Hz, {filter_name}"))
+        delays.append((common.low_pass_delay_s(cutoff), f"low-pass of {cutoff:g} Hz, {filter_name}"))
     for frequency_name, width_name in NOTCHES.get(topic.name, ()):
         frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
         if frequency > 0.0 and width > 0.0:
-            delays.append((notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {frequency_name}"))
+            delays.append(
+                (common.notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {frequency_name}")
+            )
     lengths = topic.fields.get(MEANS.get(topic.name, ""), np.empty(0))
     if lengths.size:
         length = float(np.median(lengths))
@@ -159,7 +129,7 @@ def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
     return [delay for delay in delays if delay[0] > 0.0]
 
 
-def _latency_s(topic: Topic) -> float:
+def _latency_s(topic: px4.Topic) -> float:
     """Median time from sample to stamp [s]; 0 when it is not known, or of another clock."""
     sampled = topic.fields.get("timestamp_sample")
     if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
@@ -181,7 +151,7 @@ def delay_findings(channels: Iterable[Channel], delays: Mapping[str, list[Delay]
         f"({', '.join(cause for _, cause in delays[name])})"
         for name in sorted({_topic_of(channel) for channel in channels if channel.delay_s})
     ]
-    return noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
+    return common.noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
 
 
 def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
@@ -225,7 +195,7 @@ def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[s
     values = values[np.isfinite(values) & (values != 0.0)]
     if not values.size or values.min() < WIDTHS[0] or values.max() > WIDTHS[1]:
         return False
-    timers = [f"{group}_TIM{number}" for group in GROUPS for number in range(MAX_ACTUATORS)]
+    timers = [f"{group}_TIM{number}" for group in GROUPS for number in range(px4.MAX_ACTUATORS)]
     by_dshot = any(int(parameters.get(name, 0.0)) in DSHOT_RATES for name in timers)
     return not (by_dshot or parameters.get("DSHOT_CONFIG", 0.0) > 0.0)
 
@@ -239,7 +209,7 @@ def as_shares(
     known = {name: item for name, item in ranges.items() if item is not None}
     if len(known) < len(ranges):
         sentence = (
-            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
+            f"{px4.PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
             f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
             "map fits an offset."
         )
@@ -249,7 +219,7 @@ def as_shares(
         text = f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})"
         in_words.setdefault((item.low, item.high), text)
     sentence = (
-        f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
+        f"{px4.PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
         f"{', '.join(in_words.values())}."
     )
     return {name: item.share(widths[name]) for name, item in known.items()}, Finding("pulse_widths", sentence)
@@ -260,9 +230,9 @@ def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tu
     for group in GROUPS:
         function = {index: int(parameters.get(f"{group}_FUNC{index + 1}", 0.0)) for index in indices}
         motors = {
-            name: which - FIRST_MOTOR_FUNCTION + 1
+            name: which - px4.FIRST_MOTOR_FUNCTION + 1
             for name, which in function.items()
-            if FIRST_MOTOR_FUNCTION <= which < FIRST_MOTOR_FUNCTION + MAX_ACTUATORS
+            if px4.FIRST_MOTOR_FUNCTION <= which < px4.FIRST_MOTOR_FUNCTION + px4.MAX_ACTUATORS
         }
         if motors:
             return group, dict(sorted(motors.items(), key=lambda item: item[1]))
@@ -287,7 +257,7 @@ def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> P
 class _Reading:
     """The state of one reading: topics in, channels and findings out."""
 
-    topics: Mapping[str, Topic]
+    topics: Mapping[str, px4.Topic]
     clocks: Clocks
     delays_s: Mapping[str, float]
     end_s: float
@@ -296,7 +266,7 @@ class _Reading:
     inactive_setpoints: list[str] = field(default_factory=list)
     never_valid: list[str] = field(default_factory=list)
 
-    def values(self, source: TopicSource) -> Float[np.ndarray, " n"] | None:
+    def values(self, source: px4.TopicSource) -> Float[np.ndarray, " n"] | None:
         """Values of a source, NaN where invalid; None when the log has no such field."""
         topic = self.topics.get(source.topic)
         if topic is None or source.field not in topic.fields:
@@ -308,9 +278,9 @@ class _Reading:
 
     def put(self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide) -> None:
         """Add a channel of values on the clock of a topic."""
-        self.channels[name] = logged_channel(name, self.clocks[topic], values, label, curve_side=side)
+        self.channels[name] = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side)
 
-    def add(self, name: str, source: TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
+    def add(self, name: str, source: px4.TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
         """Add a channel from a source, when that has a valid value (among the samples `where`)."""
         values = self.values(source)
         if values is None:
@@ -321,7 +291,7 @@ class _Reading:
             self.never_valid.append(source.label)
         if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
             return
-        channel = logged_channel(
+        channel = common.logged_channel(
             name,
             self.clocks[source.topic],
             values,
@@ -331,13 +301,16 @@ class _Reading:
             curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
         )
         if channel.time_s.size and source.is_setpoint:
-            channel = silenced(channel, self.end_s, self.inactive_setpoints)
+            channel = common.silenced(channel, self.end_s, self.inactive_setpoints)
         if channel.time_s.size:
             self.channels[name] = channel
 
 
 def read_topics(
-    topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float], findings: list[Finding]
+    topics: Mapping[str, px4.Topic],
+    start: np.uint64,
+    parameters: Mapping[str, float],
+    findings: list[Finding],
 ) -> dict[str, Channel]:
     """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
@@ -346,83 +319,83 @@ def read_topics(
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, clocks, late, max(ends, default=0.0), findings)
     sizes = {name: topic.size for name, topic in topics.items()}
-    for name, sources in CHANNEL_SOURCES.items():
-        by_choice = by_rate(sources, lambda source: sizes.get(source.topic, 0))
-        for source in by_choice if name in CHOSEN_BY_RATE else sources:
+    for name, sources in px4.CHANNEL_SOURCES.items():
+        by_choice = common.by_rate(sources, lambda source: sizes.get(source.topic, 0))
+        for source in by_choice if name in px4.CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
                 reading.add(name, source)
     _add_controller_velocity(reading)
     _add_modes(reading)
     for name, topic, values, label in attitude_setpoints(topics, clocks):
-        channel = logged_channel(name, clocks[topic], values, label)
+        channel = common.logged_channel(name, clocks[topic], values, label)
         if np.isfinite(channel.values).any():
             reading.channels[name] = channel
     _add_actuators(reading, parameters)
     _add_rotor_speeds(reading)
     findings += _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
-    findings += noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
+    findings += common.noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
     sentence = "Not in force while its topic is silent: {}."
-    findings += noted("setpoint_silent", sentence, reading.inactive_setpoints)
+    findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return reading.channels
 
 
 def _reset_findings(reading: _Reading) -> list[Finding]:
     """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
-    topic = reading.topics.get(ESTIMATOR_TOPIC)
+    topic = reading.topics.get(px4.ESTIMATOR_TOPIC)
     findings: list[Finding] = []
-    for counter, meaning in RESET_COUNTERS.items():
+    for counter, meaning in px4.RESET_COUNTERS.items():
         if topic is None or counter not in topic.fields:
             continue
         counts = topic.fields[counter]
-        times = reading.clocks[ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
+        times = reading.clocks[px4.ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
         text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
-        findings += noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
+        findings += common.noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
     return findings
 
 
 def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
     """Seconds since the log's start; NaN for stamps that cannot be."""
-    time = since_start(stamps, start)
-    time[np.abs(time) > MAX_SPAN_S] = np.nan
+    time = px4.since_start(stamps, start)
+    time[np.abs(time) > common.MAX_SPAN_S] = np.nan
     return time
 
 
 def _add_controller_velocity(reading: _Reading) -> None:
     """Add the controller's velocity setpoint: feedback under a height setpoint, else a climb rate."""
-    heights = reading.values(CONTROLLER_POSITION)
+    heights = reading.values(px4.CONTROLLER_POSITION)
     if heights is None:
         return
     in_force = np.isfinite(heights)
-    reading.add("feedback_reference_velocity_z", CONTROLLER_VELOCITY, in_force)
+    reading.add("feedback_reference_velocity_z", px4.CONTROLLER_VELOCITY, in_force)
     if "trajectory_setpoint" not in reading.topics:
-        reading.add("reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
+        reading.add("reference_velocity_z", px4.CONTROLLER_VELOCITY, ~in_force)
 
 
 def _add_modes(reading: _Reading) -> None:
     """Add when a pilot flies, when no loop acts on the thrust, and when sticks set attitude or rates."""
-    states = reading.values(NAVIGATION_STATE)
-    if states is None or not np.isfinite(reading.clocks[NAVIGATION_STATE.topic]).any():
+    states = reading.values(px4.NAVIGATION_STATE)
+    if states is None or not np.isfinite(reading.clocks[px4.NAVIGATION_STATE.topic]).any():
         return
     modes = {
-        "pilot_in_control": PILOT_STATES,
-        "input_open_loop": OPEN_LOOP_STATES,
-        "pilot_sets_attitude": (*ATTITUDE_STATES, *RATE_STATES),
+        "pilot_in_control": px4.PILOT_STATES,
+        "input_open_loop": px4.OPEN_LOOP_STATES,
+        "pilot_sets_attitude": (*px4.ATTITUDE_STATES, *px4.RATE_STATES),
     }
     for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
-        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label, CurveSide.UNKNOWN)
+        reading.put(name, px4.NAVIGATION_STATE.topic, within, px4.NAVIGATION_STATE.label, CurveSide.UNKNOWN)
 
 
 def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
     """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
-    for topic_name, stem, side in ACTUATOR_SOURCES:
+    for topic_name, stem, side in px4.ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
-        used = varying_fields(topic, stem) if topic is not None else []
+        used = px4.varying_fields(topic, stem) if topic is not None else []
         if topic is None or not used:
             continue
-        values = {position_of(field): topic.fields[field].astype(np.float64) for field in used}
-        if topic_name == PULSES_TOPIC and are_pulses(list(values.values()), parameters):
+        values = {px4.position_of(field): topic.fields[field].astype(np.float64) for field in used}
+        if topic_name == px4.PULSES_TOPIC and are_pulses(list(values.values()), parameters):
             values, finding = as_shares(values, parameters)
             reading.findings.append(finding)
         for number, (item, column) in enumerate(values.items(), start=1):
@@ -432,23 +405,23 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
 
 def _add_rotor_speeds(reading: _Reading) -> None:
     """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
-    topic = reading.topics.get(ESC_TOPIC)
+    topic = reading.topics.get(px4.ESC_TOPIC)
     if topic is None:
         return
-    names = {index: ESC_SPEED.format(index) for index in range(MAX_ESCS)}
+    names = {index: px4.ESC_SPEED.format(index) for index in range(px4.MAX_ESCS)}
     turning = {
         index: name for index, name in names.items() if name in topic.fields and np.any(topic.fields[name])
     }
     selected = {item: _motor_of(topic, item) for item in turning}
     known = all(selected.values()) and len(set(selected.values())) == len(selected)
     for entry, name in turning.items():
-        speeds = topic.fields[name].astype(np.float64) * UNITS["rpm"][1]
+        speeds = topic.fields[name].astype(np.float64) * common.UNITS["rpm"][1]
         channel = f"rotor_speed_{selected[entry] if known else entry + 1}"
-        reading.put(channel, ESC_TOPIC, speeds, f"{ESC_TOPIC}.{name}", CurveSide.BEHIND)
+        reading.put(channel, px4.ESC_TOPIC, speeds, f"{px4.ESC_TOPIC}.{name}", CurveSide.BEHIND)
 
 
-def _motor_of(topic: Topic, position: int) -> int:
+def _motor_of(topic: px4.Topic, position: int) -> int:
     """Number of the motor that a report is of, from 1 on; 0 when it does not say, or not always the same."""
-    functions = np.unique(topic.fields.get(ESC_FUNCTION.format(position), np.zeros(1)))
-    number = int(functions[0]) - FIRST_MOTOR_FUNCTION + 1
-    return number if functions.size == 1 and 1 <= number <= MAX_ESCS else 0
+    functions = np.unique(topic.fields.get(px4.ESC_FUNCTION.format(position), np.zeros(1)))
+    number = int(functions[0]) - px4.FIRST_MOTOR_FUNCTION + 1
+    return number if functions.size == 1 and 1 <= number <= px4.MAX_ESCS else 0

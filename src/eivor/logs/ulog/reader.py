@@ -17,41 +17,17 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError, InputError, UnknownFormatError
-from eivor.logs.common import (
-    DECODER_ERRORS,
-    FolderParts,
-    LogFormat,
-    ReadOptions,
-    begins_with,
-    channel_findings,
-    file_names,
-    noted,
-)
+from eivor.logs import common
 from eivor.logs.table.delimited import open_csv
+from eivor.logs.ulog import topics as px4
 from eivor.logs.ulog.channels import read_topics, unknown_filters
-from eivor.logs.ulog.topics import (
-    CHANNEL_SOURCES,
-    EXTRA_TOPIC_LINES,
-    LOOKED_FOR,
-    NEEDED_TOPICS,
-    ORIGIN_TOPICS,
-    PROFILE_BITS,
-    TOPIC_LOGGING,
-    Topic,
-    TopicLogging,
-    air_channels,
-    choose_instance,
-    ulog_origin,
-    vehicle_of,
-)
 from eivor.signals.recording import Finding, Frame, Recording
 
 # -- CSV names --
 
 #: A table of a topic that is needed: its log, its topic and the number of the instance.
-TOPIC_TABLE = rf"(.*)_({'|'.join(sorted(NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv"
+TOPIC_TABLE = rf"(.*)_({'|'.join(sorted(px4.NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv"
 _NAME = re.compile(TOPIC_TABLE)
-#: How names of ULogs end.
 ULOG_ENDINGS = (".ulg", ".ulog")
 #: Any table of a topic, needed or not.
 _TABLE = re.compile(r".*_\d+\.csv")
@@ -71,22 +47,22 @@ def tables_of(folder: Path) -> list[TopicTable]:
     """Return the tables of topics that are needed, by their names; none of what is no folder."""
     if not folder.is_dir():
         return []
-    matches = filter(None, map(_NAME.fullmatch, file_names(folder)))
+    matches = filter(None, map(_NAME.fullmatch, common.file_names(folder)))
     tables = (TopicTable(folder / match[0], match[1], match[2], int(match[3])) for match in matches)
     return sorted(tables, key=lambda table: table.file)
 
 
-def csv_parts(folder: Path) -> FolderParts:
+def csv_parts(folder: Path) -> common.FolderParts:
     """Return the tables that `ulog2csv` made, with those of topics that are not needed."""
     logs = {table.log for table in tables_of(folder)}
     path = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
-    names = [name for name in file_names(folder) if _TABLE.fullmatch(name)] if logs else []
+    names = [name for name in common.file_names(folder) if _TABLE.fullmatch(name)] if logs else []
 
     def of(some: set[str]) -> frozenset[str]:
         begins = tuple(f"{log}_" for log in some)
         return frozenset(name for name in names if name.startswith(begins))
 
-    return FolderParts(of(logs - path) - of(path), of(path))
+    return common.FolderParts(of(logs - path) - of(path), of(path))
 
 
 # -- CSV folder --
@@ -97,7 +73,7 @@ _FIELD = re.compile(r"[A-Za-z_][\w.\[\]]*")
 _LAST_US = float(1 << 62)
 
 
-def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
+def read_csv_folder(folder: Path, options: common.ReadOptions) -> Recording:
     """Read a folder of `ulog2csv`."""
     tables = tables_of(folder)
     logs = sorted({table.log for table in tables})
@@ -106,12 +82,12 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
         received = f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}"
         raise InputError(expected, received, "Put them into folders of their own.")
     findings: list[Finding] = []
-    instances: dict[str, list[Topic]] = {}
+    instances: dict[str, list[px4.Topic]] = {}
     for table in tables:
         topic = _topic(table.file, table.topic, table.instance, findings)
         if topic is not None:
             instances.setdefault(table.topic, []).append(topic)
-    topics = {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
+    topics = {name: px4.choose_instance(candidates, findings) for name, candidates in instances.items()}
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
     channels = read_topics(topics, np.uint64(start), {}, findings)
     if not channels:
@@ -124,13 +100,13 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
         channels=channels,
         frame=Frame.NED,
         sha256=options.sha256,
-        looked_for=LOOKED_FOR,
-        findings=(*findings, *channel_findings(channels)),
-        vehicle=vehicle_of(topics, {}),
+        looked_for=px4.LOOKED_FOR,
+        findings=(*findings, *common.channel_findings(channels)),
+        vehicle=px4.vehicle_of(topics, {}),
     )
 
 
-def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> Topic | None:
+def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> px4.Topic | None:
     """One table as a topic; None when it is damaged, or holds no stamps."""
     try:
         source = open_csv(file)
@@ -150,7 +126,7 @@ def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> Top
         for key in ("timestamp", "timestamp_sample")
         if key in values
     }
-    return Topic(name, instance, {**fields, **clocks})
+    return px4.Topic(name, instance, {**fields, **clocks})
 
 
 # -- Advice --
@@ -162,17 +138,17 @@ def _advice(channel: str) -> tuple[str, ...]:
     """How to set PX4's logger; for a channel, at which rate its topics are logged."""
     if not channel:
         return _PX4_ADVICE
-    topics = list(dict.fromkeys(source.topic for source in CHANNEL_SOURCES.get(channel, ())))
-    known = {entry.topic: entry for entry in TOPIC_LOGGING}
+    topics = list(dict.fromkeys(source.topic for source in px4.CHANNEL_SOURCES.get(channel, ())))
+    known = {entry.topic: entry for entry in px4.TOPIC_LOGGING}
     return tuple(_topic_sentence(known[topic]) for topic in topics if topic in known)
 
 
-def _topic_sentence(entry: TopicLogging) -> str:
+def _topic_sentence(entry: px4.TopicLogging) -> str:
     rate = "at every message" if entry.default_rate_hz == float("inf") else f"at {entry.default_rate_hz:g} Hz"
     sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {entry.topic} {rate}"
     raising = [bit for bit in entry.full_rate_bits if bit != 0]
     if raising and entry.default_rate_hz != float("inf"):
-        bits = " or ".join(f"bit {bit} ({PROFILE_BITS[bit]})" for bit in raising)
+        bits = " or ".join(f"bit {bit} ({px4.PROFILE_BITS[bit]})" for bit in raising)
         return f"{sentence}; {bits} logs it at its full rate."
     return f"{sentence}."
 
@@ -183,7 +159,7 @@ _PX4_ADVICE = (
     "at full rate).",
     "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz. Copy "
     "etc/logging/logger_topics.txt onto the card, with the topics of the profile and the lines "
-    + ", ".join(f"'{line}'" for line in EXTRA_TOPIC_LINES)
+    + ", ".join(f"'{line}'" for line in px4.EXTRA_TOPIC_LINES)
     + " (topic, interval in ms). That file replaces the profile.",
     "Fly altitude steps, so that the height reference changes: a hover cannot be identified.",
 )
@@ -464,11 +440,10 @@ def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
 
 # -- Reader --
 
-#: Every topic that is parsed.
-PARSED = (*NEEDED_TOPICS, *(topic for topic in ORIGIN_TOPICS if topic not in NEEDED_TOPICS))
+PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic not in px4.NEEDED_TOPICS))
 
 
-def read_ulog(file: Path, options: ReadOptions) -> Recording:
+def read_ulog(file: Path, options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
     try:
         with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -479,14 +454,14 @@ def read_ulog(file: Path, options: ReadOptions) -> Recording:
     findings = _file_findings(clean, ulog, printed)
     parameters = _parameters(ulog)
     topics = _topics(ulog, clean.rows, findings)
-    neighbours = {name: topics.pop(name) for name in ORIGIN_TOPICS if name in topics}
+    neighbours = {name: topics.pop(name) for name in px4.ORIGIN_TOPICS if name in topics}
     start = np.uint64(ulog.start_timestamp)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
-        expected = f"a ULog with flight data (one of the topics {', '.join(NEEDED_TOPICS)})"
+        expected = f"a ULog with flight data (one of the topics {', '.join(px4.NEEDED_TOPICS)})"
         remedy = "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE)."
         raise EmptyLogError(expected, f"'{file.name}' without a value of any of them", remedy)
-    channels |= air_channels(neighbours, start)
+    channels |= px4.air_channels(neighbours, start)
     return Recording(
         name=file.name,
         format="ulog",
@@ -494,10 +469,10 @@ def read_ulog(file: Path, options: ReadOptions) -> Recording:
         frame=Frame.NED,
         sha256=options.sha256,
         parameters=parameters,
-        looked_for=LOOKED_FOR,
-        findings=(*findings, *channel_findings(channels)),
-        vehicle=vehicle_of(topics, parameters),
-        origin=ulog_origin(clean.about, neighbours, start, parameters),
+        looked_for=px4.LOOKED_FOR,
+        findings=(*findings, *common.channel_findings(channels)),
+        vehicle=px4.vehicle_of(topics, parameters),
+        origin=px4.ulog_origin(clean.about, neighbours, start, parameters),
     )
 
 
@@ -515,7 +490,7 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
     try:
         with contextlib.redirect_stdout(printed):
             ulog = ULog(io.BytesIO(clean.content), list(PARSED), disable_str_exceptions=True)
-    except (ULogException, *DECODER_ERRORS) as error:
+    except (ULogException, *common.DECODER_ERRORS) as error:
         raise _corrupt(file, error) from error
     return ulog, bool(printed.getvalue())
 
@@ -527,23 +502,23 @@ def _parameters(ulog: Any) -> dict[str, float]:
 
 def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
     sentence = "The log ends within a message ({} bytes of it are there)."
-    findings = noted("truncated", sentence, clean.cut_bytes)
+    findings = common.noted("truncated", sentence, clean.cut_bytes)
     if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
         lost = f", with them all of {', '.join(clean.lost_topics)}" if clean.lost_topics else ""
         damage = f"{clean.skipped_bytes} bytes and {clean.rejected_messages} messages{lost}"
         findings.append(Finding("corrupt_parts", f"Damaged parts were left out: {damage}."))
     total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
     sentence = f"The logger lost data {{}} times, {total:.3g} s in total."
-    return findings + noted("dropouts", sentence, len(ulog.dropouts))
+    return findings + common.noted("dropouts", sentence, len(ulog.dropouts))
 
 
-def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, Topic]:
-    instances: dict[str, list[Topic]] = {}
+def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, px4.Topic]:
+    instances: dict[str, list[px4.Topic]] = {}
     for data in ulog.data_list:
         fields = _table(data.data, rows[data.msg_id])
-        instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), fields))
+        instances.setdefault(data.name, []).append(px4.Topic(data.name, int(data.multi_id), fields))
     return {
-        name: choose_instance(candidates, findings if name in NEEDED_TOPICS else [])
+        name: px4.choose_instance(candidates, findings if name in px4.NEEDED_TOPICS else [])
         for name, candidates in instances.items()
     }
 
@@ -558,17 +533,17 @@ def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.n
 # -- Formats --
 
 FORMATS = (
-    LogFormat(
+    common.LogFormat(
         "ulog",
         "ULog",
-        begins_with(MAGIC),
+        common.begins_with(MAGIC),
         read_ulog,
         advice=_advice,
         setpoints=_SETPOINTS,
         endings=ULOG_ENDINGS,
     ),
     # a folder of the tables that `ulog2csv` makes of one
-    LogFormat(
+    common.LogFormat(
         "ulog2csv",
         "ulog2csv folder",
         lambda _head, folder: bool(tables_of(folder)),

@@ -86,7 +86,6 @@ ESC_SPEED, ESC_FUNCTION = "esc[{}].esc_rpm", "esc[{}].actuator_function"
 MAX_ESCS = 12
 FIRST_MOTOR_FUNCTION = 101
 
-#: Every topic that is parsed.
 NEEDED_TOPICS: tuple[str, ...] = tuple(
     sorted(
         {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
