@@ -12,7 +12,14 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, Frame, Recording, clean_channel
-from eivor.simulation.environment import SensorErrors, SensorNoise, Trajectory, TrajectoryKind, sensor_errors
+from eivor.simulation.environment import (
+    NoiseKind,
+    SensorErrors,
+    SensorNoise,
+    Trajectory,
+    TrajectoryKind,
+    sensor_errors,
+)
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, fly_own, stream
 
