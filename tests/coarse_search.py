@@ -5,7 +5,9 @@ The full search takes most of the time of a flight. It finds the same minimum if
 
 from __future__ import annotations
 
+import hashlib
 import inspect
+import pickle
 from contextlib import contextmanager
 
 import numpy as np
@@ -29,6 +31,43 @@ def searched_on(grids):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(inspect.unwrap(lag_and_delay), "__defaults__", grids)
+        yield
+
+
+#: Results by logs, options, grids and motions, with the stages of their progress; the last so many are kept.
+RESULTS, MOST_RESULTS = {}, 16
+
+
+@contextmanager
+def identified_once():
+    """The same logs with the same options are identified once; not for tests that change how that is done."""
+    from eivor.models.lagged_runs import lag_and_delay
+    from eivor.motions import identify
+
+    work, search = identify.identified, inspect.unwrap(lag_and_delay)
+
+    def known(logs, motion, options, windows, others, lag_measurements, progress, begun):
+        given = logs, options, windows, lag_measurements, search.__defaults__
+        key = (hashlib.sha256(pickle.dumps(given)).digest(), id(motion), *map(id, others))
+        if key not in RESULTS:
+            stages = []
+
+            def noted(stage):
+                stages.append(stage)
+                progress(stage)
+
+            result = work(logs, motion, options, windows, others, lag_measurements, noted, begun)
+            while len(RESULTS) >= MOST_RESULTS:
+                del RESULTS[next(iter(RESULTS))]
+            RESULTS[key] = result, stages, motion, others
+            return result
+        result, stages, *_ = RESULTS[key]
+        for stage in stages:
+            progress(stage)
+        return result
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(identify, "identified", known)
         yield
 
 

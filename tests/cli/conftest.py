@@ -11,8 +11,12 @@ from importlib import resources
 
 import polars
 import pytest
+import typer
 
+from coarse_search import identified_once
 from eivor.cli.main import app
+
+COMMAND = typer.main.get_command(app)  # as each call of `app` makes it
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,13 @@ class Run:
 Caller = Callable[..., Run]
 
 
+@pytest.fixture(autouse=True)
+def results_once():
+    """A flight of one test is that of another: commands identify it once."""
+    with identified_once():
+        yield
+
+
 @pytest.fixture
 def eivor(capsys, monkeypatch):
     """Call in this process."""
@@ -33,7 +44,7 @@ def eivor(capsys, monkeypatch):
 
     def call(*arguments):
         with pytest.raises(SystemExit) as left:
-            app([str(argument) for argument in arguments], prog_name="eivor")
+            COMMAND([str(argument) for argument in arguments], prog_name="eivor")
         captured = capsys.readouterr()
         return Run(int(left.value.code or 0), captured.out, captured.err)
 

@@ -35,6 +35,8 @@ def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
     assert "MPC_THR_HOVER 0.58 -> 0.5" in run.out
     assert "Not identified" in run.out
     assert "--card" in run.out
+    document = json.loads(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-").out)
+    assert document["identified"] == ["hover_input"]
     card = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--card")
     assert "SDLOG_PROFILE" in card.out
 

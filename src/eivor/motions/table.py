@@ -52,7 +52,8 @@ def motion_by_name(name: str) -> Motion[Any]:
         When a machine's file has something wrong in it.
     """
     checks.text("name", name)
-    if name.endswith(ENDING) or (name not in motion_names() and name in shipped_machines()):
+    known = name in _OWN or name in motion_names()  # what is installed is searched for other names only
+    if name.endswith(ENDING) or (not known and name in shipped_machines()):
         return load_machine(name)
     return loaded_motion(name)
 
@@ -86,8 +87,7 @@ def loaded_motion(name: str) -> Motion[Any]:
         module, _, attribute = _OWN[name].partition(":")
         own_motion: Motion[Any] = getattr(import_module(module), attribute)()
         return own_motion
-    added = _added()
-    if name not in added:
+    if name not in (added := _added()):
         raise UsageError(
             f"a motion out of {', '.join(motion_names())}",
             f"'{name}'",

@@ -534,6 +534,7 @@ def test_a_hover_by_balance_needs_no_instruments_and_no_thrust_is_not_compared(l
     biased = ev.identify_flight(wrong, ev.FlightOptions(input_map="linear", method="least_squares"))
     assert biased.quantities["input_gain"].verdict is not Status.IDENTIFIED
     assert biased.quantities["hover_input"].verdict is Status.IDENTIFIED
+    assert " -> " not in repr(flight_document(biased).card)
     rotors = changed(wrong, "input", rotor_command_1=wrong.channel("input").values)
     card = repr(flight_document(ev.identify_flight(rotors)).card)
     assert "->" not in card
