@@ -32,8 +32,6 @@ from eivor.models.regression import LinearProblem, Parameter, Regression, Sample
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.tools import Float, Int
 
-# -- Several flights --
-
 
 def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
     """Products of all columns of weighted rows, flight after flight, a block for each of some values."""

@@ -161,9 +161,6 @@ def _assembled(
     return replace(products, shared=shared, constant=constant, rows=estimate.count), WA
 
 
-# -- a record whose products were made with its moments ---------------------------------------------------
-
-
 def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) -> Record:
     """Products with the residual y - Phi theta in place of y, from those with y."""
     first, last = problem.first, problem.signals.sample_count
@@ -195,8 +192,6 @@ def _less(
         residual[here] -= part
     return residual
 
-
-# -- Diagnose --
 
 #: Segments that are left out one at a time.
 SEGMENTS = 10

@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# -- Estimate --
-
 Blocks = Callable[[], Iterable[RowBlock]]
 
 
@@ -469,9 +467,6 @@ class Estimate:
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
-
-
-# -- Estimating equation --
 
 
 def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:

@@ -96,8 +96,6 @@ def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values)
     raise ConvergenceError(expected, f"some that go on after {MOST_STEPS}", remedy)
 
 
-# -- Shrinkage bias --
-
 #: An estimate of which less than this share is left is weak.
 MOSTLY_LEFT = 0.99
 
@@ -115,9 +113,6 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
     )
     status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
     return (Reason(status, sentence, "A pulled estimate is biased; intervals count the whole move."),)
-
-
-# -- Refusals --
 
 
 def check_freedom(rows: int | float, unknowns: int) -> None:
@@ -307,9 +302,6 @@ class LinearMethod(Method):
         return Estimate(
             self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters
         )
-
-
-# -- problems whose nuisances have columns of their own ----------------------------------------------------
 
 
 def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> Estimate:

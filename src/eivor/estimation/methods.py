@@ -35,8 +35,6 @@ from eivor.linalg.total_least_squares import (
 from eivor.models.regression import LinearProblem, regression
 from eivor.models.separable import SeparableProblem
 
-# -- Fit --
-
 
 def identify(problem: Problem, method: Method) -> Estimate:
     """Estimate the parameters of `problem` by `method`.
@@ -115,8 +113,6 @@ def iv(
     problem = regression(y, X, Z, names=names)
     return identify(problem, least_squares() if Z is None else extended_iv(TwoStage()))
 
-
-# -- Methods --
 
 __all__ = [
     "TABLE",

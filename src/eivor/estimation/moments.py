@@ -15,8 +15,6 @@ from eivor.linalg.system import LinearSystem, merged_roots
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock
 from eivor.tools import Float
 
-# -- Moments --
-
 
 @dataclass(frozen=True, slots=True)
 class TriangularMoments:
@@ -128,9 +126,6 @@ def _unlike(moments: Moments, other: Moments) -> UsageError:
         f"{type(other).__name__} of other columns" if type(moments) is type(other) else type(other).__name__,
         "Merge moments that one method made of one problem.",
     )
-
-
-# -- Assembler --
 
 
 class Assembler(ABC):
@@ -258,9 +253,6 @@ def _other_kind(expected: str, moments: Moments) -> UsageError:
     return UsageError(
         expected, type(moments).__name__, "Make the moments with the method that is to use them."
     )
-
-
-# -- Fitted noise --
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,6 @@ from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.signals.noise import WhiteNoise
 from eivor.tools import Complex, Float
 
-# -- Paired bins --
-
 #: Frequency that strengths of noises are identified at [Hz]; orders say what they are beside it.
 STRENGTH_AT_HZ = 1.0
 #: Share of the responses' power that counts as rounding.
@@ -137,8 +135,6 @@ def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisa
     return replace(pairs, least=ROUNDING * float(np.median(power)))
 
 
-# -- Weights --
-
 #: Neighbours of a bin, on each side, that identify the power of its input without itself.
 INPUT_NEIGHBOURS = 3
 #: A bin is a line of the input where its power exceeds its noise and its neighbours' power by this factor.
@@ -224,9 +220,6 @@ def recoloured(
         np.abs(below) ** 2 * first + bottom**2 * two + 2.0 * (below * across * bottom).real,
         top * (first * below.conj() + across * bottom),
     )
-
-
-# -- Pair whitening --
 
 
 @dataclass(frozen=True)

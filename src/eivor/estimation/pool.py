@@ -39,8 +39,6 @@ from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
 
-# -- Member --
-
 
 def pool_member(
     problem: SeparableProblem,
@@ -430,8 +428,6 @@ def _joined(layouts: Sequence[object]) -> BinRows:
     bins = ((number, layout) for number, layout in enumerate(layouts) if isinstance(layout, BinRows))
     return BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs))
 
-
-# -- Pooling --
 
 #: Nodes of a nuisance, at least: products of lags that are close make differences that are small.
 FEWEST_NODES = 33

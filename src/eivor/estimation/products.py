@@ -17,8 +17,6 @@ from eivor.models.regression import Column, LinearProblem, RowBlock
 from eivor.models.signal_regression import SignalRegression
 from eivor.tools import Float, Int
 
-# -- Folded lags --
-
 #: Samples folded into one row.
 FOLD = 8
 #: Taps of a filter that `np.correlate` computes fast; longer filters are sums of such.
@@ -86,8 +84,6 @@ def filtered_instruments(
     regressors = problem.columns_between(problem.regressor_columns, start, stop)
     return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
 
-
-# -- Products of signals --
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
 BLOCKS = 128
@@ -226,9 +222,6 @@ def row_count(problem: SignalRegression) -> int:
         remedy = "Give a longer record or fewer lags."
         raise TooFewSamplesError(expected, f"{problem.signals.sample_count}", remedy)
     return count if problem.used is None else int(problem.used.sum())
-
-
-# -- Products of a problem --
 
 
 def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:

@@ -96,8 +96,6 @@ def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | No
     return References((inverse @ b)[None], mapped[None], slice(0, A.shape[1]))
 
 
-# -- Change detector --
-
 #: Median magnitude of normal numbers over their standard deviation, inverted.
 NORMAL_MEDIAN = 1.4826
 #: Looks after a change that are listened to only: one memory, until what was kept of before has

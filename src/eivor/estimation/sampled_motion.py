@@ -18,8 +18,6 @@ from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.tools import Bool, Complex, Float, Int
 
-# -- Pair spectrum --
-
 Pair = Complex[np.ndarray, "2 bins"]
 Pairs = Complex[np.ndarray, "*shape 2 bins"]
 
@@ -95,8 +93,6 @@ def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
     """x^H y of each bin."""
     return (left.conj() * right).sum(axis=0)
 
-
-# -- Noise model --
 
 #: Order that is expected where nothing else is known of it.
 USUAL_ORDER = -0.2
@@ -534,8 +530,6 @@ class SampledMotion:
             result[1, 0] = result[2, 1] = -self.record.ramp
         return result
 
-
-# -- Sampled problem --
 
 #: Fewest samples that spectra can be distinguished from.
 FEWEST_SAMPLES = 64

@@ -36,8 +36,6 @@ from eivor.tools import Complex, Float, Int
 #: Method whose answer serves as start, and where spectra do not serve.
 GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
-# -- Pilot --
-
 
 @dataclass(frozen=True)
 class Pilot:
@@ -299,9 +297,6 @@ def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMot
     return SampledMotion(motion.record, *values.tolist())
 
 
-# -- Whitened rows --
-
-
 def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
     """Linear equations that the solution meets, and their solution."""
     rows = whitened_rows(solution, parameters)
@@ -351,8 +346,6 @@ def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]
     bins[..., 1 : pairs.shape[-1] + 1] = pairs
     return np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
 
-
-# -- Spectral covariance --
 
 #: Fewest degrees of freedom.
 LEAST_DEGREES = 3.0

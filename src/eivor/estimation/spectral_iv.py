@@ -151,8 +151,6 @@ def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
     return replace(answer, method=name, reasons=(*plain.reasons, reason))
 
 
-# -- Likelihood --
-
 #: Passes of noises and parameters, and the change relative to the parameters that ends them.
 LIKELIHOOD_PASSES, LIKELIHOOD_TOLERANCE = 8, 1e-5
 #: Searches of the parameters end after so many evaluations.
@@ -213,8 +211,6 @@ def least_quadratic(
     return *at(squares.x), bool(squares.success)
 
 
-# -- Several flights --
-
 #: Share of right pairs of answers that are no farther apart than is allowed.
 ALLOWED = 0.999
 
@@ -262,8 +258,6 @@ def _squared_distance(estimate: Estimate, other: Estimate) -> float:
     spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]
     return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
-
-# -- Unknown input --
 
 #: Least share of the input's variance that a search begins at.
 LEAST_SHARE = 1e-6

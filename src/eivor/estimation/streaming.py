@@ -202,8 +202,6 @@ def identify_chunks(
     return replace(estimate, streamed_covariance=covariance.joint(equation))
 
 
-# -- Forgetting --
-
 #: Memory [samples] when none is chosen: a factor of 0.995.
 DEFAULT_MEMORY = 200.0
 #: Shortest and longest memory [samples]: rows of a block wait in arrays, and a block is a part of the memory.
@@ -256,8 +254,6 @@ class Forgetting:
         """Weights of successive samples after the last of them."""
         return self.factor ** np.arange(count - 1, -1, -1.0)
 
-
-# -- Timed rows --
 
 #: Places (instrument, column) of a table of noises that vary from row to row.
 NoiseIndices = tuple[tuple[int, int], ...]
@@ -498,9 +494,6 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
     zero = replace(empty, packed=np.zeros((1, empty.packed.shape[1])))
     return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
-
-
-# -- Exponentially weighted covariance --
 
 
 def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:

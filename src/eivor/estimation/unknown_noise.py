@@ -30,8 +30,6 @@ from eivor.signals.channels import unit_of
 from eivor.signals.noise import LARGEST_ORDER, FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.tools import Float
 
-# -- Choices --
-
 #: Lags of a regressor that has white noise, and of one whose noise has an order, the present one beside them.
 WHITE_LAGS = 2
 ORDER_LAGS = 6
@@ -66,8 +64,6 @@ class EquationChoice(Enum):
             kept.setdefault((column.channel, column.lag, column.gain_channel), column)
         return tuple(kept.values())
 
-
-# -- Long memory --
 
 #: Largest lag: the record over this.
 RECORD_OVER_LAG = 4

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 
-# -- Box search --
-
 #: Axes of a box: one increasing array for each variable.
 Box = Sequence[Float[np.ndarray, " _"]]
 #: From a box to the values at its points, the last axis the fastest.

@@ -30,8 +30,6 @@ from eivor.models.regression import LinearProblem, Parameter, RowLayout, SampleR
 from eivor.models.signal_regression import SignalRegression
 from eivor.tools import Float
 
-# -- Moment rows --
-
 
 @dataclass(frozen=True)
 class MomentRows:

@@ -21,9 +21,6 @@ from eivor.models.separable import SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.tools import Complex, Float
 
-# -- Equations --
-
-
 #: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L; None without a weight.
 Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"] | None]
 
@@ -150,8 +147,6 @@ def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
     return LinearSystem(both[:, :-1], both[:, -1])
 
 
-# -- Limited information --
-
 #: Columns of which the instruments leave less than this share have no error but rounding.
 EXACT = 1e-12
 
@@ -193,9 +188,6 @@ def _left_over(
             "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
         )
     return S
-
-
-# -- Rows --
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,8 +253,6 @@ class EqualRows(RowWeighting):
         """Rows in time: no weight is made of residuals."""
         return WeightedRows(problem)
 
-
-# -- Whitening --
 
 #: Power never falls below this share of its median, so that no bin takes all the weight.
 POWER_FLOOR = 1e-6

@@ -85,8 +85,6 @@ from eivor.tools import Progress, Stage, no_stage_callback
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
 
-# -- Instruments --
-
 #: A reference has one frequency when this share of its power lies within so many bins of its peak.
 LINE_SHARE = 0.995
 LINE_BINS = 3

@@ -15,8 +15,6 @@ from eivor.signals.recording import GRAVITY, ROTARY_WING, Channel, Frame, MadeCh
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
 
-# -- Between --
-
 #: A piece whose neighbours are longer or shorter than it by this factor is a line: noise of two stamps that
 #: lie close would tilt the curve far.
 JITTER = 2.0
@@ -58,8 +56,6 @@ def curve_between(
     line[inside] += np.where(np.isfinite(bent), bent, 0.0)
     return line
 
-
-# -- Grid --
 
 #: Steps of the grid [s]: the fine one when command and accelerometer are logged at FINE_FROM_HZ or more.
 STEP_S = 0.010
@@ -395,9 +391,6 @@ def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.n
     earlier = np.maximum(index - margin, 0)
     later = np.minimum(index + margin + 1, flying.size)
     return np.asarray(grounded[later] - grounded[earlier] == 0)
-
-
-# -- Frames --
 
 
 def upward(recording: Recording) -> Recording:

@@ -23,8 +23,6 @@ from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel
 from eivor.tools import Float
 
-# -- Lag quantities --
-
 #: Sum of lag and delay, which a flight identifies better than either.
 EFFECTIVE_LAG = "effective_lag"
 #: The nuisances of which each lag is the sum.
@@ -35,7 +33,6 @@ LAG_SUMS = {
 }
 #: Of all intervals.
 LEVEL = 0.95
-
 
 #: How the three are called and shown.
 LAG_QUANTITIES = {
@@ -102,8 +99,6 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         effective = replace(alone, value=value, interval=(low, high))
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
-
-# -- Lag from elsewhere --
 
 #: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)
@@ -259,8 +254,6 @@ def lag_searched(problem: SeparableProblem) -> bool:
     """Whether the problem has an actuators' lag to search."""
     return any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in problem.nuisances)
 
-
-# -- Telemetry --
 
 #: Its name as a source of a lag.
 TELEMETRY = "telemetry"

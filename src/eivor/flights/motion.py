@@ -38,8 +38,6 @@ from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
-# -- Multi-step prediction --
-
 #: How far ahead predictions look [s].
 HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
 #: Starts are so far apart [s]; in longer flights further, so that there are no more than so many.
@@ -202,8 +200,6 @@ def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndar
         result[run] = left[samples].mean()
     return result
 
-
-# -- Motion --
 
 P = TypeVar("P", bound=SeparableProblem)
 Solver = Callable[[P], Estimate]

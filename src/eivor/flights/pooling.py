@@ -49,8 +49,6 @@ from eivor.tools import Float
 
 T = TypeVar("T")
 
-# -- Bootstrap --
-
 #: Replicates that are made when their number is not named.
 RUNS = 999
 
@@ -137,9 +135,6 @@ def _quantities_of_draws(
     return quantities
 
 
-# -- Pool verdict --
-
-
 def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
     """Whether the instruments agree in the flights of a pool, each by itself."""
     agreements = [item.agreement for item in alone if item.agreement is not None]
@@ -185,9 +180,6 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
             f"at which "
             f"lag and {text} act alike: the lag rests on the differences of the {text} between flights.",
         )
-
-
-# -- Pooled --
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,6 @@ from eivor.signals.recording import CONTROLLER_RATE, Finding, Recording, interva
 from eivor.signals.signals import Signals, stretches
 from eivor.tools import Bool, Float
 
-# -- Prepare --
-
 #: Runs shorter than this are left out, and flights with less than this to use [s].
 SHORTEST_RUN_S = 1.0
 LEAST_USED_S = 3.0
@@ -207,8 +205,6 @@ def overview(
     time_s, moving = grid.time_s, stretches(active.mask)
     return active.rule, tuple((float(time_s[run.start]), float(time_s[run.stop - 1])) for run in moving)
 
-
-# -- Pool --
 
 #: Hovering inputs of one vehicle, laden or not, are within this ratio of each other.
 LARGEST_INPUT_RATIO = 10.0

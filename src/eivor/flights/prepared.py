@@ -257,9 +257,6 @@ def chosen_input(
     )
 
 
-# -- Matched interpolation filter --
-
-
 def matched_interpolation_filter(
     channels: dict[str, Float[np.ndarray, " n"]],
     selected: Selection,

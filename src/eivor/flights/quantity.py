@@ -36,8 +36,6 @@ class AcrossFlights:
     identified_by: tuple[str, ...] = ()
 
 
-# -- Systematic uncertainties --
-
 Interval = tuple[float, float]
 
 
@@ -80,9 +78,6 @@ def widened(
     for item in (item for item in parts if item.counts is Counts.AT_LEAST):
         low, high = min(low, value - item.below), max(high, value + item.above)
     return low, high
-
-
-# -- What motions hand to other rooms --
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,8 +259,6 @@ def flight_card(
         CardSection("Setpoints", (setpoints or advised.setpoints,)),
     )
 
-
-# -- Quantity --
 
 NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))

@@ -17,8 +17,6 @@ from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
 
-# -- Declared noise --
-
 #: In place of numbers: noises are read off each channel's fastest part.
 ESTIMATE = "estimate"
 #: Most combs of stamps that are put on the grid to see how it thins noise.
@@ -162,8 +160,6 @@ def check_noise(noise: object) -> None:
             remedy = 'Give noise={"velocity_z": 0.02}, in SI units, or a DataSheet.'
             raise UsageError(expected, f"{declared!r}", remedy)
 
-
-# -- References --
 
 #: A reference must be in force for this share of the samples used.
 IN_FORCE_SHARE = 0.5

@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Outputs --
-
 #: Group of the entry points under which a package of outputs registers its `ResultOutputs`.
 OUTPUTS = "eivor.outputs"
 

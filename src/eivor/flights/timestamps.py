@@ -11,8 +11,6 @@ from eivor.signals.filters import REACH, on_lines
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float, Int
 
-# -- Command period from aliasing --
-
 #: A line has so many times the power that white noise has on average, which chance reaches in no log.
 LINE = 25.0
 #: Lines below this frequency are clocks that drift.
@@ -79,8 +77,6 @@ def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: fl
     return float(along[best] / squares[best]), float(along[best] ** 2 / squares[best])
 
 
-# -- Timestamp jitter --
-
 #: Even stamps: the standard deviation of their distances, pauses left out, is below this share of the median.
 EVEN_SHARE = 0.03
 #: A distance of more medians than this is a pause.
@@ -141,8 +137,6 @@ def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
     """Distance of each value from the middle between its neighbours."""
     return np.asarray(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
 
-
-# -- Command clock --
 
 #: A distance of stamps within this share of another is taken as the same.
 SAME = 0.025
@@ -329,8 +323,6 @@ def as_issued(command: Channel, clock: Clock) -> Channel:
         values=np.append(values[begins] + share * rise[begins], values[-1]),
     )
 
-
-# -- Timestamp errors --
 
 #: Stamps far apart are off by no more than so many times what neighbours are.
 ADDED_UP = 1.15

@@ -253,9 +253,6 @@ def systematic_uncertainties(
     return results
 
 
-# -- Rules --
-
-
 @dataclass(frozen=True, slots=True)
 class Rule:
     """A row of a motion's table: when a sentence speaks against some quantities, and what to do."""

@@ -13,8 +13,6 @@ from eivor.errors import UsageError
 from eivor.inference.distributions import check_level, normal_quantile, t_quantile
 from eivor.tools import Float, Int
 
-# -- Blocks --
-
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
 STEPS_PER_BLOCK = 8
 #: With at most so many atoms each row is one.
@@ -142,9 +140,6 @@ def piece_sums(
     for step in range(1, plan.span):
         total += wrapped[step : step + plan.pieces]
     return total
-
-
-# -- Replicates --
 
 
 def check_draws(runs: object, seed: object) -> None:

@@ -14,8 +14,6 @@ from eivor import checks
 from eivor.errors import ParameterError
 from eivor.tools import Bool, Float
 
-# -- Confidence set --
-
 #: Binary digits of a square root: more than a double has, so that roots are right to rounding.
 ROOT_BITS = 80
 
@@ -232,8 +230,6 @@ def _text(low: float, high: float) -> str:
     right = "inf)" if high == inf else f"{high:.5g}]"
     return f"{left}, {right}"
 
-
-# -- Profile --
 
 #: Relative half-step of numerical derivatives, in half-widths.
 DIFFERENCE = 1e-3

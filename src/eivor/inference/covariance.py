@@ -126,9 +126,6 @@ def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
 
 
-# -- Joint estimate --
-
-
 @dataclass(frozen=True, slots=True)
 class JointEstimate:
     """A vector of estimates with its covariance."""
@@ -397,9 +394,6 @@ DEFAULT = EqualWeightedCosines()
 #: Of a flight: as the default, never narrower than white residuals ask for, and clustered in large pools.
 FLIGHT_DEFAULT = Widest((EqualWeightedCosines(), Classical(), ClusteredByFlight()))
 
-
-# -- Covariances --
-
 __all__ = [
     "AndrewsRule",
     "Bandwidth",
@@ -419,7 +413,6 @@ __all__ = [
     "Widest",
 ]
 
-
 #: Covariances that a study file may name.
 TABLE: Mapping[str, Callable[[], CovarianceEstimator]] = {
     "equal_weighted_cosines": lambda: DEFAULT,
@@ -436,8 +429,6 @@ def __dir__() -> list[str]:
     """Names that the module offers, and not those that it uses."""
     return __all__
 
-
-# -- By row --
 
 #: Leverages above this count as this.
 LARGEST_LEVERAGE = 0.9
@@ -467,9 +458,6 @@ class ByRow(CovarianceEstimator):
 #: Of a flight with columns that live in few bins: as that of others, and never narrower than row by row.
 FEW_ROWS_DEFAULT = Widest((*FLIGHT_DEFAULT.estimators, ByRow()))
 
-
-# -- Fixed b --
-
 #: Points of a quadrature, and where a kernel without an end is cut off.
 POINTS = 4001
 FURTHEST = 100.0
@@ -489,9 +477,6 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
     share = 1.0 - mean
     spread = square - 2.0 * (2.0 * float(np.trapezoid(h**2, r))) + mean**2
     return share**2 / spread, share
-
-
-# -- Kernel covariance --
 
 
 @dataclass(frozen=True, slots=True)
@@ -537,8 +522,6 @@ class KernelRobust(CovarianceEstimator):
             reference = fixed_b_reference(self.kernel, self.kernel.span(lags) / count)
         return (_part(self.kernel.name, equation, meat, *reference),)
 
-
-# -- Joint draws --
 
 #: Level of the interval that chooses an estimate's part.
 JOINT_DRAWS_LEVEL = 0.95

@@ -10,8 +10,6 @@ import scipy
 from eivor import checks
 from eivor.errors import UsageError
 
-# -- Quantiles --
-
 #: Angles over which the distribution of a conditional likelihood ratio is integrated.
 ANGLES = 200
 #: A larger strength leaves no more than a normal variable has.

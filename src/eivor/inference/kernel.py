@@ -13,8 +13,6 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.tools import Float
 
-# -- Kernel --
-
 #: Below this argument the quadratic spectral kernel is its series, 1 - z^2/10.
 SMALL_ARGUMENT = 1e-3
 
@@ -134,8 +132,6 @@ def _from_spectrum(
             total[i, j] = total[j, i] = products[0] + float(weights[1:] @ (later + earlier))
     return total
 
-
-# -- Bandwidth --
 
 #: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).
 ANDREWS = {Bartlett: (1.1447, 1), Parzen: (2.6614, 2), QuadraticSpectral: (1.3221, 2)}

@@ -12,8 +12,6 @@ import scipy
 from eivor.inference.distributions import normal_quantile
 from eivor.tools import Float, Int
 
-# -- Groups --
-
 
 @dataclass(frozen=True)
 class Groups:
@@ -44,9 +42,6 @@ class Groups:
 def one_group(rows: int) -> Groups:
     """All rows together."""
     return Groups(np.array([rows]))
-
-
-# -- Weighted --
 
 
 @dataclass(frozen=True)
@@ -84,8 +79,6 @@ def weights_of(
     weights += variances
     return np.reciprocal(weights, out=weights)
 
-
-# -- Between --
 
 #: Steps of the search: 1/Q is nearly a straight line, so that few are needed.
 BETWEEN_STEPS = 60
@@ -157,9 +150,6 @@ def _where(
     return together.spread(result)
 
 
-# -- Mean --
-
-
 @dataclass(frozen=True)
 class RandomEffectsMeans:
     """Means of groups of estimates that differ by more than chance."""
@@ -190,8 +180,6 @@ def random_effects_means(
     variance, weights = np.maximum(q, 1.0) / result.total, result.weights / groups.spread(result.total)
     return RandomEffectsMeans(result.mean, variance, between, degrees, weights)
 
-
-# -- Confidence distribution --
 
 #: Members of a group with a prediction, at least, and those below which it should be taken with care.
 FEWEST, FEW = 3, 6

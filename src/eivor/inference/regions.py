@@ -316,8 +316,6 @@ def _chains(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
     return polygons
 
 
-# -- Ellipse --
-
 #: Largest magnitude of a correlation that still spans an ellipse in numbers.
 FULL_CORRELATION = 1.0 - 1e-15
 
@@ -454,9 +452,6 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
         return chi_square_quantile(level, dimension)
     second = degrees - dimension + 1.0
     return dimension * degrees / second * float(scipy.special.fdtri(dimension, second, level))
-
-
-# -- Fieller --
 
 
 def fieller_set(

@@ -17,8 +17,6 @@ from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
 from eivor.tools import Float
 
-# -- Row blocks --
-
 Block = TypeVar("Block")
 Made = TypeVar("Made")
 
@@ -56,9 +54,6 @@ def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterat
             yield waiting.popleft().result()
 
 
-# -- Triangular --
-
-
 def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
     """R of the QR factorisation of `rows`, k = min(m, n): R'R = rows' rows, and no condition is squared."""
     if rows.shape[0] <= 2 * COPIED_ROWS:
@@ -78,9 +73,6 @@ def merged_roots(
 
 def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
     return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-# -- System --
 
 
 @dataclass(frozen=True, slots=True)

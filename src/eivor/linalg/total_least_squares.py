@@ -21,8 +21,6 @@ from eivor.errors import (
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Shrinkage, Solution, Solver, triangular_root
 from eivor.tools import Float, Int
 
-# -- Augmented systems --
-
 
 def solve_augmented(
     A: Float[np.ndarray, "m n"],
@@ -142,8 +140,6 @@ def lost_to_rounding(singular: Float[np.ndarray, " n"], size: int) -> bool:
     """Whether rounding takes more than its share of what a matrix of these singular values is solved for."""
     return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * np.finfo(np.float64).eps)
 
-
-# -- Split problem --
 
 #: sigma_min([A b]) must lie below sigma_min(A) by this share.
 SEPARATION = 1e-12
@@ -322,9 +318,6 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
         return solve_augmented(R, right, smallest, smallest)
 
 
-# -- Fuller --
-
-
 @dataclass(frozen=True, slots=True)
 class Fuller(ErrorsInColumns):
     """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977)."""
@@ -347,8 +340,6 @@ class Fuller(ErrorsInColumns):
         upper = balanced(split.R, shift)
         return split.solution(split.theta(solve_augmented(split.R, split.right, upper, shift / upper)))
 
-
-# -- Weighted total least squares --
 
 #: Relative change of theta at which the iteration stops, and its longest run.
 TOLERANCE = 1e-14

@@ -23,8 +23,6 @@ from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
-# -- Column --
-
 #: Lags of one channel: each is a column of every row, and more of them no record can distinguish .
 MOST_LAGS = 10_000
 
@@ -116,9 +114,6 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     return tuple(Column(channel, lag) for lag in range(first, last + 1))
 
 
-# -- Equation --
-
-
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One unknown."""
@@ -134,9 +129,6 @@ class Equation:
     response: Column
     terms: tuple[tuple[Parameter, Column], ...]  # Right side, in the order of the parameter vector
     derivative_of: str = ""
-
-
-# -- Rows --
 
 
 class RowLayout(ABC):
@@ -193,7 +185,6 @@ class AxisRows(RowLayout):
 
 #: Largest variance that products can be formed with.
 LARGEST_VARIANCE = 1e150
-
 
 #: Stands for a layout that was not given: all rows are samples of one flight, however many there are.
 ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))

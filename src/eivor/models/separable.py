@@ -17,8 +17,6 @@ from eivor.signals.filters import delayed_by, first_order_lag
 from eivor.signals.signals import Signals
 from eivor.tools import Float
 
-# -- Instruments --
-
 #: Successive first-order lags of each reference: how many, and their time constant [s].
 REFERENCE_LAGS = {
     "reference_position_z": (4, 0.4),
@@ -107,8 +105,6 @@ class NoInstruments(InstrumentRule):
         """No columns."""
         return np.empty((driven.signals.sample_count, 0))
 
-
-# -- Separable --
 
 Number = TypeVar("Number", float, np.ndarray)
 
@@ -327,9 +323,6 @@ class SeparableProblem(ABC):
     def first_values(self) -> dict[str, float]:
         """Every nuisance at the least value of its grid."""
         return {nuisance.name: nuisance.first for nuisance in self.nuisances}
-
-
-# -- Linearisable --
 
 
 class LinearisableProblem(SeparableProblem):

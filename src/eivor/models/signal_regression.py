@@ -26,8 +26,6 @@ from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float
 
-# -- Cross fitted --
-
 #: Blocks of a record.
 BLOCKS = 5
 #: Columns of unit variance are shrunk as if so much of their variance were noise: directions in which they
@@ -69,9 +67,6 @@ def _scaled(exogenous: Float[np.ndarray, "n p"], used: Bool[np.ndarray, " n"]) -
     centred = exogenous - exogenous[used].mean(axis=0)
     size = np.sqrt(np.mean(centred[used] ** 2, axis=0))
     return np.column_stack([constant, centred / np.where(size > 0.0, size, 1.0)])
-
-
-# -- Shared noise --
 
 
 def shared_noise(
@@ -150,9 +145,6 @@ def _declared(column: Column, signals: Signals) -> MeasurementNoise:
             "have it estimated: ev.methods.generalized_iv_unknown_noise().",
         )
     return noise
-
-
-# -- Signal regression --
 
 
 class SignalModel(ABC):

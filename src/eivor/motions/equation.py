@@ -42,8 +42,6 @@ from eivor.signals.filters import actuator_state, time_derivative
 from eivor.signals.signals import Signals
 from eivor.tools import Float
 
-# -- Declaration --
-
 
 @dataclass(frozen=True)
 class Term:
@@ -180,9 +178,6 @@ def _evaluated(
     return np.broadcast_to(values, (signals.sample_count,))
 
 
-# -- Problem, quantities and traces --
-
-
 def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEquation, ...]:
     """Axes whose input all flights have."""
     return tuple(
@@ -258,8 +253,6 @@ def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleMo
     """Least squares without a lag."""
     return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
 
-
-# -- Multi-step prediction --
 
 #: What it is that everything stays as it is.
 STAYS = "stays as it is"

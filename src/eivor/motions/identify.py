@@ -25,8 +25,6 @@ from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Progress, Stage, no_stage_callback
 
-# -- Identify --
-
 #: What to say to those who give something else than recordings.
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
 
@@ -252,9 +250,6 @@ def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOpti
             "each choice once", f"{', '.join(twice)} in options= and by name", "Leave out one of them."
         )
     return replace(start, **choices)
-
-
-# -- Log signals --
 
 
 def log_signals(

@@ -25,8 +25,6 @@ def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "
     return np.stack([roll, pitch, yaw])
 
 
-# -- Canonical --
-
 #: Letters of the axes and names of the angles, in their order.
 AXES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 _NAME = re.compile(r"[a-z][a-z0-9_]*(?:_\*)?")

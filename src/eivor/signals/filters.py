@@ -10,8 +10,6 @@ import scipy
 from eivor.signals.noise import padded_length
 from eivor.tools import Float
 
-# -- Actuator --
-
 
 def actuator_state(
     command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
@@ -90,8 +88,6 @@ def lagged_between_stamps(
     state = scipy.linalg.lapack.dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
     return np.asarray(state + values[0])
 
-
-# -- Filters --
 
 #: Weights that are found one by one before the number of them is doubled.
 FIRST_WEIGHTS = 32
@@ -175,8 +171,6 @@ def low_passed(
     filtered: Float[np.ndarray, "n columns"] = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U")[0]
     return filtered + start
 
-
-# -- Stamps --
 
 #: So many samples to each side make the line; a second of a slow log, and too short for a clock to drift.
 REACH = 25

@@ -61,7 +61,6 @@ def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
 
 _kept_response = lru_cache(maxsize=16)(_response)
 
-
 BLOCK = 4_096
 
 
@@ -319,8 +318,6 @@ class RoundingNoise(UncorrelatedNoise):
         """Independent values, uniform over a step."""
         return self.step * (rng.random(count) - 0.5)
 
-
-# -- Long memory --
 
 #: Fewest frequencies from which an order is estimated.
 LEAST_BANDWIDTH = 8

@@ -44,8 +44,6 @@ class DataSheet:
         return math.sqrt(self.density**2 * bandwidth + self.step**2 / 12.0)
 
 
-# -- Log origin --
-
 #: A clock that was never set determines a time before this, and one that is damaged a time after [UTC].
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
@@ -91,8 +89,6 @@ class MadeChannels(Mapping[str, "Channel"]):
     def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
         """Return the channels of a part of the log, or of more of it where its reader cannot cut."""
 
-
-# -- Recording --
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0

@@ -13,8 +13,6 @@ from eivor.inference.products import block_edges
 from eivor.inference.verdict import Reason, Status
 from eivor.tools import Float, Int
 
-# -- Periodicity --
-
 #: Steps of frequency in one cycle of the record, cycles in the record and blocks in a cycle from which on.
 STEPS = 2
 LEAST_CYCLES = 3
@@ -184,8 +182,6 @@ def _tails(power: Float[np.ndarray, "F s"], positions: Int[np.ndarray, " J"]) ->
     ratio = np.divide(power[positions], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
     return np.asarray((1.0 + ratio) ** -ordinates.astype(np.float64))
 
-
-# -- Excitation --
 
 #: Variance below this share of a column's largest square is rounding: the column is constant.
 VANISHING = 1e-24

@@ -25,8 +25,6 @@ from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
 from eivor.tools import Float
 
-# -- Endogeneity --
-
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9
 #: Bias of least squares, in standard errors of the estimate, that is worth a word.
@@ -143,9 +141,6 @@ def endogeneity(
     )
 
 
-# -- Over identification --
-
-
 @dataclass(frozen=True)
 class OverIdentification(Diagnostic):
     """Hansen's J."""
@@ -209,8 +204,6 @@ def robust_over_identification(products: EquationProducts, averages: int | None 
     S = covariance_of_total(products.equation_sums @ T, B) / products.count
     return hansen_j(T.T @ products.mean_equations, T.T @ products.sensitivity, S, products.count, B)
 
-
-# -- Strength --
 
 #: Conditional first-stage F below which instruments are weak.
 STRONG_FIRST_STAGE = 10.0

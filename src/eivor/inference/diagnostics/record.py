@@ -16,8 +16,6 @@ from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.inference.verdict import Reason
 from eivor.tools import Float
 
-# -- Block cosines --
-
 #: Fewest averages, and how many there are for each equation that is tested.
 LEAST_AVERAGES = 8
 AVERAGES_PER_EQUATION = 3
@@ -52,8 +50,6 @@ def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
         return float("nan")
     return float(scipy.special.fdtrc(equations, degrees, W * degrees / (averages * equations)))
 
-
-# -- Diagnostic --
 
 #: Level at which a test speaks: four tests of a good estimate are silent together in 96 records of 100.
 SIGNIFICANT = 0.01
@@ -107,8 +103,6 @@ def outcome_word(p_value: float, words: tuple[str, str, str]) -> str:
         return words[0]
     return words[1] if p_value > BEYOND_DOUBT else words[2]
 
-
-# -- Instrument tests --
 
 #: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
 SMALLEST_DIRECTION = 1e-4
@@ -195,9 +189,6 @@ def over_identification(
     J = float(moments @ moments) / variance if variance > 0.0 else 0.0
     degrees = basis.shape[1] - unknowns
     return J, chi_square_tail(J, degrees) if degrees > 0 else 1.0
-
-
-# -- Equation products --
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ from eivor.inference.verdict import Reason, Status
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
 from eivor.tools import Float, Int
 
-# -- Constancy quantiles --
-
 #: Probability to exceed the quantiles.
 TAILS = (0.5, 0.25, 0.1, 0.05, 0.025, 0.01, 0.005, 0.0025, 0.001)
 
@@ -31,9 +29,6 @@ QUANTILES: dict[int, tuple[float, ...]] = {
 }
 
 
-# -- Influences --
-
-
 def influences(
     sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "K n"]:
@@ -42,8 +37,6 @@ def influences(
     scaled = np.outer(scale, scale) * sensitivity
     return np.asarray(scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T)
 
-
-# -- Constancy --
 
 #: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
 GROUPS = 64
@@ -151,8 +144,6 @@ def _transforms() -> Float[np.ndarray, "breaks rows 64"]:
     return rows
 
 
-# -- Leverage --
-
 #: Change by one stretch, in standard errors of the estimate, that is worth a look; 1/3 is usual for ten.
 LARGE_LEVERAGE = 1.5
 
@@ -220,8 +211,6 @@ def segment_leverage(
     return SegmentLeverage(shift, shift / std_errors, segments)
 
 
-# -- Residual memory --
-
 #: Longer records are averaged down to this many samples first.
 LONGEST = 8192
 #: Memory from which a residual is not stationary, and its long-run variance not finite.
@@ -273,8 +262,6 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
     memory = estimate_long_memory(means)
     return ResidualMemory(memory.memory, memory.order_error)
 
-
-# -- Residual whiteness --
 
 #: Lags that are tested.
 LAGS = 20

@@ -48,8 +48,6 @@ from eivor.motions.equation import (
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
-# -- Axes --
-
 
 @dataclass(frozen=True)
 class Axis:
@@ -93,9 +91,6 @@ AXES = ROLL, PITCH, YAW = _axis(0, "roll", "x"), _axis(1, "pitch", "y"), _axis(2
 #: Family of the setpoints.
 TORQUE = "torque_setpoint"
 
-
-# -- Equations --
-
 #: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
 REFERENCE_LAGS = (4, 0.06)
 #: Lags and delays to search [s]. A lag of 1/D with a damping of 1/tau turns the vehicle as a lag of tau with
@@ -128,9 +123,6 @@ def _equation(axis: Axis) -> AxisEquation:
 
 
 EQUATIONS = tuple(_equation(axis) for axis in AXES)
-
-
-# -- Rate panel --
 
 
 def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
@@ -223,13 +215,10 @@ def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> li
     return [float(np.rad2deg(np.std(rate))) for rate in rates]
 
 
-# -- Systematic parts --
-
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
-
 
 PARTS = (
     disagreement_part(
@@ -244,8 +233,6 @@ PARTS = (
         lambda _: f"{ROTORS}effectiveness by 2 %.",
     ),
 )
-
-# -- Rule --
 
 FLY = (
     "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
@@ -293,8 +280,6 @@ def axis_rules(axis: Axis) -> tuple[Rule, ...]:
     )
 
 
-# -- Thrust --
-
 THRUST = CoupledAxis(
     motion="vertical",
     quantity="input_gain",
@@ -306,7 +291,6 @@ THRUST = CoupledAxis(
         "accelerometer": ("specific_force_body_z", "specific_force_z", "acceleration_z"),
     },
 )
-
 
 # -- QuantitySpec --
 
@@ -368,7 +352,6 @@ _MANOEUVRES = (
     "Or the autopilot's identification mode, which injects a sweep.",
 )
 
-
 _SETPOINTS = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
 WORDS = Words(
     title="Turning about the body axes",
@@ -377,9 +360,6 @@ WORDS = Words(
     no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
     advice=partial(flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),
 )
-
-
-# -- Motion --
 
 
 def excitation(flights: Flights) -> str:

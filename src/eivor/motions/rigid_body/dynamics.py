@@ -13,8 +13,6 @@ from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.tools import Float
 
-# -- Coefficients --
-
 #: A number of one flight, or those of several, or of several samples.
 Value: TypeAlias = float | Float[np.ndarray, "..."]
 #: Where a rotor is, three components, and its spin; or all rotors as arrays of shape (rotors, flights).
@@ -113,9 +111,6 @@ def stacked(values: Sequence[Any]) -> Any:
     return np.array(values, dtype=np.float64)
 
 
-# -- Effective --
-
-
 @dataclass(frozen=True, slots=True)
 class EffectiveParameters:
     """What the equations of motion hold, at hover in still air."""
@@ -171,8 +166,6 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
         delay=rotors.delay,
     )
 
-
-# -- Dynamics --
 
 Triple: TypeAlias = tuple[Value, Value, Value]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).

@@ -308,9 +308,6 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Findi
         yield Finding("no_body_force", f"No specific force along {', '.join(absent)}: no result for it.")
 
 
-# -- Quantities --
-
-
 def at_hover(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
     """Parameters with drag and damping for the rotors' state at hover, where thrust determines that."""
     result, ratio = dict(joint), _hover_over_usual(problem, joint)
@@ -357,8 +354,6 @@ def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
         return 1.0
     return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
 
-
-# -- Full-band fit --
 
 #: Its upper end [Hz]: further up is next to nothing but vibration.
 FULL_BAND_HZ = 60.0
@@ -466,7 +461,6 @@ _MANOEUVRES = (
     "each by itself and some together. A few fast straight legs along the body's axes.",
 )
 
-
 _NEEDED = (
     "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and attitude."
 )
@@ -478,7 +472,6 @@ WORDS = Words(
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
     advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
 )
-
 
 # -- Motion --
 

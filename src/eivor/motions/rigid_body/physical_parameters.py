@@ -21,8 +21,6 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
 from eivor.tools import Float, Int
 
-# -- Formulas --
-
 #: What may be supplied, and what stands in sentences for it.
 SUPPLIED = {
     "mass": "the mass",
@@ -59,9 +57,6 @@ class Formula:
     def missing(self, known: KnownVehicle) -> tuple[str, ...]:
         """Those of them that a vehicle lacks."""
         return tuple(name for name in self.supplied if getattr(known, name) is None)
-
-
-# -- Combinations --
 
 
 @dataclass(frozen=True)
@@ -272,8 +267,6 @@ def _weight(combinations: Combinations, level: float) -> float:
     )
     return min(max(0.5 * (other - variance + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
 
-
-# -- Contradictions --
 
 COUPLING_TEXTS = {
     "roll_coupling": "(Iyy - Izz) / Ixx",

@@ -44,8 +44,6 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
 from eivor.tools import Float, Int
 
-# -- Logged state --
-
 _ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
 _VELOCITY = tuple(f"velocity_{axis}" for axis in "xyz")
 _POSITION = tuple(f"position_{axis}" for axis in "xyz")
@@ -99,9 +97,6 @@ class LoggedState:
             return signals.channel(name)
         values, good = on_grid(self.flight.recording.channel(name), self.flight.grid)
         return np.where(good, values, np.nan)
-
-
-# -- State propagation --
 
 
 def kinematics(
@@ -184,8 +179,6 @@ class StatePropagator:
             driven[axis] += trim(flight, left[axis])
         return self.starts.over_step(driven)
 
-
-# -- Multi-step prediction --
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
 SMALL = tuple(term.parameter for term in TERMS if term.parameter not in (*GAIN, REACTION, THRUST))

@@ -58,8 +58,6 @@ from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
 
-# -- Body velocity --
-
 NEEDED = (*(f"velocity_{axis}" for axis in "xyz"), *(f"attitude_{part}" for part in "wxyz"))
 
 
@@ -88,8 +86,6 @@ def on_body_axes(
     w = np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0)
     return np.column_stack(into_body(rotation(w, x, y, z), u, v, s))
 
-
-# -- Inferred velocity --
 
 FORCE = "specific_force_body_z"
 #: Lowest frequency at which the integral serves [Hz].
@@ -258,9 +254,6 @@ class AxisInstruments:
         return np.column_stack([*columns, *turned, *dragged])
 
 
-# -- Onboard filters --
-
-
 @dataclass(frozen=True, slots=True)
 class OnboardFilter:
     """A low-pass of second order that one axis' sensor has."""
@@ -287,9 +280,6 @@ def onboard_filter(flight: PreparedFlight, vehicle: KnownVehicle, axis: int) -> 
     return OnboardFilter(flight.signals.step_s, cutoff_hz, flight.recording.channel(name).delay_s)
 
 
-# -- Finite differences --
-
-
 def before(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "*parts n"]:
     """Values at the sample before; the first one stays."""
     return np.concatenate([values[..., :1], values[..., :-1]], axis=-1)
@@ -303,9 +293,6 @@ def mean_over_step(values: Float[np.ndarray, "*parts n"]) -> Float[np.ndarray, "
 def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Float[np.ndarray, "*parts n"]:
     """Mean of the derivative over the step that ends at each sample, exactly."""
     return (values - before(values)) / step_s
-
-
-# -- Columns --
 
 
 def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Float[np.ndarray, " n"]:
@@ -506,8 +493,6 @@ def usual_state(flights: tuple[PreparedFlight, ...]) -> float:
     chosen = input_map(flights[0].input_map)
     return chosen.inverse(float(np.mean([chosen(flight.used_input).mean() for flight in flights])))
 
-
-# -- Surrogate --
 
 #: Of the surrogate's noises: a flight has the same estimate every time.
 SEED = 0

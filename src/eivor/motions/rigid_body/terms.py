@@ -12,8 +12,6 @@ from eivor.models.regression import Parameter
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.tools import Float
 
-# -- Parameters --
-
 TURNING = ("roll", "pitch", "yaw")
 ALONG = ("x", "y", "z")
 #: Numbers of the equations: turning first, then the specific force along each axis.
@@ -47,8 +45,6 @@ GAIN = tuple(
 OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
 REACTION = Parameter("rotor_reaction", "")
 THRUST = Parameter("thrust_gain", "m/s^2")
-
-# -- What columns are made of --
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +91,6 @@ class BodyMotion:
         """What rotors that spin turn about x or y, but for their inertia over the body's."""
         spin, (p, q, _) = self.rotors.state[6], self.rates
         return q * spin if axis == ROLL_EQUATION else -p * spin
-
-
-# -- Terms --
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,6 @@ from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import TomlTable, read_toml, toml_table
 from eivor.tools import Float
 
-# -- Inertia ratios --
-
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
 TELLING = ("roll_gain", "pitch_gain", "roll_coupling", "pitch_coupling")
 PITCH_OVER_ROLL = "roll_gain / pitch_gain"
@@ -39,12 +37,9 @@ def inertia_ratios(values: Mapping[str, float]) -> tuple[float, float]:
     return over_roll, over_roll / pitch_over_roll
 
 
-# -- Parameter ranges --
-
 _REMEDY = "Correct the vehicle's description."
 #: By how much inertias may be those of no body before it is said: some that were published are by 1 %.
 NO_BODY_UNCERTAINTY = 0.05
-
 
 finite = partial(checks.finite, remedy=_REMEDY)
 positive = partial(checks.positive, remedy=_REMEDY)
@@ -55,9 +50,6 @@ def triple(name: str, values: Sized) -> None:
     """Refuse what has not three numbers, one for each axis."""
     if len(values) != 3:
         raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)
-
-
-# -- Known number --
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +88,6 @@ class KnownNumber:
 
 #: Largest standard deviation, as a share of the value.
 LARGEST_STD = 0.4
-
-
-# -- Rotors --
 
 #: A vehicle has at least two, and more than this is a mistake.
 MOST_ROTORS = 64
@@ -191,8 +180,6 @@ def _check_places(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ..
         )
 
 
-# -- Known vehicle --
-
 #: What each known number may be, with its unit.
 RANGES = {
     "mass": (1e-3, 1e3, " kg"),
@@ -283,8 +270,6 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
         )
 
 
-# -- Numberings --
-
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 
 #: A place forward and left of the centre, and the spin there.
@@ -325,9 +310,6 @@ LAYOUTS = {
         "betaflight": _numbered("rear cw, right ccw, left ccw, front cw"),
     },
 }
-
-
-# -- Vehicle of a result --
 
 
 def vehicle_from_record(record: object) -> KnownVehicle:
@@ -496,9 +478,6 @@ def _known(number: float | _Number | None, unit: float = 1.0) -> KnownNumber | N
     if isinstance(number, _Number):
         return KnownNumber(unit * number.value, unit * number.std)
     return None if number is None else KnownNumber(unit * number)
-
-
-# -- Vehicle --
 
 
 @dataclass(frozen=True, slots=True)

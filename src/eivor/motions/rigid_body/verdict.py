@@ -75,7 +75,6 @@ POINT_WITHIN = 0.701
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
-
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 _UNLOGGED = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
 _FILTERED = "How often the gyroscope's filter runs is not known: "
@@ -415,7 +414,6 @@ EXPLAINED = 0.25
 #: Of orders that differ by less the one with the fewest changes is reported.
 ALIKE = 0.05
 
-
 #: What to do about another order.
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 
@@ -624,9 +622,6 @@ def _of_flight(
         return None
     wind = SteadyWind(*(estimate.parameters[entry.name] / drag for entry in _WIND))
     return wind if wind.speed >= LEAST_SPEED else None
-
-
-# -- Checks --
 
 
 @dataclass(frozen=True, slots=True)

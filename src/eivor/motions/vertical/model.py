@@ -16,8 +16,6 @@ from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap, Mixed, Power
 from eivor.tools import Float
 
-# -- Curve family --
-
 #: Grids of parameters for curvature, and what parameters are possible.
 EXPONENTS, SHARES = np.linspace(0.5, 3.5, 9), np.linspace(0.0, 1.0, 6)
 #: Commands at hover are not below it.
@@ -163,8 +161,6 @@ def proposed(
     thrusts = [thrust_of(share, signal) for share, (_, signal) in zip(shares, corners, strict=True)]
     return (corners[0][0], (min(shares), max(shares))), (thrusts[0], (min(thrusts), max(thrusts)))
 
-
-# -- Model --
 
 #: Standard acceleration of gravity [m/s^2].
 GRAVITY = 9.80665

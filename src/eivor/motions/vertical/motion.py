@@ -190,8 +190,6 @@ def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | 
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
 
-# -- Map evidence --
-
 #: Level of the set of the intercept.
 SET_LEVEL = 0.95
 #: Half-widths are not below this [m/s^2].
@@ -213,9 +211,6 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
         bent = chi_square_quantile(1.0 - bend.p_value, 1)
     both = distance + bent
     return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
-
-
-# -- Quantities --
 
 
 def _hover(of: Balance) -> QuantityEstimate:
@@ -248,8 +243,6 @@ def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate
     of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
     return {"hover_input": _hover_by_weight(of)}, VerticalChecks(drift=of.drift)
 
-
-# -- Supply --
 
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
 LARGE_FALL = 0.03
@@ -291,9 +284,6 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
             yield Finding("voltage_sag", name + sentence)
 
 
-# -- Tracking --
-
-
 def tracked_gain(
     problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
 ) -> TrackedParameter:
@@ -319,9 +309,6 @@ def tracked_gain(
     known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
     friction_prior = {"viscous_friction": friction}
     return TrackedParameter("input_gain", problem, friction_prior, intercept, (known, level))
-
-
-# -- Flights --
 
 
 def excitation(flights: Flights) -> str:
@@ -404,7 +391,6 @@ CHANNELS = LogChannels(
         "PWM_MAIN_MAX",
     ),
 )
-
 
 ABILITIES = Abilities(
     refinement=Refinement(

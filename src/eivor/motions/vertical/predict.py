@@ -25,8 +25,6 @@ from eivor.motions.vertical.regression import (
 from eivor.signals.recording import LARGEST_VALUE
 from eivor.tools import Bool, Complex, Float
 
-# -- Drag --
-
 #: Most steps towards the best trim and start, and when they have arrived.
 STEPS, ARRIVED = 8, 1e-9
 #: Speed beyond which drag grows no more [m/s].
@@ -81,8 +79,6 @@ def _answers(
         )
     return answers
 
-
-# -- Closed-loop simulation --
 
 #: Frequencies at which densities are kept [Hz]; around each the bins within that factor are averaged, and so
 #: many at least.
@@ -231,9 +227,6 @@ def _tracking_errors(flight: PreparedFlight) -> Float[np.ndarray, "n 2"] | None:
     height = on_grid(channels["position_z"], flight.grid)[0]
     wanted = signals.get("reference_velocity_z", np.zeros(height.size))
     return np.column_stack([wanted - signals["velocity_z"], asked - height])
-
-
-# -- Predict --
 
 
 def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, SimpleModel]:

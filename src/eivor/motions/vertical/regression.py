@@ -47,8 +47,6 @@ from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import InputMap
 from eivor.tools import Float
 
-# -- Row noise --
-
 #: Share of the largest state over which the slope of an input map is taken.
 SLOPE_STEP = 1e-5
 #: Samples that an actuator's response is followed over: 25 of the longest lags on a grid of 5 ms.
@@ -413,7 +411,6 @@ def vertical_problem(
 #: Names of the change of the thrust of one command, and of that of the hover input.
 DRIFT, HOVER_DRIFT = "thrust_drift", "hover_drift"
 
-
 #: A quantity that is linear in an estimate: value, gradient by the joint vector, and variance besides.
 Linear = tuple[float, Float[np.ndarray, " n"], float]
 #: Half of what the friction of a multirotor may be at most [1/s].
@@ -697,8 +694,6 @@ def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) ->
     drift = sums["derivative"] + friction * sums["velocity"] - of_terms
     return (sums["mapped"] - drift / gain) / sums["samples"]
 
-
-# -- Surroundings --
 
 VOLTAGE = "battery_voltage"
 #: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground

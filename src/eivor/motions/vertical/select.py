@@ -29,8 +29,6 @@ from eivor.motions.vertical.model import GRAVITY, CurveFamily
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
 
-# -- Attitude --
-
 
 def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
     """Stamps [s], and the last row of the rotation from body to world at each."""
@@ -47,9 +45,6 @@ def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Floa
     return attitude[0].time_s, row / square[:, None]
 
 
-# -- Fitted curve --
-
-
 @dataclass(frozen=True)
 class FittedCurve:
     """A map that was found out, and estimates with maps to either side."""
@@ -62,16 +57,11 @@ class FittedCurve:
     curvature_error: float = math.inf  # Standard error by curvature alone, where no bias is assumed
 
 
-# -- Remedies --
-
 FLY = (
     "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
 )
 QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
 LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
-
-
-# -- QuantitySpec --
 
 EQUATION = ("z'' + g = K_u U - K z' + b", "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)")
 #: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
@@ -163,7 +153,6 @@ _MANOEUVRES = (
     "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
 )
 
-
 WORDS = Words(
     title="Vertical motion",
     model="vertical_motion",
@@ -176,8 +165,6 @@ WORDS = Words(
     advice=partial(flight_card, fly=_MANOEUVRES),
     planned=("viscous_friction", "input_gain", EFFECTIVE_LAG),
 )
-
-# -- Select --
 
 #: Families of channels that may drive the model, in order of preference; telemetry of a few hertz is none
 #: where commands are logged.

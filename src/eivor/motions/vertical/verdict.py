@@ -116,8 +116,6 @@ def near_ground(
     return (max(shares), min(lowest)) if shares else None
 
 
-# -- Names --
-
 FRICTION, GAIN, HOVER, CURVE = "viscous_friction", "input_gain", "hover_input", "thrust_curve"
 OF_FRICTION, OF_GAIN = (FRICTION, "time_constant"), (GAIN, "intercept")
 SEARCHED = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
@@ -419,7 +417,6 @@ PARTS = (
     ),
 )
 
-
 # -- Limits and rules --
 
 LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
@@ -677,7 +674,6 @@ RULES = (
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
     *(rule for term in OF_TERMS for rule in _term_rules(term)),
 )
-
 
 # -- Hover --
 
