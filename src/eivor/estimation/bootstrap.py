@@ -96,7 +96,9 @@ class PoolFlights:
         drawn = self.products.weighted(times)
         equations = drawn.equations.copy()
         equations[:, :, -1] -= self.misfit
-        equations = _half(drawn.instruments[0]) @ equations
+        powers, directions = scipy.linalg.eigh(drawn.instruments[0])
+        kept = powers > SMALLEST_POWER * powers[-1]
+        equations = np.asarray((directions[:, kept] / np.sqrt(powers[kept])).T) @ equations
 
         def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
             left = left_over(self.nodes.over(equations, box))
@@ -140,13 +142,6 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
             if item.searched and item.prior is not None
         },
     )
-
-
-def _half(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "k q"]:
-    """H with H'H the inverse of a Gram matrix on its own space: what makes instruments orthonormal."""
-    powers, directions = scipy.linalg.eigh(gram)
-    kept = powers > SMALLEST_POWER * powers[-1]
-    return np.asarray((directions[:, kept] / np.sqrt(powers[kept])).T)
 
 
 def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray, " k"]:
@@ -247,7 +242,9 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
     """Products of the pieces of a plan."""
     Phi, y = rows.regressors, rows.response
     if isinstance(whole, TriangularMoments):
-        Q = _orthonormal(np.column_stack([Phi, y]), whole.root)
+        diagonal = np.diag(whole.root)
+        safe = whole.root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
+        Q = scipy.linalg.solve_triangular(safe, np.column_stack([Phi, y]).T, trans="T").T
         of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
         return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
     psi = method.assembler.test_functions(rows)
@@ -258,15 +255,6 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:
     return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
-
-
-def _orthonormal(
-    both: Float[np.ndarray, "rows n_plus_1"], root: Float[np.ndarray, "n_plus_1 n_plus_1"]
-) -> Float[np.ndarray, "rows n_plus_1"]:
-    """[Phi y] R^-1, with zeros for a direction that no row has (an exact fit)."""
-    diagonal = np.diag(root)
-    safe = root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
-    return scipy.linalg.solve_triangular(safe, both.T, trans="T").T
 
 
 # -- Resampling --

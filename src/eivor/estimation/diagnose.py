@@ -170,7 +170,12 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
     response = problem.equation.response
     residual = response.gain * problem.slice_of(response, first, last)
     for factor, series in zip(factors, values, strict=True):
-        residual = _less(residual, factor, series)
+        product = np.empty(min(MULTIPLIED_ROWS, residual.size))
+        for start, stop in row_blocks(0, residual.size, MULTIPLIED_ROWS):
+            here, part = slice(start, stop), product[: stop - start]
+            np.multiply(series[here], factor, out=part)
+            residual[here] -= part
+        residual = residual
     products = made.with_residual(theta)
     # The power of the residual is no difference of large numbers.
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
@@ -179,18 +184,6 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
     result = EquationProducts(products.counts, products.sums, products.tested, *nothing)
     step_s = problem.signals.step_s
     return Record(*_assembled(estimate, result), residual, tuple(values), tuple(factors), step_s)
-
-
-def _less(
-    residual: Float[np.ndarray, " rows"], factor: float, series: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Residual - factor x series, in place, while blocks of both are in the cache."""
-    product = np.empty(min(MULTIPLIED_ROWS, residual.size))
-    for start, stop in row_blocks(0, residual.size, MULTIPLIED_ROWS):
-        here, part = slice(start, stop), product[: stop - start]
-        np.multiply(series[here], factor, out=part)
-        residual[here] -= part
-    return residual
 
 
 #: Segments that are left out one at a time.

@@ -368,12 +368,17 @@ class Pooled:
         theta[positions] = [means[position].value for position in positions]
         made = [member.weights.rows(self.values) for member in self.criterion.members]
         each = list(zip(made, self.theta, joint.slopes, strict=True))
+        bins = (
+            (number, layout)
+            for number, layout in enumerate([item.layout for item in made])
+            if isinstance(layout, BinRows)
+        )
         rows = Regression(
             np.concatenate([item.response - item.regressors @ (values - theta) for item, values, _ in each]),
             np.concatenate([item.regressors for item in made]),
             np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
             made[0].parameters,
-            _joined([item.layout for item in made]),
+            BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs)),
         )
         columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
         vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
@@ -422,11 +427,6 @@ class Pooled:
             streamed_covariance=covariance,
             flight_criterion=J,
         )
-
-
-def _joined(layouts: Sequence[object]) -> BinRows:
-    bins = ((number, layout) for number, layout in enumerate(layouts) if isinstance(layout, BinRows))
-    return BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs))
 
 
 #: Nodes of a nuisance, at least: products of lags that are close make differences that are small.

@@ -205,15 +205,6 @@ def _squares(
     return sums
 
 
-def root_of_signals(problem: SignalRegression) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
-    """Number of rows and the triangular root of [phi y], block by block."""
-    columns = (*problem.regressor_columns, problem.equation.response)
-    root = np.empty((0, len(columns)))
-    for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
-        root = merged_roots(root, problem.columns_between(columns, start, stop))
-    return row_count(problem), root
-
-
 def row_count(problem: SignalRegression) -> int:
     """Number of rows of a problem."""
     count = problem.signals.sample_count - problem.first
@@ -244,6 +235,10 @@ def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
     """Number of rows and the triangular root of [phi y]."""
     if isinstance(problem, SignalRegression):
-        return root_of_signals(problem)
+        columns = (*problem.regressor_columns, problem.equation.response)
+        root = np.empty((0, len(columns)))
+        for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
+            root = merged_roots(root, problem.columns_between(columns, start, stop))
+        return row_count(problem), root
     rows = problem.rows()
     return rows.response.size, triangular_root(np.column_stack([rows.regressors, rows.response]))

@@ -73,14 +73,6 @@ class References:
         return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
 
 
-def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
-    """The last full blocks of products that end with a look."""
-    blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
-    count = blocks.products.count
-    means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
-    return SequentialLook(weighted.samples, means, count)
-
-
 def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
     equations = weighted.compensated(weighted.full)[0]
@@ -201,7 +193,16 @@ class Watch:
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root, most = roots[positions], detector.limit
-            step = np.maximum(np.minimum(np.nan_to_num(units[positions]) / _scale(self.before), most), -most)
+            sizes = np.sort(np.abs(self.before), axis=0)  # NaN last
+            half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
+            middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
+            step = np.maximum(
+                np.minimum(
+                    np.nan_to_num(units[positions]) / np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf),
+                    most,
+                ),
+                -most,
+            )
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
         return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
@@ -213,21 +214,16 @@ class Watch:
 
         With numbers of the parameters that changed, and whether they grew.
         """
-        watch = self.after(newest_look(weighted), detector)
+        blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
+        count = blocks.products.count
+        means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
+        watch = self.after(SequentialLook(weighted.samples, means, count), detector)
         sides, parameters = np.nonzero(watch.sums > detector.threshold)
         if not sides.size:
             return watch, weighted, ()
         changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
         kept = weighted.last(detector.kept_looks * BLOCKS_PER_LOOK)
         return Watch(before=watch.before, resting=REST), kept, changed
-
-
-def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
-    """Robust standard deviations of looks that show something; infinite where most showed no change."""
-    sizes = np.sort(np.abs(before), axis=0)  # NaN last
-    half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
-    middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
-    return np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
 
 
 # -- Recursion --

@@ -478,15 +478,10 @@ class SampledMotion:
         return self.gain * self.pushed * self._between
 
     @cached_property
-    def response_by_friction(self) -> Bins:
-        """dg/dK."""
-        return self.gain * self._between * self.pushed_by_friction
-
-    @cached_property
     def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
         """d_K, d_b and d_rho: derivatives of the residuals by the parameters, over the true input."""
         result = np.empty((3, 2, self.response.size), dtype=np.complex128)
-        result[0] = self.response, -self.response_by_friction
+        result[0] = self.response, -(self.gain * self._between * self.pushed_by_friction)
         result[1, 0] = -1.0
         result[1, 1] = self.pushed * -self._between
         result[2, 0] = 0.0

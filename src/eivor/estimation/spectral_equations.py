@@ -374,7 +374,10 @@ def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> Sp
     leverage = np.clip(solution.leverage(whole), 0.0, LARGEST_LEVERAGE)
     enlarged = np.sqrt((powers / (1.0 - leverage / 4.0)).sum(axis=1) / powers.sum(axis=1))
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
-    influence = _influence(solution, answered) * enlarged
+    record = solution.motion.record
+    residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
+    answers = series_of(solution.spectrum.whitened(answered), record.count)
+    influence = (0.5 * np.einsum("jkt,kt->tj", answers, residual)) * enlarged
     in_time = sum_covariance(influence)
     noise_error = 0.0
     if solution.noise_test is not None:
@@ -401,13 +404,3 @@ def _meat(
         phi = np.einsum("jkb,kb->jb", by_noise.conj(), shared)
         meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
     return 0.5 * meat
-
-
-def _influence(
-    solution: SpectralSolution, answered: Complex[np.ndarray, "n 2 bins"]
-) -> Float[np.ndarray, "samples n"]:
-    """Products of whitened residuals and what answers them in time; each column's sum is an error."""
-    record = solution.motion.record
-    residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
-    answers = series_of(solution.spectrum.whitened(answered), record.count)
-    return 0.5 * np.einsum("jkt,kt->tj", answers, residual)

@@ -241,11 +241,6 @@ class Forgetting:
         return max(int(self.memory / BLOCKS_PER_MEMORY), 1)
 
     @property
-    def kept_blocks(self) -> int:
-        """Blocks that are kept apart."""
-        return int(np.ceil(MEMORIES_KEPT * self.memory / self.block))
-
-    @property
     def block_length(self) -> int:
         """Samples that a change is looked for in at once."""
         return self.block * BLOCKS_PER_LOOK
@@ -420,7 +415,9 @@ class ExponentiallyWeightedProducts:
         sums = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
         products = np.append(self.forgetting.factor**full, self._block_factors(sums.blocks))
         closed = self.closed + sums
-        first = max(closed.blocks - self.forgetting.kept_blocks, 0)
+        first = max(
+            closed.blocks - int(np.ceil(MEMORIES_KEPT * self.forgetting.memory / self.forgetting.block)), 0
+        )
         return replace(
             seen, full=(self.full + sums).weighted(products), closed=closed.between(first, closed.blocks)
         )

@@ -388,13 +388,18 @@ def record_rules(logged: str, least_hz: float, needs: str, remedy: str, least_s:
     )
 
 
-def below_zero_rule(name: str, came_out: str, status: Status, why: str, remedy: str) -> Rule:
-    """Row of a quantity below zero; `came_out` has a place for its value."""
+def below_zero_rule(name: str, of: QuantitySpec, status: Status, why: str, remedy: str) -> Rule:
+    """Row of a quantity below zero."""
+
+    def sentence(inputs: VerdictInputs) -> str:
+        came_out = f"{of.words} came out at {inputs.quantities[name].value:.3g} {of.unit}".rstrip()
+        return f"The {came_out}, below zero: {why}."
+
     return Rule(
         (name,),
         lambda inputs: inputs.quantities[name].interval[1] < 0.0,
         status,
-        lambda inputs: f"The {came_out.format(inputs.quantities[name].value)}, below zero: {why}.",
+        sentence,
         remedy,
         Cause.CONTRADICTION,
     )

@@ -446,7 +446,10 @@ def sign_perturbed_region(
     )
     root = _triangular_root(instruments, collinear)
     order = rng.permutation(sums)
-    frame = _frame(columns, scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
+    solution, lengths = _solution(scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
+    residual = columns[:, 0] - columns[:, 1:] @ solution
+    usual = float(np.sqrt(residual @ residual / residual.size))
+    frame = RegionFrame(solution, (usual or 1.0) / lengths)
     moved = columns @ _to_frame(frame)
     total = np.zeros((sums, p * moved.shape[1]))
     for start in range(0, rows, SIGN_ROWS):
@@ -459,16 +462,6 @@ def sign_perturbed_region(
     shaped = scipy.linalg.solve_triangular(root, by_equation, lower=True)
     stacked = shaped.reshape(p, sums, -1).transpose(1, 0, 2)
     return ConfidenceRegion(names, frame, SignPerturbedShape(np.ascontiguousarray(stacked), excluded, order))
-
-
-def _frame(
-    columns: Float[np.ndarray, "rows n_plus_1"], shaped: Float[np.ndarray, "p n_plus_1"]
-) -> RegionFrame:
-    """Two-stage estimate, and sizes of parameters that change S_0 by the usual length of an S_i."""
-    solution, lengths = _solution(shaped)
-    residual = columns[:, 0] - columns[:, 1:] @ solution
-    usual = float(np.sqrt(residual @ residual / residual.size))
-    return RegionFrame(solution, (usual or 1.0) / lengths)
 
 
 def _real_roots(

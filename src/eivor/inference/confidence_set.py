@@ -202,17 +202,12 @@ def _roots(a: float, b: float, c: float) -> tuple[float, float] | None:
     square = half * half - product
     if square < 0:
         return None
-    root = _square_root(square)
+    scaled = square.numerator * square.denominator
+    shift = max(ROOT_BITS - scaled.bit_length() // 2, 0)
+    root = Fraction(isqrt(scaled << 2 * shift), square.denominator << shift)
     q = -half - root if half >= 0 else -half + root
     nearest, other = _nearest(q), _nearest(product / q) if q else 0.0
     return min(nearest, other), max(nearest, other)
-
-
-def _square_root(value: Fraction) -> Fraction:
-    """Square root to ROOT_BITS binary digits."""
-    scaled = value.numerator * value.denominator
-    shift = max(ROOT_BITS - scaled.bit_length() // 2, 0)
-    return Fraction(isqrt(scaled << 2 * shift), value.denominator << shift)
 
 
 def _nearest(value: Fraction) -> float:

@@ -213,7 +213,17 @@ class AndrewsRule(Bandwidth):
 
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
         """Whole lags; one more pass over the scores."""
-        correlation = np.clip(_lag_one(blocks()), -LARGEST_CORRELATION, LARGEST_CORRELATION)
+        power, products, last = 0.0, 0.0, None
+        for block in blocks():
+            joined = block if last is None else np.concatenate([last, block])
+            products = products + (joined[1:] * joined[:-1]).sum(axis=0)
+            power = power + (block**2).sum(axis=0)
+            last = block[-1:]
+        correlation = np.clip(
+            np.divide(products, power, out=np.zeros_like(products), where=np.asarray(power) > 0.0),
+            -LARGEST_CORRELATION,
+            LARGEST_CORRELATION,
+        )
         shape = (1.0 - correlation**2) ** 2 / (1.0 - correlation) ** 4  # spectrum at zero, squared
         constant, order = ANDREWS[type(kernel)]
         bend = 4.0 * correlation**2 / (1.0 - correlation) ** 4
@@ -227,14 +237,3 @@ class AndrewsRule(Bandwidth):
 def newey_west_bandwidth(count: int) -> int:
     """Rule of thumb for the number of lags, 4 (n/100)^(2/9)."""
     return int(4.0 * (count / 100.0) ** (2.0 / 9.0))
-
-
-def _lag_one(blocks: Iterable[Float[np.ndarray, "_ n"]]) -> Float[np.ndarray, " n"]:
-    """Correlation of successive scores of each column."""
-    power, products, last = 0.0, 0.0, None
-    for block in blocks:
-        joined = block if last is None else np.concatenate([last, block])
-        products = products + (joined[1:] * joined[:-1]).sum(axis=0)
-        power = power + (block**2).sum(axis=0)
-        last = block[-1:]
-    return np.divide(products, power, out=np.zeros_like(products), where=np.asarray(power) > 0.0)

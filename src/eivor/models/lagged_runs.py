@@ -283,7 +283,13 @@ class LaggedRuns(SeparableProblem):
     def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows in frequency, run after run."""
         responses, fixed, instruments = self._fixed_bins
-        regressors = np.concatenate([fixed, self._moving_spectra(nuisance_values)], axis=1)
+        key = self._key(nuisance_values)
+        result = self._moving_bins.get(key)
+        if result is None:
+            result = np.concatenate(self._among_all(self._spectra(self._moving(nuisance_values))))
+            if (len(self._moving_bins) + 1) * result.size <= MEMO_NUMBERS:
+                self._moving_bins[key] = result
+        regressors = np.concatenate([fixed, result], axis=1)
         noisier = None if self.noisier is None else self.noisier.bins(nuisance_values)
         return SpectralRegression(
             responses, regressors, instruments, self.parameters, self._bin_layout, noisier
@@ -325,12 +331,3 @@ class LaggedRuns(SeparableProblem):
 
     def _key(self, nuisances: Values) -> tuple[float, ...]:
         return tuple(nuisances[nuisance.name] for nuisance in self.nuisances)
-
-    def _moving_spectra(self, nuisances: Values) -> Complex[np.ndarray, "bins m"]:
-        key = self._key(nuisances)
-        result = self._moving_bins.get(key)
-        if result is None:
-            result = np.concatenate(self._among_all(self._spectra(self._moving(nuisances))))
-            if (len(self._moving_bins) + 1) * result.size <= MEMO_NUMBERS:
-                self._moving_bins[key] = result
-        return result

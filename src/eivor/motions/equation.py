@@ -187,10 +187,6 @@ def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEqu
     )
 
 
-def _known(text: str, signals: Signals) -> bool:
-    return all(name in signals.channels for name in parsed(text).columns)
-
-
 class DeclaredMotion(Motion[LaggedRuns]):
     """A motion whose axes are declared equations."""
 
@@ -209,7 +205,11 @@ class DeclaredMotion(Motion[LaggedRuns]):
             signals = flight.signals
             for axis in logged:
                 others = {source.channel for item in self.axes if item != axis for source in item.references}
-                known = [text for text in axis.response if _known(text, signals)]
+                known = [
+                    text
+                    for text in axis.response
+                    if all(name in signals.channels for name in parsed(text).columns)
+                ]
                 steady = [term for term in axis.terms if term.is_steady]
                 whole = np.zeros((signals.sample_count, len(fixed)))
                 whole[:, [fixed.index(term.parameter) for term in steady]] = axis.columns(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -37,7 +38,6 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.regression import Parameter
 from eivor.motions.equation import (
     AxisEquation,
     DeclaredMotion,
@@ -57,15 +57,7 @@ class Axis:
     number: int
     rate: str  # Channel of the rate
     torque: str  # Channel of the setpoint
-    effectiveness: Parameter  # Control effectiveness G
-    damping: Parameter  # D
-    reaction: Parameter  # To the rotors' acceleration, J
     references: tuple[ReferenceSource, ...]  # Channels that may be instruments
-
-    @property
-    def reacts(self) -> bool:
-        """Whether the rotors' acceleration turns about it."""
-        return self.name == "yaw"
 
 
 def _axis(number: int, name: str, letter: str) -> Axis:
@@ -74,9 +66,6 @@ def _axis(number: int, name: str, letter: str) -> Axis:
         number,
         f"angular_rate_{letter}",
         f"torque_setpoint_{letter}",
-        Parameter(f"{name}_effectiveness", "rad/s^2"),
-        Parameter(f"{name}_damping", "1/s"),
-        Parameter(f"{name}_reaction", "rad/s"),
         (
             ReferenceSource(f"injected_torque_{letter}", axis=name),
             ReferenceSource(f"reference_{name}", axis=name),
@@ -101,15 +90,14 @@ DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 
 def _equation(axis: Axis) -> AxisEquation:
-    """P' = G u - D p, with the reaction J u' where the axis has one."""
+    """P' = G u - D p, with the reaction J u' to the rotors' acceleration about yaw."""
     letter = "pqr"[axis.number]
-    damping, effect, reaction = axis.damping, axis.effectiveness, axis.reaction
     terms = [
-        Term(damping.name, f"-{axis.rate}", f"D_{letter}", damping.unit),
-        Term(effect.name, axis.torque, f"G_{letter}", effect.unit, behind=True),
+        Term(f"{axis.name}_damping", f"-{axis.rate}", f"D_{letter}", "1/s"),
+        Term(f"{axis.name}_effectiveness", axis.torque, f"G_{letter}", "rad/s^2", behind=True),
     ]
-    if axis.reacts:
-        terms.append(Term(reaction.name, f"ddt({axis.torque})", "J", reaction.unit, behind=True))
+    if axis is YAW:
+        terms.append(Term("yaw_reaction", f"ddt({axis.torque})", "J", "rad/s", behind=True))
     return AxisEquation(
         axis.name,
         (axis.torque,),
@@ -123,6 +111,7 @@ def _equation(axis: Axis) -> AxisEquation:
 
 
 EQUATIONS = tuple(_equation(axis) for axis in AXES)
+EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 
 def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
@@ -221,13 +210,11 @@ ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or n
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 
 PARTS = (
-    disagreement_part(
-        (*LAGS, *(item.name for axis in AXES for item in (axis.effectiveness, axis.damping, axis.reaction)))
-    ),
+    disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
     clock_part(LAGS),
     SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, lambda _: f"{ROTORS}lag by 1 ms."),
     SystematicPart(
-        tuple(axis.effectiveness.name for axis in AXES),
+        EFFECTS,
         Counts.ADDED,
         lambda inputs, name: ROTOR_SHARE * abs(inputs.quantities[name].value),
         lambda _: f"{ROTORS}effectiveness by 2 %.",
@@ -255,28 +242,17 @@ LAG = Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 def axis_rules(axis: Axis) -> tuple[Rule, ...]:
     """Rows of the quantities of an axis."""
-    effect, damping, reaction = axis.effectiveness.name, axis.damping.name, axis.reaction.name
-    shown, turns = QUANTITIES[effect], QUANTITIES[damping]
+    damping, effect, *_ = names = [term.name for term in EQUATIONS[axis.number].terms]
+    opposite = f"setpoint and rate of {axis.name} have opposite signs"
+    check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
+    pushed = "a torque of the air moved with the references"
+    each = [flight_rules(FLIGHT_WORDS, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names]
     return (
-        *flight_rules(FLIGHT_WORDS, (effect,), (effect, ACTUATOR_LAG.name), effect),
-        *flight_rules(FLIGHT_WORDS, (damping,), (effect, damping, ACTUATOR_LAG.name), damping),
-        *flight_rules(FLIGHT_WORDS, (reaction,), (effect, reaction, ACTUATOR_LAG.name), reaction),
-        below_zero_rule(
-            effect,
-            f"{shown.words} came out at {{:.3g}} rad/s^2",
-            Status.REFUSED,
-            f"setpoint and rate of {axis.name} have opposite signs",
-            f"Check the axes and signs of {axis.torque} and {axis.rate}.",
-        ),
-        below_zero_rule(
-            damping,
-            f"{turns.words} came out at {{:.3g}} 1/s",
-            Status.WEAK,
-            "a torque of the air moved with the references",
-            "Fly in calm air.",
-        ),
-        *EFFECTIVENESS.rules(effect, shown),
-        *DAMPING.rules(damping, turns),
+        *chain.from_iterable(each),
+        below_zero_rule(effect, QUANTITIES[effect], Status.REFUSED, opposite, check),
+        below_zero_rule(damping, QUANTITIES[damping], Status.WEAK, pushed, "Fly in calm air."),
+        *EFFECTIVENESS.rules(effect, QUANTITIES[effect]),
+        *DAMPING.rules(damping, QUANTITIES[damping]),
     )
 
 
@@ -298,33 +274,34 @@ EQUATION = (
     "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
     "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
 )
+
+
+def _spec(term: Term) -> QuantitySpec:
+    """How a parameter is called; that of yaw is optional."""
+    words, unit, of_yaw = term.name.replace("_", " "), term.unit, term.name.startswith("yaw")
+    decides = term.name in EFFECTS and not of_yaw
+    return QuantitySpec(
+        words,
+        term.symbol,
+        unit,
+        shown_unit=unit.replace("^2", "²"),
+        optional=of_yaw,
+        headline=decides,
+        in_rows=decides,
+        need="torque" * decides,
+    )
+
+
+_SPECS = {term.name: _spec(term) for equation in EQUATIONS for term in equation.terms}
 #: Every quantity: effectiveness of each axis, what all axes share, damping.
 QUANTITIES = QuantityTable(
     {
-        **{
-            axis.effectiveness.name: QuantitySpec(
-                f"{axis.name} effectiveness",
-                f"G_{rate}",
-                "rad/s^2",
-                shown_unit="rad/s²",
-                optional=axis.reacts,
-                headline=not axis.reacts,
-                in_rows=not axis.reacts,
-                need="" if axis.reacts else "torque",
-            )
-            for axis, rate in zip(AXES, "pqr", strict=True)
-        },
+        **{name: _SPECS[name] for name in EFFECTS},
         THRUST.called: QuantitySpec(
             "thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True, need="gain"
         ),
         EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
-        **{
-            axis.damping.name: QuantitySpec(
-                f"{axis.name} damping", f"D_{rate}", "1/s", shown_unit="1/s", optional=axis.reacts
-            )
-            for axis, rate in zip(AXES, "pqr", strict=True)
-        },
-        YAW.reaction.name: QuantitySpec("yaw reaction", "J", "rad/s", shown_unit="rad/s", optional=True),
+        **_SPECS,
         ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
         DELAY.name: LAG_QUANTITIES[DELAY.name],
     }

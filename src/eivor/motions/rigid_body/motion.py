@@ -308,16 +308,6 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Findi
         yield Finding("no_body_force", f"No specific force along {', '.join(absent)}: no result for it.")
 
 
-def at_hover(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
-    """Parameters with drag and damping for the rotors' state at hover, where thrust determines that."""
-    result, ratio = dict(joint), _hover_over_usual(problem, joint)
-    for parameter in (*DRAG, *DAMPING):
-        item = result.get(parameter.name)
-        if item is not None:
-            result[parameter.name] = item.times(ratio)
-    return result
-
-
 def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
@@ -566,8 +556,13 @@ class RigidBody(Motion[LaggedRuns]):
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the equations that are there, and the lag."""
         joint = joint_quantities(estimate)
+        result, ratio = dict(joint), _hover_over_usual(problem, joint)
+        for parameter in (*DRAG, *DAMPING):
+            item = result.get(parameter.name)
+            if item is not None:
+                result[parameter.name] = item.times(ratio)
         results = {
-            **at_hover(problem, joint),
+            **result,
             **gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),

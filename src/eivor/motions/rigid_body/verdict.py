@@ -697,10 +697,8 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
         stage = THRUST.name if name == FRICTION.name else name
         rules += flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
         if name in _GAINS:
-            came_out = f"{wording[name].words} came out at {{:.3g}}"
-            rules.append(
-                below_zero_rule(name, came_out, Status.REFUSED, _what_is_wrong(name), CORRECT_ROTORS)
-            )
+            plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
+            rules.append(below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
         if name in LIMITS:
             rules += LIMITS[name].rules(name, wording[name])
     return tuple(rules)

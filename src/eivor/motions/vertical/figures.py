@@ -18,7 +18,6 @@ from eivor.motions.vertical.regression import HOVER_DRIFT, VOLTAGE, channel_on_g
 from eivor.motions.vertical.verdict import GAIN, HOVER, is_setpoint
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import input_map
-from eivor.tools import Float
 
 #: What the hover input of one vehicle differs by between flights: charge, payload, air; half of 95 %.
 BETWEEN_FLIGHTS = 0.025
@@ -187,7 +186,9 @@ def _supply(flight: PreparedFlight, hover: Quantity) -> Iterator[KeyFigure]:
         return
     voltage, load, time = np.array(means).T
     charge = np.vander((time - time.mean()) / float(np.ptp(time)), CHARGE_POWER + 1)
-    quick, answered = (_without(charge, item) for item in (load, voltage))
+    quick, answered = (
+        np.asarray(item - charge @ np.linalg.lstsq(charge, item, rcond=None)[0]) for item in (load, voltage)
+    )
     squares = float(quick @ quick)
     if not squares > 0.0:
         return
@@ -199,8 +200,3 @@ def _supply(flight: PreparedFlight, hover: Quantity) -> Iterator[KeyFigure]:
         "The voltage falls by it when the thrust doubles from hover.",
     )
     yield KeyFigure("battery_sag", words, -slope, "V", (-slope - half, -slope + half), by)
-
-
-def _without(columns: Float[np.ndarray, "n k"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Values less what columns explain of them."""
-    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
