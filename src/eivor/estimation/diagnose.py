@@ -175,7 +175,6 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
             here, part = slice(start, stop), product[: stop - start]
             np.multiply(series[here], factor, out=part)
             residual[here] -= part
-        residual = residual
     products = made.with_residual(theta)
     # The power of the residual is no difference of large numbers.
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
@@ -247,8 +246,6 @@ class Diagnostics:
     def names(self) -> tuple[str, ...]:
         """Name of each joint parameter, in the order of every array."""
         return self.estimate.names
-
-    # -- the record ------------------------------------------------------------------------------------------
 
     @cached_property
     def record(self) -> Record:
@@ -322,8 +319,6 @@ class Diagnostics:
         if not isinstance(layout, BinRows):
             return None
         return step * np.concatenate([run.start + np.arange(run.length) for run in layout.runs])
-
-    # -- diagnostics -----------------------------------------------------------------------------------------
 
     @cached_property
     def first_stage(self) -> FirstStageTest | None:

@@ -161,8 +161,6 @@ class Estimate:
             self.known, ((0, 0), (self.theta.size, self.unknowns - self.theta.size - self.known.shape[1]))
         )
 
-    # -- a second pass over the rows ------------------------------------------------------------------------
-
     @cached_property
     def equation(self) -> EstimatingEquation:
         """The estimating equation that the solution meets; an `EstimationError` for one from moments."""
@@ -260,8 +258,6 @@ class Estimate:
         if self.streamed_covariance is not None:
             return self.streamed_covariance
         return self.covariance_estimator.joint(self.equation)
-
-    # -- named parameters and intervals -------------------------------------------------------------------
 
     @property
     def status(self) -> Status:

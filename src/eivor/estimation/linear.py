@@ -328,9 +328,6 @@ def _plain_estimate(method: LinearMethod, candidate: Estimate, parameters: tuple
     return replace(candidate, method=method.name, joint_parameters=parameters, reasons=reasons)
 
 
-# -- problems with nuisances ------------------------------------------------------------------------------
-
-
 def check_linear(method: object) -> None:
     """Refuse what is no linear method."""
     remedy = "Call the function of eivor.methods that is named so."

@@ -275,24 +275,20 @@ def _by_residuals(
     C, factor = pairs.fitted(bins).spectrum(pairs), np.ones(bins.responses.shape[0])
     if corrected:
         residual = pairs.residual(bins)
-        C = _corrected_by_runs(C, residual, pairs.layout)
+        # the model corrected by the residuals' own periodogram: a wrong model costs efficiency alone
+        white = C.whitened(residual)
+        across = white[0] * white[1].conj()
+        products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
+        result, first = np.empty_like(products), 0
+        for run in pairs.layout.runs:
+            here, count = slice(first, first + run.count), run.smoothed_over
+            means = run.smoothed(products[here])
+            result[here, :2] = shrunk(means[:, :2], count)
+            result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
+            first += run.count
+        C = recoloured(C, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
         factor = held_back(residual, C)
     return _weighted(problem, bins, corrected, C, factor * pairs.density_scale, renewals)
-
-
-def _corrected_by_runs(model: PairSpectrum, residual: Pair, layout: BinRows) -> PairSpectrum:
-    """The model corrected by the residuals' own periodogram: a wrong model costs efficiency alone."""
-    white = model.whitened(residual)
-    across = white[0] * white[1].conj()
-    products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
-    result, first = np.empty_like(products), 0
-    for run in layout.runs:
-        here, count = slice(first, first + run.count), run.smoothed_over
-        means = run.smoothed(products[here])
-        result[here, :2] = shrunk(means[:, :2], count)
-        result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
-        first += run.count
-    return recoloured(model, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
 
 
 def _weighted(

@@ -21,7 +21,7 @@ from eivor.estimation.profile_sets import (
     known_priors,
     products_at,
 )
-from eivor.estimation.variable_projection import Nodes, NuisanceProfile, nodes_of, profiles_of
+from eivor.estimation.variable_projection import NuisanceProfile, nodes_of, profiles_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import (
@@ -38,21 +38,6 @@ from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
-
-
-def pool_member(
-    problem: SeparableProblem,
-    nodes: Nodes,
-    nuisance_values: Values,
-    theta: Float[np.ndarray, " n"],
-    centre: Float[np.ndarray, " n"],
-) -> PoolMember:
-    """Products of a flight, whitened by its residual at some values."""
-    weights = whitened_by_residuals(problem, theta, nuisance_values)
-    made = (products_at(weights.rows(point), centre) for point in nodes.points)
-    equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
-    return PoolMember(problem, weights, centre, equations, power, weights.basis.shape[0])
-
 
 # -- Joint --
 
@@ -273,8 +258,6 @@ class Pooled:
         """Whether flights differ in what is their own, or are not taken as agreeing."""
         return self.separate or self.agreement_p_value < DIFFERENT
 
-    # -- one flight ------------------------------------------------------------------------------------------
-
     def member(self, number: int) -> Estimate:
         """Estimate of one flight, with what the pool says of what it shares."""
         return self._estimate(
@@ -310,8 +293,6 @@ class Pooled:
             )
             for number, member in enumerate(members)
         )
-
-    # -- all flights -----------------------------------------------------------------------------------------
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
@@ -451,7 +432,11 @@ def pooled(
         for problem, here, parameters in zip(problems, values, theta, strict=True):
             centre = shared.copy()
             centre[specific] = parameters[specific]
-            members.append(pool_member(problem, nodes, {**here, **nodes.fixed}, parameters, centre))
+            # products of a flight, whitened by its residual at some values
+            weights = whitened_by_residuals(problem, parameters, {**here, **nodes.fixed})
+            made = (products_at(weights.rows(point), centre) for point in nodes.points)
+            equations, power = (np.stack(parts) for parts in zip(*made, strict=True))
+            members.append(PoolMember(problem, weights, centre, equations, power, weights.basis.shape[0]))
         return Criterion(tuple(members), tuple(specific), nodes, known_priors(nodes))
 
     first = weighted([item.nuisances for item in estimates], [item.theta for item in estimates])

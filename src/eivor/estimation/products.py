@@ -23,25 +23,6 @@ FOLD = 8
 FAST_TAPS = 11
 
 
-def folded_products(
-    series: Float[np.ndarray, " n"],
-    lags: tuple[int, int],
-    others: Sequence[Float[np.ndarray, " m"]],
-    blocks: Sequence[tuple[int, int]],
-    start_of_others: int,
-) -> Float[np.ndarray, "others width fold"]:
-    """G of each other series, summed over the blocks."""
-    width = FOLD + lags[1] - lags[0]
-    total = np.zeros((len(others), width, FOLD))
-    for start, stop in blocks:
-        rows = (stop - start) // FOLD
-        origin = series[start - lags[1] :]
-        A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
-        for j, other in enumerate(others):
-            total[j] += A.T @ other[start - start_of_others : stop - start_of_others].reshape(rows, FOLD)
-    return total
-
-
 def unfolded(G: Float[np.ndarray, "*blocks others width fold"]) -> Float[np.ndarray, "*blocks lags others"]:
     """Sum at each lag, from the first to the last, of each other series."""
     count = G.shape[-2] - FOLD + 1
@@ -161,8 +142,15 @@ def _lag_products(
     with_lagged = [np.ascontiguousarray(series[first - least : last - least]), *others]
 
     def folded(block: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
-        parts = list(row_blocks(*block, MULTIPLIED_ROWS))
-        return folded_products(series, (least, most), with_lagged, parts, first)
+        width = FOLD + most - least
+        total = np.zeros((len(with_lagged), width, FOLD))
+        for start, stop in row_blocks(*block, MULTIPLIED_ROWS):
+            rows = (stop - start) // FOLD
+            origin = series[start - most :]
+            A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
+            for j, other in enumerate(with_lagged):
+                total[j] += A.T @ other[start - first : stop - first].reshape(rows, FOLD)
+        return total
 
     blocks = list(pairwise(edges.tolist()))
     # every block by itself: threads change no sum

@@ -210,10 +210,7 @@ class Watch:
     def looked(
         self, weighted: ExponentiallyWeightedProducts, detector: ChangeDetector
     ) -> tuple[Watch, ExponentiallyWeightedProducts, tuple[tuple[int, bool], ...]]:
-        """After the last look of products; after a change without what came before it, but for the scale.
-
-        With numbers of the parameters that changed, and whether they grew.
-        """
+        """After the last look of products; after a change without what came before it, but for the scale."""
         blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
         count = blocks.products.count
         means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
@@ -490,7 +487,12 @@ class Follower:
         if not weighted.effective_rows > self.start.size:
             return None
         moments = weighted.moments
-        basis = _basis(moments.products.instruments.sum(axis=0) / moments.rows)
+        # combinations of the instruments that vary, with the identity as their products
+        products = moments.products.instruments.sum(axis=0) / moments.rows
+        scale = unit_scale(np.diag(products))
+        values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
+        kept = values > CONSTANT * max(values[-1], 0.0)
+        basis = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
         A, b = np.hsplit(basis.T @ moments.equations, [-1])
         information, seen = A.T @ A, A.T @ b[:, 0]
         precision = np.diag([0.0 if prior is None else prior.std**-2 for prior in self.priors])
@@ -523,11 +525,3 @@ def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     scale = unit_scale(np.diag(normal))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
     return np.outer(scale, scale) * inverse
-
-
-def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
-    """Combinations of the instruments that vary, with the identity as their products."""
-    scale = unit_scale(np.diag(products))
-    values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
-    kept = values > CONSTANT * max(values[-1], 0.0)
-    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])

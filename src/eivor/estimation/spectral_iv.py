@@ -34,7 +34,6 @@ from eivor.estimation.sampled_motion import (
 )
 from eivor.estimation.spectral_equations import (
     GENERALIZED_IV,
-    Pilot,
     SpectralCovariance,
     SpectralSolution,
     consistent_estimate,
@@ -166,22 +165,6 @@ class Likelihood:
     noise: NoiseModel  # Spectra that were fitted or declared
     converged: bool  # False when passes or evaluations ran out
     noises: tuple[FittedNoise, ...]  # The same noises with their errors
-
-
-def maximum_likelihood(pilot: Pilot) -> Likelihood:
-    """Search from a pilot, with the noises that are not declared fitted anew."""
-    motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
-    refined = False
-    for _ in range(LIKELIHOOD_PASSES):
-        before = np.array([motion.friction, motion.gain])
-        motion, transient, result = least_quadratic(motion, transient, noise.spectrum)
-        moved = np.abs(np.array([motion.friction, motion.gain]) - before)
-        refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
-        if refined:
-            break
-        noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
-    noises = fitted_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
-    return Likelihood(motion, transient, noise, refined, noises)
 
 
 def _residual(motion: SampledMotion, transient: float) -> Pair:
@@ -444,7 +427,12 @@ class WhittleLikelihood(Method):
         likelihood = self._likelihood(sampled, plain)
         if isinstance(likelihood, Reason):
             return fallen_back(self.name, plain, likelihood)
-        solution = _as_solution(sampled, likelihood)
+        # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
+        motion, bins, variance = likelihood.motion, sampled.record.input, sampled.input_variance
+        weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
+        nuisances, C = np.array([likelihood.transient]), likelihood.noise.spectrum(motion)
+        change = 0.0 if likelihood.converged else np.inf
+        solution = SpectralSolution(motion, nuisances, C, bins, variance, weights, factors, False, change)
         solved = solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
@@ -462,7 +450,19 @@ class WhittleLikelihood(Method):
         try:
             with np.errstate(all="ignore"):
                 pilot = pilot_at(start, sampled.input_variance, sampled.declared)
-                likelihood = maximum_likelihood(pilot)
+                # search from a pilot, with the noises that are not declared fitted anew
+                motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
+                refined = False
+                for _ in range(LIKELIHOOD_PASSES):
+                    before = np.array([motion.friction, motion.gain])
+                    motion, transient, result = least_quadratic(motion, transient, noise.spectrum)
+                    moved = np.abs(np.array([motion.friction, motion.gain]) - before)
+                    refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
+                    if refined:
+                        break
+                    noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
+                noises = fitted_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
+                likelihood = Likelihood(motion, transient, noise, refined, noises)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return fallback("its search failed near generalized IV's numbers")
         friction, gain = likelihood.motion.friction, likelihood.motion.gain
@@ -504,12 +504,3 @@ def _not_held(
         f"{free.motion.blend:.2g} +- {error:.1g}, where 0 is held and 0.5 is linear."
     )
     return (Reason(Status.WEAK, sentence, USE),)
-
-
-def _as_solution(sampled: SampledProblem, likelihood: Likelihood) -> SpectralSolution:
-    """Spectral equations at the likelihood's numbers, whose covariance is its own where the model holds."""
-    motion, bins, variance = likelihood.motion, sampled.record.input, sampled.input_variance
-    weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
-    nuisances, C = np.array([likelihood.transient]), likelihood.noise.spectrum(motion)
-    change = 0.0 if likelihood.converged else np.inf
-    return SpectralSolution(motion, nuisances, C, bins, variance, weights, factors, False, change)

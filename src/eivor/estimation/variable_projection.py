@@ -238,11 +238,8 @@ def bounded_search(
     steps: Float[np.ndarray, " q"],
     tolerance: float,
 ) -> Trial:
-    """Least trial of several nuisances within their grids, from a good one; never worse than that.
-
-    By the simplices of Nelder and Mead, since the objective has a kink where a delay is a whole sample. What
-    a nuisance is a part of is moved as their sum.
-    """
+    """Least trial of several nuisances within their grids, from a good one; never worse than that."""
+    # simplices, since the objective has a kink where a delay is a whole sample
     from scipy.optimize import minimize
 
     low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))

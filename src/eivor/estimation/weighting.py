@@ -167,27 +167,21 @@ class LimitedInformation(EquationWeighting):
             expected = f"more rows than the {instruments} instruments, for what they leave of the columns"
             remedy = "Give a longer record, or fewer instruments."
             raise TooFewSamplesError(expected, f"{moments.rows:g}", remedy)
-        errors = _left_over(columns, scipy.linalg.solve_triangular(L, moments.equations, lower=True))
-        return replace(two_stage, error_covariance=errors, error_degrees=moments.rows - instruments), L
-
-
-def _left_over(
-    columns: Float[np.ndarray, "n_plus_1 n_plus_1"], reached: Float[np.ndarray, "p n_plus_1"]
-) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-    """S: what the instruments leave of the columns' products, without the rounding of columns they span."""
-    S = columns - reached.T @ reached
-    exact = np.diag(S) <= EXACT * np.diag(columns)
-    S[exact] = 0.0
-    S[:, exact] = 0.0
-    noisy = np.ix_(~exact, ~exact)
-    scale = unit_scale(np.diag(S)[~exact])
-    if not exact.all() and np.linalg.eigvalsh(np.outer(scale, scale) * S[noisy])[0] <= EXACT:
-        raise NoUniqueSolutionError(
-            "equations with an error, of which a least one can be found",
-            "a response that is a combination of regressors and instruments but for rounding",
-            "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
-        )
-    return S
+        # S: what the instruments leave of the columns' products, without the rounding of columns they span
+        reached = scipy.linalg.solve_triangular(L, moments.equations, lower=True)
+        S = columns - reached.T @ reached
+        exact = np.diag(S) <= EXACT * np.diag(columns)
+        S[exact] = 0.0
+        S[:, exact] = 0.0
+        noisy = np.ix_(~exact, ~exact)
+        scale = unit_scale(np.diag(S)[~exact])
+        if not exact.all() and np.linalg.eigvalsh(np.outer(scale, scale) * S[noisy])[0] <= EXACT:
+            raise NoUniqueSolutionError(
+                "equations with an error, of which a least one can be found",
+                "a response that is a combination of regressors and instruments but for rounding",
+                "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
+            )
+        return replace(two_stage, error_covariance=S, error_degrees=moments.rows - instruments), L
 
 
 @dataclass(frozen=True, slots=True)

@@ -547,10 +547,7 @@ def lags_from_rates(
     window: tuple[float, float] | None,
     begun: dict[str, FlightState],
 ) -> tuple[LagPrior, ...]:
-    """Lags that other motions identify, each where its own verdict on the lag is identified.
-
-    What was done of each motion goes into `begun`, by its name.
-    """
+    """Lags that other motions identify, each where its own verdict on the lag is identified."""
     options = FlightOptions(window=window)
     results = (_lag_by(motion, log, options, begun) for motion in motions)
     return tuple(result for result in results if result is not None)

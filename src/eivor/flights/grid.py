@@ -260,8 +260,7 @@ def _averaged(
     (low, before), (high, behind) = up_to(grid.steps - 0.5), up_to(grid.steps + 0.5)
     width = high - low
     mean = np.divide(behind - before, width, out=np.zeros(grid.count), where=width > 0.0)
-    series: Float[np.ndarray, " n"] = np.where(width > 0.0, mean, np.interp(grid.time_s, time, values))
-    return series
+    return np.asarray(np.where(width > 0.0, mean, np.interp(grid.time_s, time, values)))
 
 
 # -- Airborne --
@@ -311,7 +310,13 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, "
         return result
     lift = input_level
     if "velocity_z" in log.channels:
-        lift = _over_felt_gravity(input_level, on_grid(log.channels["velocity_z"], grid)[0], grid.step_s)
+        # mean level around each sample over 1 + z''/g: while nothing but the rotors lifts, that of hover
+        velocity = on_grid(log.channels["velocity_z"], grid)[0]
+        half, index = max(round(0.5 * OFF_FOR_S / grid.step_s), 1), np.arange(input_level.size)
+        earlier, later = np.maximum(index - half, 0), np.minimum(index + half, input_level.size - 1)
+        total, count = np.cumsum(input_level), np.maximum(later - earlier, 1)
+        felt = 1.0 + (velocity[later] - velocity[earlier]) / (count * grid.step_s * GRAVITY)
+        lift = np.asarray((total[later] - total[earlier]) / count / np.maximum(felt, LEAST_FELT))
     return replace(result, mask=_lifted(result.mask, lift, grid.step_s))
 
 
@@ -344,17 +349,6 @@ def airborne(
         return Active(_without_margins(~off, step_s), "the input (it is on at both ends of the log)")
     flying = ~off & (height > min(ground) + CLEARANCE_M)
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
-
-
-def _over_felt_gravity(
-    level: Float[np.ndarray, " n"], velocity: Float[np.ndarray, " n"], step_s: float
-) -> Float[np.ndarray, " n"]:
-    """Mean level around each sample over 1 + z''/g: while nothing but the rotors lifts, that of hover."""
-    half, index = max(round(0.5 * OFF_FOR_S / step_s), 1), np.arange(level.size)
-    earlier, later = np.maximum(index - half, 0), np.minimum(index + half, level.size - 1)
-    total, count = np.cumsum(level), np.maximum(later - earlier, 1)
-    felt = 1.0 + (velocity[later] - velocity[earlier]) / (count * step_s * GRAVITY)
-    return np.asarray((total[later] - total[earlier]) / count / np.maximum(felt, LEAST_FELT))
 
 
 def _lifted(

@@ -296,11 +296,7 @@ def _without_resets(
 def measured_resets(
     reference: Float[np.ndarray, " n"], measured: Float[np.ndarray, " n"], step_s: float
 ) -> list[slice]:
-    """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal.
-
-    Landings and height holds begin so. Lines through both sides differ in the middle by the jump, wherever it
-    is between them; at a kink they do not differ.
-    """
+    """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal."""
     reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
     found = np.zeros(reference.size, dtype=np.bool_)
     if reference.size > 4 * reach:

@@ -286,10 +286,7 @@ class Fit:
 
     @property
     def robust_sets(self) -> dict[str, ConfidenceSet]:
-        """Sets of the parameters that are judged by them: instruments are weak, or the sets have no bounds.
-
-        F is of one place, the estimate; where a set has no bounds, others fit as well.
-        """
+        """Sets of parameters that are judged by them: instruments are weak, or the sets have no bounds."""
         stages = self.checks.first_stage.items()
         return {
             name: item.robust

@@ -65,8 +65,7 @@ class RobustShape(RegionShape):
     def _covariances(self) -> Float[np.ndarray, "n_plus_1 n_plus_1 p p"]:
         """V_ab with V(x) = sum_ab x_a x_b V_ab."""
         L = self.scores.cosines
-        result: Float[np.ndarray, "n_plus_1 n_plus_1 p p"] = np.einsum("jpa,jqb->abpq", L, L) / L.shape[0]
-        return result
+        return np.asarray(np.einsum("jpa,jqb->abpq", L, L) / L.shape[0])
 
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """AR over its critical value; O(p^2 n^2 + p^3) for each point."""

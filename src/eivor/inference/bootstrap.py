@@ -222,8 +222,7 @@ class Bootstrap:
         """Covariance of the replicates, times c / (c - 1): c pieces vary about a mean of their own."""
         spread = self.replicates - self.replicates.mean(axis=0)
         few = self.pieces / (self.pieces - 1) if self.pieces > 1 else math.inf
-        covariance: Float[np.ndarray, "n n"] = spread.T @ spread / (spread.shape[0] - 1) * few
-        return covariance
+        return np.asarray(spread.T @ spread / (spread.shape[0] - 1) * few)
 
     def std_error(self, name: str) -> float:
         """Root of the quantity's variance, see `covariance`.

@@ -290,5 +290,4 @@ def profile_interval(
 def principal_axes(covariance: Float[np.ndarray, "n n"], half_widths: float) -> Float[np.ndarray, "n n"]:
     """Vectors (columns) from the middle of the ellipsoid of `half_widths` standard errors to its ends."""
     eigenvalues, vectors = np.linalg.eigh(covariance)
-    axes: Float[np.ndarray, "n n"] = half_widths * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    return axes
+    return np.asarray(half_widths * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))

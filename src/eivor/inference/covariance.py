@@ -151,8 +151,7 @@ def cosine_covariance(
 ) -> Float[np.ndarray, "n n"]:
     """Covariance of the sum of autocorrelated scores. Performs no checks."""
     sums = cosine_sums(scores, count, averages)
-    covariance: Float[np.ndarray, "n n"] = (2.0 / averages) * sums.T @ sums
-    return covariance
+    return np.asarray((2.0 / averages) * sums.T @ sums)
 
 
 def cosine_sums(

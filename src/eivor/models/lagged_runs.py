@@ -201,8 +201,6 @@ class LaggedRuns(SeparableProblem):
             results.append(columns)
         return results
 
-    # -- rows in time ---------------------------------------------------------------------------------
-
     def _timed(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
         """Samples of all runs that count, without mean and line of their run when it has an intercept."""
         rows: list[np.ndarray] = []
@@ -244,8 +242,6 @@ class LaggedRuns(SeparableProblem):
             return regression
         surrogate = self.noisier.rows(nuisance_values)
         return replace(regression, regressor_noise=noise_of_surrogate(regression, surrogate))
-
-    # -- rows in frequency ----------------------------------------------------------------------------
 
     @cached_property
     def _bin_layout(self) -> BinRows:

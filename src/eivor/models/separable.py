@@ -226,11 +226,7 @@ class Nuisance:
         return numbers[self.name] + sum(numbers[other] for other in self.known_with)
 
     def information(self, names: Sequence[str], nuisance_values: Values) -> Float[np.ndarray, "k q"]:
-        """Rows of what is known beforehand, by those that are searched for, over their standard errors.
-
-        Of a part without a prior its share of the sum is uniform: the mean square distance of that from the
-        values.
-        """
+        """Rows of what is known beforehand, by those that are searched for, over their standard errors."""
         value, whole = nuisance_values[self.name], nuisance_values.get(self.part_of, 0.0)
         both = {self.name, *self.known_with}
         if self.prior is not None:

@@ -136,8 +136,7 @@ def detrended(
 ) -> Float[np.ndarray, "counted columns"]:
     """Columns without what polynomials of time explain of them by least squares."""
     basis, _ = np.linalg.qr(polynomials)
-    result: Float[np.ndarray, "counted columns"] = values - basis @ (basis.T @ values)
-    return result
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:

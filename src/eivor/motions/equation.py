@@ -155,10 +155,8 @@ class AxisEquation:
 
 
 def _around_samples(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """What values that hold over the step after each sample do at the samples, below the rate.
-
-    A hold has the gain sinc(f h) and is half a step late; these weights have both up to the third power of f.
-    """
+    """What values that hold over the step after each sample do at the samples, below the rate."""
+    # a hold has the gain sinc(f h) and is half a step late: so have these weights, up to f^3
     padded = np.pad(values, (2, 1), mode="edge")
     return (13.0 * (padded[1:-2] + padded[2:-1]) - padded[:-3] - padded[3:]) / 24.0
 

@@ -92,10 +92,7 @@ _LOGICAL = {np.logical_and, np.logical_or, np.logical_not}
 
 
 def unit_of(expression: Expression, units: Mapping[str, Unit]) -> tuple[Unit, bool]:
-    """Unit of an expression over columns of known units, and whether it has a number as a factor.
-
-    A number alone takes the unit of what it is added to or compared with.
-    """
+    """Unit of an expression over columns of known units, and whether it has a number as a factor."""
     stack: list[tuple[Unit, float | None]] = []
     scaled = False
     for step in expression.steps:

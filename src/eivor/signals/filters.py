@@ -100,8 +100,7 @@ def filtered(weights: Float[np.ndarray, " m"], values: Float[np.ndarray, " n"]) 
         return weights[0] * values
     length = padded_length(max(count, weights.size))
     spectrum = np.fft.rfft(weights[:count], length) * np.fft.rfft(values, length)
-    series: Float[np.ndarray, " n"] = np.fft.irfft(spectrum, length)[:count]
-    return series
+    return np.asarray(np.fft.irfft(spectrum, length)[:count])
 
 
 def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:

@@ -42,8 +42,7 @@ def fractional_difference(
     response = _kept_response(order, count) if count <= KEPT else _response(order, count)
     spectrum = np.fft.rfft(values, length, axis=0)
     spectrum *= response.reshape(-1, *[1] * (values.ndim - 1))
-    series: Float[np.ndarray, "n *columns"] = np.fft.irfft(spectrum, length, axis=0)[:count]
-    return series
+    return np.asarray(np.fft.irfft(spectrum, length, axis=0)[:count])
 
 
 def padded_length(count: int) -> int:
@@ -90,8 +89,7 @@ class GrowthTable:
         products = weights[:BLOCK] * lagged[:BLOCK]
         if len(self.states) == number + 1:
             self.states.append((total + float(np.sum(products)), float(weights[BLOCK]), float(lagged[BLOCK])))
-        growth: Float[np.ndarray, " block"] = total + np.cumsum(products)
-        return growth
+        return np.asarray(total + np.cumsum(products))
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
         j = np.arange(first + 1, first + count)
@@ -257,17 +255,15 @@ class AutoregressiveNoise(MeasurementNoise):
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
         """Powers of the coefficient, times the standard deviation of e."""
-        weights: Float[np.ndarray, " count"] = self.innovation_std * self.coefficient ** np.arange(count)
-        return weights
+        return np.asarray(self.innovation_std * self.coefficient ** np.arange(count))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Normal innovations, filtered."""
         from scipy.signal import lfilter
 
-        series: Float[np.ndarray, " count"] = lfilter(
-            [self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count)
+        return np.asarray(
+            lfilter([self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count))
         )
-        return series
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,8 +54,7 @@ class Power(InputMap):
             return state
         if self.exponent == 2.0:
             return state * np.abs(state)
-        mapped: Float[np.ndarray, "*shape"] = np.sign(state) * np.abs(state) ** self.exponent
-        return mapped
+        return np.asarray(np.sign(state) * np.abs(state) ** self.exponent)
 
     def inverse(self, mapped: float) -> float:
         """Signed root of `mapped`."""

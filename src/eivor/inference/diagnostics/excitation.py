@@ -11,7 +11,7 @@ import numpy as np
 from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, EquationProducts, Row, Subject
 from eivor.inference.products import block_edges
 from eivor.inference.verdict import Reason, Status
-from eivor.tools import Float, Int
+from eivor.tools import Float
 
 #: Steps of frequency in one cycle of the record, cycles in the record and blocks in a cycle from which on.
 STEPS = 2
@@ -160,7 +160,14 @@ def strongest_swings(
     indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
     if not indices.size:
         return ()
-    tails = _tails(power, indices)
+    # tail of the power at each place, held against the ordinates around it, for each series
+    away = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
+    around = indices[:, None] + np.concatenate([-away, away])
+    inside = (around >= 0) & (around < power.shape[0])
+    ordinates = inside.sum(axis=1)[:, None]
+    neighbours = np.where(inside[:, :, None], power[np.where(inside, around, 0)], 0.0).sum(axis=1)
+    ratio = np.divide(power[indices], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
+    tails = np.asarray((1.0 + ratio) ** -ordinates.astype(np.float64))
     results = []
     for series, (name, unit) in enumerate(named):
         best = int(np.argmin(tails[:, series]))
@@ -170,17 +177,6 @@ def strongest_swings(
         tail = min(1.0, indices.size * float(tails[best, series]))
         results.append(Swing(name, unit, float(1.0 / frequency[position]), amplitude, tail))
     return tuple(results)
-
-
-def _tails(power: Float[np.ndarray, "F s"], positions: Int[np.ndarray, " J"]) -> Float[np.ndarray, "J s"]:
-    """Tail of the power at each place, held against the ordinates around it, for each series."""
-    away = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
-    around = positions[:, None] + np.concatenate([-away, away])
-    inside = (around >= 0) & (around < power.shape[0])
-    ordinates = inside.sum(axis=1)[:, None]
-    neighbours = np.where(inside[:, :, None], power[np.where(inside, around, 0)], 0.0).sum(axis=1)
-    ratio = np.divide(power[positions], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
-    return np.asarray((1.0 + ratio) ** -ordinates.astype(np.float64))
 
 
 #: Variance below this share of a column's largest square is rounding: the column is constant.

@@ -115,17 +115,13 @@ def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndar
     if not moving.any():
         return np.empty((instruments.shape[0], 0))
     U, singular, _ = np.linalg.svd(instruments[:, moving] / lengths[moving], full_matrices=False)
-    basis: Float[np.ndarray, "rows q"] = U[:, singular >= SMALLEST_DIRECTION]
-    return basis
+    return np.asarray(U[:, singular >= SMALLEST_DIRECTION])
 
 
 def conditional_first_stage(
     basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"], exact: int = 0
 ) -> Float[np.ndarray, " n"]:
-    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
-
-    The last instruments may be exact, such as a prior: they explain, and no noise passes through them.
-    """
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows)."""
     rows, rank = basis.shape
     count, noisy = jacobian.shape[1], rank - exact
     if rank < count or rows <= rank:

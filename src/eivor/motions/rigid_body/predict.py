@@ -340,5 +340,4 @@ def _angle(
     first = first / np.sqrt((first**2).sum(axis=1, keepdims=True))
     separated, neighbours = (np.sqrt((item**2).sum(axis=1)) for item in (first - second, first + second))
     between = np.minimum(separated, neighbours)  # an attitude and its negative are one
-    angle: Float[np.ndarray, "horizons starts"] = 4.0 * np.arcsin(np.minimum(0.5 * between, 1.0))
-    return angle
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * between, 1.0)))

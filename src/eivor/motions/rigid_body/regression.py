@@ -156,24 +156,6 @@ class Predictors:
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
 
-def predicted_flight(flight: PreparedFlight, vehicle: KnownVehicle, rule: LaggedReferences) -> PreparedFlight:
-    """The same flight with predictions in place of its commands, rates and velocity."""
-    signals, says = flight.signals, Predictors(flight, rule)
-    channels = dict(signals.channels)
-    for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
-        name = AXES[axis].rate
-        channels[name] = says.predicted(signals.channel(name), axis, QUICK)
-    channels |= _rotors(flight, vehicle, says)
-    velocity = body_velocity(signals)
-    if velocity is not None:
-        by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
-        for along, (axis, lags) in enumerate(by_axis):
-            channels[f"velocity_{'xyz'[along]}"] = says.predicted(velocity[:, along], axis, lags)
-        for part in "wxyz":
-            channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
-    return replace(flight, signals=replace(signals, channels=channels))
-
-
 def _rotors(
     flight: PreparedFlight, vehicle: KnownVehicle, says: Predictors
 ) -> dict[str, Float[np.ndarray, " n"]]:
@@ -228,7 +210,21 @@ class AxisInstruments:
     def _predicted(self) -> PreparedFlight:
         if not isinstance(self.rule, LaggedReferences):
             return self.flight
-        return predicted_flight(self.flight, self.vehicle, self.rule)
+        # the same flight with predictions in place of its commands, rates and velocity
+        signals, says = self.flight.signals, Predictors(self.flight, self.rule)
+        channels = dict(signals.channels)
+        for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
+            name = AXES[axis].rate
+            channels[name] = says.predicted(signals.channel(name), axis, QUICK)
+        channels |= _rotors(self.flight, self.vehicle, says)
+        velocity = body_velocity(signals)
+        if velocity is not None:
+            by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
+            for along, (axis, lags) in enumerate(by_axis):
+                channels[f"velocity_{'xyz'[along]}"] = says.predicted(velocity[:, along], axis, lags)
+            for part in "wxyz":
+                channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
+        return replace(self.flight, signals=replace(signals, channels=channels))
 
     @cached_property
     def _motion(self) -> BodyMotion:
@@ -296,10 +292,7 @@ def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Fl
 
 
 def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Float[np.ndarray, " n"]:
-    """Column of a term behind its sensor's filter, where it is not made of filtered rates.
-
-    Equations of turning hold over the step that ends at each sample: what drives them is a mean already.
-    """
+    """Column of a term behind its sensor's filter, where it is not made of filtered rates."""
     column = term.column(of)
     if term.equation < FORCE_X_EQUATION and not term.driving:
         return mean_over_step(column)

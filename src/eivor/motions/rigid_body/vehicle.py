@@ -409,9 +409,21 @@ def _vehicle(top: TomlTable) -> KnownVehicle:
     given, table = top.convert(_VehicleFile), top.part("rotors")
     rotors = table.convert(_Rotors)
     try:
+        if (rotors.layout is None) == (rotors.positions is None):
+            raise table.wrong(
+                "",
+                "either a layout, or positions and spins,",
+                "neither" if rotors.layout is None else "both",
+                f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.',
+            )
+        of_positions = {"positions", "positions_std", "spins"}
+        stray = (of_positions if rotors.positions is None else {"numbering", "arm"}) & table.values.keys()
+        if stray:
+            kind = "a layout" if rotors.positions is None else "positions"
+            raise table.wrong("", f"keys of {kind} alone", f"'{min(stray)}' as well", "Remove it.")
         return KnownVehicle(
             given.name or top.file.removesuffix(ENDING),
-            *_rotors(rotors, table),
+            *(_of_positions(rotors, table) if rotors.layout is None else _of_layout(rotors, table)),
             _known(given.mass),
             _known(rotors.speed_scale),
             _known(rotors.torque_ratio),
@@ -424,22 +436,6 @@ def _vehicle(top: TomlTable) -> KnownVehicle:
         )
     except UsageError as error:
         raise InputError(f"{error.expected} in {top.file}", error.received, error.remedy) from error
-
-
-def _rotors(rotors: _Rotors, table: TomlTable) -> RotorTable:
-    if (rotors.layout is None) == (rotors.positions is None):
-        raise table.wrong(
-            "",
-            "either a layout, or positions and spins,",
-            "neither" if rotors.layout is None else "both",
-            f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.',
-        )
-    of_positions = {"positions", "positions_std", "spins"}
-    stray = (of_positions if rotors.positions is None else {"numbering", "arm"}) & table.values.keys()
-    if stray:
-        kind = "a layout" if rotors.positions is None else "positions"
-        raise table.wrong("", f"keys of {kind} alone", f"'{min(stray)}' as well", "Remove it.")
-    return _of_positions(rotors, table) if rotors.layout is None else _of_layout(rotors, table)
 
 
 def _of_layout(rotors: _Rotors, table: TomlTable) -> RotorTable:

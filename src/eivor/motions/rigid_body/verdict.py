@@ -383,21 +383,17 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     residual, axes = rows.response - rows.regressors @ estimate.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
-        neighbours = _unexplained(moves[on_axis], rows.regressors[on_axis])
+        # what of a column other columns do not explain
+        column = moves[on_axis]
+        others = rows.regressors[on_axis]
+        sizes = np.linalg.norm(others, axis=0)
+        basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
+        left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
+        neighbours = left
         squares = float(neighbours @ neighbours)
         if squares > 0.0:
             change = float(neighbours @ residual[on_axis]) / squares
             yield name, change, float(np.mean(residual[on_axis] ** 2)) / squares
-
-
-def _unexplained(
-    column: Float[np.ndarray, " rows"], others: Float[np.ndarray, "rows k"]
-) -> Float[np.ndarray, " rows"]:
-    """What of a column other columns do not explain."""
-    sizes = np.linalg.norm(others, axis=0)
-    basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
-    left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
-    return left
 
 
 # -- Rotor order --

@@ -275,10 +275,7 @@ class VelocitySpectrum:
     )  # Sums to the mean square [m^2/s^2]
 
     def coherent(self, frequency_hz: float, used_s: float) -> float:
-        """Friction that a unit of force at a frequency looks like where the velocity there answers it [s/m].
-
-        The worst case of all phases: with all power at that frequency one over the root mean square.
-        """
+        """Friction that a unit of force at a frequency looks like, at the worst of all phases [s/m]."""
         whole = float(self.power.sum())
         near = float(self.power[np.abs(self.frequency_hz - frequency_hz) <= 1.0 / used_s].sum())
         return float(np.sqrt(near) / whole) if whole > 0.0 else 0.0
@@ -314,11 +311,8 @@ class Sensitivities:
 def sensitivities(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> Sensitivities:
-    """Two-stage least squares of each cause's column on the flights' own, with their weights and instruments.
-
-    Causes are an offset between sensors, whose column is the rate of change of the acceleration, and a tilt,
-    whose column is the horizontal acceleration. What is known of the lag counts as in the estimate.
-    """
+    """Two-stage least squares of each cause's column on those of the flights, with their weights."""
+    # of an offset the rate of change of the acceleration, of a tilt the horizontal acceleration
     columns = problem.columns
     if not all(item.instruments.shape[1] for item in columns):
         return Sensitivities()

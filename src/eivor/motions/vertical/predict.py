@@ -293,10 +293,7 @@ def _run(
     start = np.exp(-friction * step_s * np.arange(driven.size))
     transients = np.column_stack([trim, start])[counted]
     left = (measured - answer)[counted]
-    predicted: Float[np.ndarray, " counted"] = (
-        answer[counted] + transients @ np.linalg.lstsq(transients, left)[0]
-    )
-    return predicted
+    return np.asarray(answer[counted] + transients @ np.linalg.lstsq(transients, left)[0])
 
 
 def _integrated(force: Float[np.ndarray, " n"], friction: float, step_s: float) -> Float[np.ndarray, " n"]:
@@ -306,5 +303,4 @@ def _integrated(force: Float[np.ndarray, " n"], friction: float, step_s: float) 
     decay = np.exp(-friction * step_s)
     gained = np.zeros(force.size)
     gained[1:] = 0.5 * step_s * (decay * force[:-1] + force[1:])
-    velocity: Float[np.ndarray, " n"] = lfilter([1.0], [1.0, -decay], gained)
-    return velocity
+    return np.asarray(lfilter([1.0], [1.0, -decay], gained))

@@ -103,8 +103,7 @@ def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarr
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
     impulse[BEFORE] = 1.0
     lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-    after: Float[np.ndarray, " lags"] = flight.state_of(impulse, lag_s, delay_s)[BEFORE:, 0]
-    return after
+    return np.asarray(flight.state_of(impulse, lag_s, delay_s)[BEFORE:, 0])
 
 
 # -- Terms --
@@ -175,22 +174,6 @@ VOLTAGE_TERM = OptionalTerm(
 TERMS = {term.word: term for term in (QUADRATIC_DRAG, GROUND_EFFECT, VOLTAGE_TERM)}
 
 
-def term_instruments(
-    terms: Sequence[OptionalTerm],
-    of: TermIngredients,
-    references: Float[np.ndarray, "n p"],
-    runs: Sequence[slice],
-) -> Float[np.ndarray, "n terms"]:
-    """An instrument for each term; performs no checks."""
-    made = explained_ingredients(of, references, runs)
-    if of.voltage is not None:
-        time = np.linspace(-1.0, 1.0, of.voltage.size)
-        trend = np.column_stack([time**power for power in range(1, TREND + 1)])
-        # the charge alone: loads, which references explain, pull the voltage down within a second
-        made = replace(made, voltage=explained(trend, runs, of.voltage[:, None])[:, 0])
-    return np.column_stack([term.column(made) for term in terms])
-
-
 def explained_ingredients(
     of: TermIngredients, references: Float[np.ndarray, "n p"], runs: Sequence[slice]
 ) -> TermIngredients:
@@ -206,8 +189,7 @@ def explained(
     """Columns as far as others explain them by least squares over the runs, a constant among them."""
     B = np.column_stack([by, np.ones(len(by))])
     used = np.concatenate([np.arange(run.start, run.stop) for run in runs])
-    fitted: Float[np.ndarray, "n k"] = B @ np.linalg.lstsq(B[used], columns[used], rcond=None)[0]
-    return fitted
+    return np.asarray(B @ np.linalg.lstsq(B[used], columns[used], rcond=None)[0])
 
 
 # -- Flights --
@@ -234,8 +216,7 @@ class VerticalFlight:
     @cached_property
     def velocity_derivative(self) -> Float[np.ndarray, " n"]:
         """Central difference of z' [m/s^2]."""
-        derivative: Float[np.ndarray, " n"] = np.gradient(self.velocity, self.signals.step_s)
-        return derivative
+        return np.asarray(np.gradient(self.velocity, self.signals.step_s))
 
     @cached_property
     def acceleration(self) -> Float[np.ndarray, " n"] | None:
@@ -302,7 +283,15 @@ class MovingColumns:
         """References, and where there are any an instrument for each term."""
         if not (self.terms and references.shape[1]):
             return references
-        added = term_instruments(self.terms, self._ingredients(self._unlagged), references, self.flight.runs)
+        # an instrument for each term; performs no checks
+        of = self._ingredients(self._unlagged)
+        made = explained_ingredients(of, references, self.flight.runs)
+        if of.voltage is not None:
+            time = np.linspace(-1.0, 1.0, of.voltage.size)
+            trend = np.column_stack([time**power for power in range(1, TREND + 1)])
+            # the charge alone: loads, which references explain, pull the voltage down within a second
+            made = replace(made, voltage=explained(trend, self.flight.runs, of.voltage[:, None])[:, 0])
+        added = np.column_stack([term.column(made) for term in self.terms])
         return np.column_stack([references, added])
 
     def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
@@ -421,11 +410,7 @@ ROUGH_GAIN = 0.25
 
 @dataclass(frozen=True)
 class WeightBalance:
-    """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed.
-
-    The velocity's derivative stands for the acceleration, whose mean the offset of an accelerometer does not
-    move. Friction may be anything from 0 to twice the middle.
-    """
+    """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed."""
 
     problem: VerticalFlights
     nuisances: Values
@@ -559,10 +544,7 @@ class Balance:
 
     @property
     def drift(self) -> ThrustDrift | None:
-        """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
-
-        The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
-        """
+        """Slope of the residual in time, with an intercept for each run; None of short runs."""
         if self.by_weight:
             return self.weight.drift
         line, columns = np.concatenate(_lines(self.problem)), np.concatenate(self.columns)
@@ -620,10 +602,8 @@ class ThrustDrift:
 
     @property
     def hover_change(self) -> float:
-        """Change of the hover input over the runs, as a share of it, without what its error alone would be.
-
-        The positive part of Stein's estimate (Efron and Morris 1973), which is zero within its error.
-        """
+        """Change of the hover input over the runs, as a share of it; zero within its error."""
+        # the positive part of Stein's estimate (Efron and Morris 1973)
         noise = (self.half_width / normal_quantile(0.95) / self.rate) ** 2 if self.rate else 1.0
         return self.hover_rate * self.duration_s * max(1.0 - noise, 0.0)
 
