@@ -357,12 +357,8 @@ class FlightEstimate:
     @cached_property
     def figures(self) -> tuple[KeyFigure, ...]:
         """Key figures of the flights, as far as their channels are logged; they decide nothing."""
-        flying, made = (
-            (flight.shortened for flight in self.prepared if flight.runs),
-            self.motion.abilities.figures,
-        )
-        used = tuple(flying)
-        return () if made is None or not used else tuple(made(used, self.quantities, self.diagnostics))
+        flying, made = self._flying, self.motion.abilities.figures
+        return () if made is None or not flying else tuple(made(flying, self.quantities, self.diagnostics))
 
     @cached_property
     def simple_models(self) -> Mapping[str, SimpleModel]:
@@ -384,8 +380,11 @@ class FlightEstimate:
             **self.simple_models,
         }
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
-        flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
-        return prediction.multi_step(flying, models, frozenset(refused))
+        return prediction.multi_step(self._flying, models, frozenset(refused))
+
+    @property
+    def _flying(self) -> tuple[PreparedFlight, ...]:
+        return tuple(flight.shortened for flight in self.prepared if flight.runs)
 
     @property
     def instruments(self) -> str:

@@ -153,7 +153,7 @@ class SystematicPart:
     counts: Counts
     #: From the inputs and the quantity's name to the part below and above, or to both alike; zero for none
     size: Callable[[VerdictInputs, str], tuple[float, float] | float]
-    sentence: Callable[[VerdictInputs], str]
+    sentence: Callable[[VerdictInputs], str] | str
 
 
 #: Lengths of intervals of T seconds are sqrt(1 + SHORT (SHORT_S / T)^2) times those of long flights: in 72
@@ -248,7 +248,7 @@ def systematic_uncertainties(
             # of what is not known there is no part
             below, above = size if isinstance(size, tuple) else 2 * (size if math.isfinite(size) else 0.0,)
             if below > 0.0 or above > 0.0:
-                item = SystematicUncertainty(part.counts, below, above, part.sentence(inputs))
+                item = SystematicUncertainty(part.counts, below, above, _said(part.sentence, inputs))
                 results[name] = (*results.get(name, ()), item)
     return results
 
@@ -260,14 +260,17 @@ class Rule:
     quantities: tuple[str, ...]  # None are all
     when: Callable[[VerdictInputs], bool]
     status: Status  # The best that it allows
-    sentence: Callable[[VerdictInputs], str]
+    sentence: Callable[[VerdictInputs], str] | str
     remedy: Callable[[VerdictInputs], str] | str = ""
     cause: Cause = Cause.OTHER
 
     def reason(self, inputs: VerdictInputs) -> Reason:
         """The reason that it gives."""
-        remedy = self.remedy if isinstance(self.remedy, str) else self.remedy(inputs)
-        return Reason(self.status, self.sentence(inputs), remedy, self.cause)
+        return Reason(self.status, _said(self.sentence, inputs), _said(self.remedy, inputs), self.cause)
+
+
+def _said(words: Callable[[VerdictInputs], str] | str, inputs: VerdictInputs) -> str:
+    return words if isinstance(words, str) else words(inputs)
 
 
 def reasons_by_quantity(
@@ -479,10 +482,8 @@ def flight_rules(
             quantities,
             lambda inputs: inputs.past_inputs,
             Status.PROVISIONAL,
-            lambda _: (
-                "Past inputs are the instruments: under control they answer past disturbances, which moves "
-                "the numbers."
-            ),
+            "Past inputs are the instruments: under control they answer past disturbances, which moves "
+            "the numbers.",
             words.log_reference,
             Cause.INSTRUMENT,
         ),
@@ -492,10 +493,8 @@ def flight_rules(
                 not (inputs.exogenous or inputs.past_inputs or inputs.direct or inputs.constant_reference)
             ),
             Status.WEAK,
-            lambda _: (
-                "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
-                "computes)."
-            ),
+            "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
+            "computes).",
             words.log_planned,
         ),
         Rule(

@@ -328,11 +328,8 @@ class Regression(LinearProblem):
         MissingNoiseError
             When none was.
         """
-        if self.regressor_noise is None:
-            expected = "the covariance of the measurement noises of regressors and response"
-            remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
-            raise MissingNoiseError(expected, "none", remedy)
-        return self.regressor_noise
+        remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
+        return _declared(self.regressor_noise, "measurement noises of regressors and response", remedy)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
         """Return the covariance that was given.
@@ -342,15 +339,19 @@ class Regression(LinearProblem):
         MissingNoiseError
             When none was.
         """
-        if self.instrument_noise is None:
-            expected = "the covariance of the instruments' noises with those of regressors and response"
-            remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
-            raise MissingNoiseError(expected, "none", remedy)
-        return self.instrument_noise
+        remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
+        of = "instruments' noises with those of regressors and response"
+        return _declared(self.instrument_noise, of, remedy)
 
     def instruments_share_noise(self) -> bool:
         """Return whether the covariance given for the instruments is not zero."""
         return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
+
+
+def _declared(covariance: np.ndarray | None, of: str, remedy: str) -> np.ndarray:
+    if covariance is None:
+        raise MissingNoiseError(f"the covariance of the {of}", "none", remedy)
+    return covariance
 
 
 def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[str, ...]) -> None:

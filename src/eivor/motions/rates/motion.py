@@ -212,12 +212,12 @@ LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 PARTS = (
     disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
     clock_part(LAGS),
-    SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, lambda _: f"{ROTORS}lag by 1 ms."),
+    SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
     SystematicPart(
         EFFECTS,
         Counts.ADDED,
         lambda inputs, name: ROTOR_SHARE * abs(inputs.quantities[name].value),
-        lambda _: f"{ROTORS}effectiveness by 2 %.",
+        f"{ROTORS}effectiveness by 2 %.",
     ),
 )
 

@@ -472,16 +472,6 @@ class Balance:
         return WeightBalance(self.problem, self.estimate.nuisances)
 
     @property
-    def columns(self) -> list[Float[np.ndarray, "_ m"]]:
-        """z'', z', U and the columns of terms, of every run."""
-        return self.weight.columns
-
-    @property
-    def means(self) -> Float[np.ndarray, " m"]:
-        """Means of the columns."""
-        return self.weight.means
-
-    @property
     def by_weight(self) -> bool:
         """Whether the gain is known too roughly to serve the hover input."""
         gain, direction = float(self.estimate.theta[1]), self.estimate.direction("input_gain")
@@ -504,17 +494,17 @@ class Balance:
 
         searched = [nuisance for nuisance in self.problem.nuisances if nuisance.searched]
         slopes = [nuisance.derivative(mapped_mean, self.estimate.nuisances) for nuisance in searched]
-        _, by_friction, *by_others = self.means.tolist()
+        _, by_friction, *by_others = self.weight.means.tolist()
         gain = float(self.estimate.theta[1])
         gradient = [by_friction, *(-mean for mean in by_others), *(-gain * slope for slope in slopes)]
-        residual = np.concatenate(self.columns) @ self.coefficients
-        value = GRAVITY + float(self.means @ self.coefficients)
+        residual = np.concatenate(self.weight.columns) @ self.coefficients
+        value = GRAVITY + float(self.weight.means @ self.coefficients)
         return value, np.array(gradient), _variance_of_mean(self.problem, residual)
 
     @property
     def intercepts_by_run(self) -> tuple[float, ...]:
         """The same of each run."""
-        return tuple(GRAVITY + float(run.mean(axis=0) @ self.coefficients) for run in self.columns)
+        return tuple(GRAVITY + float(run.mean(axis=0) @ self.coefficients) for run in self.weight.columns)
 
     @property
     def hover(self) -> Linear:
@@ -547,13 +537,13 @@ class Balance:
         """Slope of the residual in time, with an intercept for each run; None of short runs."""
         if self.by_weight:
             return self.weight.drift
-        line, columns = np.concatenate(_lines(self.problem)), np.concatenate(self.columns)
+        line, columns = np.concatenate(_lines(self.problem)), np.concatenate(self.weight.columns)
         squares = float(line @ line)
         if not squares:
             return None
         slopes = line @ columns / squares
         rate = float(slopes @ self.coefficients)
-        left = (columns - self.means) @ self.coefficients - rate * line
+        left = (columns - self.weight.means) @ self.coefficients - rate * line
         variance = long_run_mean_variance(line * left) * (line.size / squares) ** 2
         gradient = np.zeros(self.estimate.values.size)
         gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]

@@ -245,6 +245,19 @@ def _unless_given(size: Callable[[VerdictInputs], float]) -> Callable[[VerdictIn
     return of
 
 
+def _shift_parts(
+    size: Callable[[VerdictInputs], float], words: Callable[[VerdictInputs], str]
+) -> tuple[SystematicPart, SystematicPart]:
+    """Rows of commands that come later: the lag takes it up, unless it is given, and else the others do."""
+    of_others = (FRICTION, GAIN)
+    return (
+        SystematicPart(SEARCHED, Counts.ADDED, _unless_given(size), words),
+        SystematicPart(
+            of_others, Counts.ADDED, lambda inputs, name: _by_offset(inputs, name, size(inputs)), words
+        ),
+    )
+
+
 def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
     return share * abs(inputs.quantities[name].value)
 
@@ -317,17 +330,15 @@ PARTS = (
             0.0 if all("velocity" in flight.measured for flight in inputs.flights) else ESTIMATOR_FRICTION,
             0.0,
         ),
-        lambda _: (
-            "The velocity is not declared as measured: the dynamics of an estimator may be "
-            f"{ESTIMATOR_FRICTION:g} 1/s of the friction."
-        ),
+        "The velocity is not declared as measured: the dynamics of an estimator may be "
+        f"{ESTIMATOR_FRICTION:g} 1/s of the friction.",
     ),
     SystematicPart(MOVING, Counts.ADDED, _measured_tilt, _measured_tilt_sentence),
     SystematicPart(
         MOVING,
         Counts.INDEPENDENT,
         _unknown_tilt,
-        lambda _: "The tilt between attitude and accelerometer is not known better: sideways motion enters.",
+        "The tilt between attitude and accelerometer is not known better: sideways motion enters.",
     ),
     SystematicPart(
         (FRICTION, GAIN),
@@ -346,24 +357,8 @@ PARTS = (
     ),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
-    SystematicPart(
-        SEARCHED, Counts.ADDED, _unless_given(lambda inputs: _clocks_apart_s(inputs)[0]), _drift_sentence
-    ),
-    SystematicPart(
-        (FRICTION, GAIN),
-        Counts.ADDED,
-        lambda inputs, name: _by_offset(inputs, name, _clocks_apart_s(inputs)[0]),
-        _drift_sentence,
-    ),
-    SystematicPart(
-        SEARCHED, Counts.ADDED, _unless_given(lambda inputs: inputs.checks.omitted.slewed_s), _slew_sentence
-    ),
-    SystematicPart(
-        (FRICTION, GAIN),
-        Counts.ADDED,
-        lambda inputs, name: _by_offset(inputs, name, inputs.checks.omitted.slewed_s),
-        _slew_sentence,
-    ),
+    *_shift_parts(lambda inputs: _clocks_apart_s(inputs)[0], _drift_sentence),
+    *_shift_parts(lambda inputs: inputs.checks.omitted.slewed_s, _slew_sentence),
     SystematicPart(
         SEARCHED,
         Counts.INDEPENDENT,
@@ -410,10 +405,8 @@ PARTS = (
         (HOVER,),
         Counts.AT_LEAST,
         lambda inputs, name: max(HOVER_FLOOR * inputs.quantities[name].value, 0.0),
-        lambda _: (
-            "Valid for this flight's conditions (wind, height, speed, battery, temperature): the interval is "
-            f"at least ±{HOVER_FLOOR:.1%} wide."
-        ),
+        "Valid for this flight's conditions (wind, height, speed, battery, temperature): the interval is at "
+        f"least ±{HOVER_FLOOR:.1%} wide.",
     ),
 )
 
@@ -573,7 +566,7 @@ RULES = (
         (*OF_FRICTION, *OF_GAIN),
         lambda inputs: inputs.quantities[GAIN].interval[1] < 0.0,
         Status.REFUSED,
-        lambda _: "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
+        "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
         CHECK_SIGN,
         Cause.CONTRADICTION,
     ),
@@ -583,7 +576,7 @@ RULES = (
             not (math.isfinite(inputs.quantities[HOVER].value) and inputs.quantities[HOVER].value > 0.0)
         ),
         Status.REFUSED,
-        lambda _: "The hover input is not positive.",
+        "The hover input is not positive.",
         CHECK_SIGN,
         Cause.CONTRADICTION,
     ),
@@ -612,10 +605,8 @@ RULES = (
         (CURVE,),
         lambda inputs: not math.isfinite(inputs.quantities[CURVE].half_width),
         Status.REFUSED,
-        lambda _: (
-            "Curvature alone does not identify the thrust curve, and the intercept cannot while nothing is "
-            "known of the accelerometer's bias."
-        ),
+        "Curvature alone does not identify the thrust curve, and the intercept cannot while nothing is "
+        "known of the accelerometer's bias.",
         BIAS,
     ),
     Rule(
@@ -664,7 +655,7 @@ RULES = (
         (DELAY.name,),
         lambda inputs: inputs.quantities[DELAY.name].half_width >= DELAY_HALF_WIDTH_S,
         Status.WEAK,
-        lambda _: "The flight does not separate the delay from the lag.",
+        "The flight does not separate the delay from the lag.",
         QUICKER,
     ),
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
