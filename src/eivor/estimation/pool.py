@@ -179,13 +179,9 @@ class PoolJoint:
 DIFFERENT = 0.05
 
 
-@dataclass(frozen=True)
-class CommonValue:
-    """One value for all flights of a parameter that belongs to the flight."""
-
-    value: float
-    weights: Float[np.ndarray, " F"]
-    differing: float | None  # Variance of the mean over flights that differ
+#: Of a parameter that belongs to the flight a value for all, the flights' weights in it, and the variance of
+#: the mean over flights that differ.
+CommonValue = tuple[float, Float[np.ndarray, " F"], float | None]
 
 
 @dataclass(frozen=True)
@@ -328,11 +324,11 @@ class Pooled:
             flights, variances = one_group(values.size), self.joint.flight_parameter_variance(rows)
             between = moment_between(flights, values, variances)
             means = random_effects_means(flights, values, variances, between)
-            return CommonValue(float(means.value[0]), means.weights, float(means.variance[0]))
+            return float(means.value[0]), means.weights, float(means.variance[0])
         covariance = self.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))
         common = self.common.parameters(self.common.minimum[0])[0]
-        return CommonValue(float(common[position]), weights / weights.sum(), None)
+        return float(common[position]), weights / weights.sum(), None
 
     def _positions(self, names: Sequence[str]) -> list[int]:
         parameters = [parameter.name for parameter in self.estimates[0].rows.parameters]
@@ -346,26 +342,24 @@ class Pooled:
         joint, positions = self.joint, self._positions(self.flight_specific)
         means = dict(zip(positions, map(self.mean, self.flight_specific), strict=True))
         theta = self.theta[0].copy()
-        theta[positions] = [means[position].value for position in positions]
+        theta[positions] = [means[position][0] for position in positions]
         made = [member.weights.rows(self.values) for member in self.criterion.members]
         each = list(zip(made, self.theta, joint.slopes, strict=True))
-        bins = (
-            (number, layout)
-            for number, layout in enumerate([item.layout for item in made])
-            if isinstance(layout, BinRows)
-        )
+        layouts = [item.layout for item in made if isinstance(item.layout, BinRows)]
         rows = Regression(
             np.concatenate([item.response - item.regressors @ (values - theta) for item, values, _ in each]),
             np.concatenate([item.regressors for item in made]),
             np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
             made[0].parameters,
-            BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs)),
+            BinRows(
+                tuple(replace(run, flight=at) for at, layout in enumerate(layouts) for run in layout.runs)
+            ),
         )
         columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
         vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
-        for element, mean in means.items():
+        for element, (_, weights, _) in means.items():
             vector[element] = 0.0
-            vector[element, [index[element] for index in joint.indices]] = mean.weights
+            vector[element, [index[element] for index in joint.indices]] = weights
         return self._estimate(rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
@@ -374,9 +368,9 @@ class Pooled:
         """Of the mean and of what is shared; where flights differ, with a part for that."""
         result = joint.of(vector)
         variances = np.zeros(vector.shape[0])
-        for name, mean in means.items():
-            if mean.differing is not None:
-                variances[name] = mean.differing + joint.shared_variance(vector[name])
+        for element, (_, _, differing) in means.items():
+            if differing is not None:
+                variances[element] = differing + joint.shared_variance(vector[element])
         if not variances.any():
             return result
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))

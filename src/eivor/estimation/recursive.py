@@ -43,15 +43,6 @@ COLLINEAR_SHARE = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class SequentialLook:
-    """Means over the rows of a look."""
-
-    sample: int
-    means: Float[np.ndarray, "p n_plus_1"]  # [phi' y]
-    count: float  # Rows that counted
-
-
-@dataclass(frozen=True, slots=True)
 class References:
     """Successive estimates that later looks are held against."""
 
@@ -65,10 +56,10 @@ class References:
         return References(theta, np.concatenate([self.mapped, later.mapped])[-most:], self.watched)
 
     def detected_changes(
-        self, look: SequentialLook
+        self, look: Float[np.ndarray, "p n_plus_1"]
     ) -> tuple[Float[np.ndarray, "W m"], Float[np.ndarray, "W m"]]:
         """Changes of the parameters that a look shows, and how well, over what looks do on average."""
-        seen = np.matmul(self.mapped, look.means)
+        seen = np.matmul(self.mapped, look)
         change = seen[:, :, -1] - np.matmul(seen[:, :, :-1], self.theta[:, :, None])[:, :, 0]
         return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
 
@@ -180,9 +171,9 @@ class Watch:
         held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(references.theta) - 1), 0)
         return replace(self, references=references, held=held)
 
-    def after(self, look: SequentialLook, detector: ChangeDetector) -> Watch:
-        """With one more look; one without rows, or that nothing is expected of, shows nothing."""
-        if self.references is None or not look.count > 0.0:
+    def after(self, look: Float[np.ndarray, "p n_plus_1"] | None, detector: ChangeDetector) -> Watch:
+        """With means of one more look; one without rows, or that nothing is expected of, shows nothing."""
+        if self.references is None or look is None:
             return self
         change, seen = self.references.detected_changes(look)
         nothing, sums = seen < LEAST_SEEN, self.sums
@@ -192,17 +183,12 @@ class Watch:
         units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(expected), expected))
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
-            root, most = roots[positions], detector.limit
+            root = roots[positions]
             sizes = np.sort(np.abs(self.before), axis=0)  # NaN last
             half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
             middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
-            step = np.maximum(
-                np.minimum(
-                    np.nan_to_num(units[positions]) / np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf),
-                    most,
-                ),
-                -most,
-            )
+            scale = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)  # infinite: most showed no change
+            step = np.clip(np.nan_to_num(units[positions]) / scale, -detector.limit, detector.limit)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
         return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
@@ -213,8 +199,8 @@ class Watch:
         """After the last look of products; after a change without what came before it, but for the scale."""
         blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
         count = blocks.products.count
-        means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
-        watch = self.after(SequentialLook(weighted.samples, means, count), detector)
+        look = weighted.compensated(blocks).sum(axis=0) / count if count > 0.0 else None
+        watch = self.after(look, detector)
         sides, parameters = np.nonzero(watch.sums > detector.threshold)
         if not sides.size:
             return watch, weighted, ()

@@ -115,7 +115,6 @@ class Grid:
 def common_grid(
     channels: Sequence[Channel],
     fast: Sequence[Channel],
-    memory_s: float = MEMORY_S,
     step_s: float | None = None,
 ) -> Grid:
     """Grid over the time that all `channels` share; of a given step, or fine when all `fast` ones are."""
@@ -130,7 +129,7 @@ def common_grid(
     step = step_s or (FINE_STEP_S if fine else STEP_S)
     fast_names = {channel.name for channel in fast}
     silences = [
-        (ceil((first + MARGIN_S - start) / step), floor((last - memory_s - start) / step))
+        (ceil((first + MARGIN_S - start) / step), floor((last - MEMORY_S - start) / step))
         for channel in channels
         if channel.name in fast_names or not channel.held
         for first, last in channel.silences()
@@ -157,13 +156,13 @@ def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
     return tuple(piece for piece in pieces if len(piece))
 
 
-def around(used: Bool[np.ndarray, " n"], grid: Grid, memory_s: float = MEMORY_S) -> Bool[np.ndarray, " n"]:
+def around(used: Bool[np.ndarray, " n"], grid: Grid) -> Bool[np.ndarray, " n"]:
     """Samples `used`, those before them that their actuators remember, and a margin behind them."""
     steps = grid.steps
     step = steps[used]
     if not step.size:
         return used
-    before, behind = ceil(memory_s / grid.step_s), ceil(MARGIN_S / grid.step_s)
+    before, behind = ceil(MEMORY_S / grid.step_s), ceil(MARGIN_S / grid.step_s)
     next_used = step[np.minimum(np.searchsorted(step, steps), step.size - 1)]
     last_used = step[np.maximum(np.searchsorted(step, steps, side="right") - 1, 0)]
     prediction, passed = next_used - steps, steps - last_used

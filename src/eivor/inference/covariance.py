@@ -202,9 +202,9 @@ def cosine_averages(
     return np.sqrt(2.0) * (turned * spectrum.T).T.real
 
 
-def long_run_mean_variance(series: Float[np.ndarray, " samples"], averages: int = COSINE_AVERAGES) -> float:
+def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:
     """Variance of the mean of an autocorrelated series, by the same cosine averages."""
-    return float(cosine_covariance([series[:, None]], series.size, averages)[0, 0]) / series.size**2
+    return float(cosine_covariance([series[:, None]], series.size)[0, 0]) / series.size**2
 
 
 @lru_cache(maxsize=8)

@@ -193,6 +193,10 @@ PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
 HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
 
 
+#: Of all intervals.
+LEVEL = 0.95
+
+
 @dataclass(frozen=True)
 class BetweenDistribution:
     """The variance between estimates as a distribution, group by group."""
@@ -202,21 +206,17 @@ class BetweenDistribution:
     mean_errors: Float[np.ndarray, "nodes groups"]
     next_errors: Float[np.ndarray, "nodes groups"]
 
-    def mean_half_widths(
-        self, result: RandomEffectsMeans, level: float = 0.95
-    ) -> Float[np.ndarray, " groups"]:
+    def mean_half_widths(self, result: RandomEffectsMeans) -> Float[np.ndarray, " groups"]:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
-        half = result.half_widths(level)
-        short = _missed(half, self.means - result.value, self.mean_errors)[0] > 1.0 - level
+        half = result.half_widths(LEVEL)
+        short = _missed(half, self.means - result.value, self.mean_errors)[0] > 1.0 - LEVEL
         offsets = self.means[:, short] - result.value[short]
-        half[short] = _half_widths(offsets, self.mean_errors[:, short], level)
+        half[short] = _half_widths(offsets, self.mean_errors[:, short], LEVEL)
         return half
 
-    def next_half_widths(
-        self, centre: Float[np.ndarray, " groups"], level: float = 0.95
-    ) -> Float[np.ndarray, " groups"]:
+    def next_half_widths(self, centre: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " groups"]:
         """Half-widths about a centre of the next members; infinite for groups of fewer than `FEWEST`."""
-        half_widths = _half_widths(self.means - centre, self.next_errors, level)
+        half_widths = _half_widths(self.means - centre, self.next_errors, LEVEL)
         return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
 

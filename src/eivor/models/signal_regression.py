@@ -37,14 +37,13 @@ def cross_fitted(
     exogenous: Float[np.ndarray, "n p"],
     values: Float[np.ndarray, "n k"],
     used: Bool[np.ndarray, " n"],
-    blocks: int = BLOCKS,
 ) -> Float[np.ndarray, "n k"]:
     """Predictions of each column, by least squares with a constant over the samples used of other blocks."""
     design = _scaled(exogenous, used)
     samples = np.flatnonzero(used)
-    if samples.size < 2 * blocks * design.shape[1]:
+    if samples.size < 2 * BLOCKS * design.shape[1]:
         return np.broadcast_to(values[used].mean(axis=0) if samples.size else 0.0 * values[0], values.shape)
-    parts = np.array_split(samples, blocks)
+    parts = np.array_split(samples, BLOCKS)
     columns = np.column_stack([design, values])
     products = [design[part].T @ columns[part] for part in parts]
     whole = np.sum(products, axis=0)

@@ -85,7 +85,6 @@ class DirectScores:
 def endogeneity(
     products: EquationProducts,
     weights: Float[np.ndarray, "p n"],
-    averages: int | None = None,
     direct: DirectScores | None = None,
 ) -> Endogeneity | None:
     """Test of a direct estimate against an instrumental one. Performs no checks."""
@@ -120,7 +119,7 @@ def endogeneity(
     degrees = U.shape[1]
     if not degrees:
         return None
-    B = joint_averages(degrees, products.counts.size) if averages is None else averages
+    B = joint_averages(degrees, products.counts.size)
     h = h @ U
     total = h.sum(axis=0)
     statistic = quadratic_form(total, covariance_of_total(h, B))
@@ -196,11 +195,11 @@ def hansen_j(
     return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages), averages)
 
 
-def robust_over_identification(products: EquationProducts, averages: int | None = None) -> OverIdentification:
+def robust_over_identification(products: EquationProducts) -> OverIdentification:
     """J with a weight that allows for autocorrelation, from the products at an estimate."""
     T = products.whitening
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
-    B = joint_averages(degrees, products.counts.size) if averages is None else averages
+    B = joint_averages(degrees, products.counts.size)
     S = covariance_of_total(products.equation_sums @ T, B) / products.count
     return hansen_j(T.T @ products.mean_equations, T.T @ products.sensitivity, S, products.count, B)
 
@@ -268,9 +267,7 @@ class FirstStageTest(Diagnostic):
 
 
 def strength(
-    products: EquationProducts,
-    averages: int | None = None,
-    conditional: Float[np.ndarray, " n"] | None = None,
+    products: EquationProducts, conditional: Float[np.ndarray, " n"] | None = None
 ) -> FirstStageTest:
     """Strength of the instruments behind time products. Performs no checks."""
     T = products.whitening
@@ -282,7 +279,7 @@ def strength(
     if rank < count:  # some combination of the columns is not moved at all
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
         return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"), 0)
-    B = joint_averages(rank, products.counts.size) if averages is None else averages
+    B = joint_averages(rank, products.counts.size)
     scores = T.T @ (products.cross * scale - products.instruments @ (T @ a))
     scores = scores - products.counts[:, None, None] * shared
     L = cosine_averages(scores, B) / np.sqrt(B * products.count)
