@@ -9,9 +9,16 @@ from typer.testing import CliRunner
 import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.estimation.methods import by_name, identify
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
 from eivor.logs.channel_map import parse_expression
+from eivor.models.separable import LaggedReferences
 from eivor.motions.declaration import machine_text, shipped_machines
+from eivor.motions.equation import DeclaredMotion
+from eivor.motions.vertical.regression import VerticalFlight
 from eivor.signals import channels
+from eivor.signals.filters import time_derivative
 
 ROLL = """name = "roll"
 response = "ddt(p)"
@@ -117,9 +124,65 @@ def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, sec
     standstill = [finding.message for finding in fit.findings if finding.name == "standstill"]
     assert bool(standstill) == (name == "linear-axis")
     if "offset" in truth:
+        # its response is a force, of which no state follows
+        with pytest.raises(
+            UsageError, match="a motion that predicts; received 'linear-axis', which does not"
+        ):
+            ev.validate(fit, log)
+        with pytest.raises(UsageError, match=r"one of 'linear-axis'\. Others are not planned: the remedies"):
+            ev.plan(fit)
         low, high = fit.quantities["offset"].interval
         assert low - (high - low) < truth["offset"] < high + (high - low)
         assert fit.quantities["offset"].unit == "N"
+
+
+def vertical_log():
+    """A vertical motion under control, pushed by gusts; the command has a name of its own as well."""
+    step_s, count, rng = 0.01, 6000, np.random.default_rng(3)
+    asked = held(rng, count, step_s, 1.2, (1.0, 3.0))
+    speed, gust, state = 0.0, 0.0, 0.5
+    columns = np.zeros((count, 3))
+    for k in range(count):
+        command = np.clip(0.5 + 0.12 * (asked[k] - speed), 0.1, 0.9)
+        state += (command - state) * (1.0 - np.exp(-step_s / 0.05))
+        gust += 0.2 * np.sqrt(2.0 * step_s / 0.5) * rng.standard_normal() - step_s * gust / 0.5
+        force = 40.0 * state**2 - 0.4 * speed + gust
+        columns[k] = speed, force, command
+        speed += step_s * (force - 9.80665 - 0.19335)
+    columns[:, :2] += rng.standard_normal((count, 2)) * (0.01, 0.1)
+    made = dict(zip(("velocity_z", "specific_force_z", "rotor_command_1"), columns.T, strict=True))
+    made |= {"time": step_s * np.arange(count), "reference_velocity_z": asked}
+    return {**made, "motor": made["rotor_command_1"]}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("lag_s", "delay_s"), [((0.05, 0.05), (0.0, 0.0)), ((0.002, 0.3), (0.0, 0.1))])
+def test_a_declaration_of_the_vertical_motion_is_the_built_in(monkeypatch, lag_s, delay_s):
+    # the built-in motion derives the velocity by central differences, which lose 0.4 % at 2.5 Hz of 100 Hz
+    derived = property(lambda flight: time_derivative(flight.velocity, flight.signals.step_s))
+    monkeypatch.setattr(VerticalFlight, "velocity_derivative", derived)
+    machine = ev.machine(
+        "declared-vertical",
+        channels={
+            "velocity_z": "m/s",
+            "specific_force_z": {"unit": "m/s^2", "role": "response"},
+            "motor": ev.input("1"),
+            "reference_velocity_z": ev.reference("m/s"),
+        },
+        response=["specific_force_z", "ddt(velocity_z)"],
+        terms={"viscous_friction": "-velocity_z", "input_gain": ev.behind("motor**2", "motor")},
+        actuators={"motor": ev.actuator(lag_s=lag_s, delay_s=delay_s)},
+    )
+    log, vertical = ev.recording_from_columns(vertical_log()), ev.motion_by_name("vertical")
+    rule = LaggedReferences(("reference_velocity_z",), (4, 0.25))
+    flights = [(prepare(log, motion, FlightOptions()).shortened,) for motion in (vertical, machine)]
+    # the machine would choose the lags of its references by their strength
+    declared = DeclaredMotion.problem(machine, flights[1], rule)
+    built_in = vertical.problem(flights[0], rule).with_nuisances(declared.nuisances)
+    one, other = (identify(problem, by_name("reference_iv")) for problem in (built_in, declared))
+    assert one.names == other.names
+    assert one.values == pytest.approx(other.values, rel=1e-9, abs=1e-12)
+    assert one.std_errors == pytest.approx(other.std_errors, rel=1e-9)
 
 
 # -- Declarations --

@@ -386,7 +386,8 @@ class Machine(DeclaredMotion):
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         """Predictions, how much the machine moved, and the declaration in results."""
-        ahead = partial(equation_prediction, self.axes)
+        states = any(axis.state for axis in self.axes)
+        ahead = partial(equation_prediction, self.axes) if states else None
         return Abilities(
             vehicle=VehicleSupport(self._refuse_vehicle, {"machine": dict(self.record)}, lambda _: self),
             prediction=Prediction(simple_models, multi_step=ahead),
