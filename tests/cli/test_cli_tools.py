@@ -71,6 +71,7 @@ def test_draws_are_a_table(eivor, tmp_path):
         (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
         (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
         (["--to", "px"], "a target out of px4"),
+        (["--example", "--to", "px4"], "eivor identify --example --json fit.json"),
         (["--draws", "5"], "-o draws.parquet"),
         (["--draws", "0", "-o", "d.parquet"], "0 draws"),
         (["--to", "statespace", "--prior", "delay"], "a prior NAME=VALUE:STD"),

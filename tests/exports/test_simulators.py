@@ -93,7 +93,11 @@ def xml_tree(text):
 TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
 
 
-XML = ("mujoco", "pybullet", "gazebo")
+#: Files whose parsers are those of another target, or which hold less.
+OTHERS = ("px4-gazebo", "sitl")
+
+
+XML = ("mujoco", "pybullet", "gazebo", "px4-gazebo")
 
 
 #: Ends comments and strings in every format.
@@ -168,7 +172,19 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target, tmp_path):
     assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
 
 
-@pytest.mark.parametrize("target", TARGETS)
+def test_elements_of_px4_by_hand(tmp_path):
+    root = xml_tree(exported("px4-gazebo", tmp_path))
+    (constant,) = root.numbers("motor/motorConstant")
+    assert constant == pytest.approx(0.03 * GAIN / 4 * 9.8 / GRAVITY)
+    assert root.numbers("motor/momentConstant") == [0.034]
+    assert root.numbers("motor/timeConstantUp") == root.numbers("motor/timeConstantDown") == [LAG]
+    assert root.numbers("motor/maxRotVelocity") == pytest.approx([2500.0])
+    assert root.numbers("inertial/mass") == [0.03]
+    inertia = [root.numbers(f"inertial/i{axes}")[0] for axes in ("xx", "yy", "zz")]
+    assert inertia == [1.43e-5, 1.45e-5, 2.7e-5]
+
+
+@pytest.mark.parametrize("target", [*TARGETS, *OTHERS])
 def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
     plain, speeds = exported(target, tmp_path), of_speeds()
     for item in speeds["logs"], speeds["provenance"]["logs"]:
@@ -179,8 +195,23 @@ def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
     assert hostile.isascii()
     assert content(target, hostile) == content(target, without)
     assert len(hostile.splitlines()) == len(without.splitlines())
-    assert content(target, plain) != content(target, without) or target == "gazebo"
+    assert content(target, plain) != content(target, without) or "gazebo" in target  # no drag along there
     assert "drag_z is not written: viscous_friction is refused. a" in hostile
+
+
+@pytest.mark.parametrize("target", ["casadi", "statespace"])
+def test_no_name_breaks_out_of_a_model(target, tmp_path):
+    texts = []
+    for name in ("A small quadrotor", WORSE):
+        reported = of_rigid_body(KNOWN_VEHICLE | {"name": name})
+        reported["provenance"] |= {"version": name, "logs": [{"name": name, "sha256": "ab" * 32}]}
+        texts.append(ev.load_fit(written(reported, tmp_path)).export(target))
+    plain, hostile = texts
+    assert hostile.isascii()
+    if target == "casadi":
+        assert ast.dump(ast.parse(hostile)) == ast.dump(ast.parse(plain))
+    else:
+        assert json.loads(hostile)["A"] == json.loads(plain)["A"]
 
 
 def content(target, text):
@@ -189,6 +220,8 @@ def content(target, text):
         return xml_tree(text)
     if target == "sih":
         return qgc(text)
+    if target == "sitl":
+        return json.loads("\n".join(line for line in text.splitlines() if not line.startswith("#")))
     return tomllib.loads(text) if target == "drone-models" else ast.dump(ast.parse(text))
 
 

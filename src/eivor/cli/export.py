@@ -22,6 +22,7 @@ from eivor.cli.outputs import (
     complain,
     guarded,
     option,
+    reported,
     write,
     write_out,
     writing,
@@ -44,6 +45,13 @@ EXPORT_EXIT_CODES = (
     "pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). The word all writes "
     "those that the result supports into a folder, with a page."
 )
+
+
+def _no_example(wanted: bool) -> bool:
+    if wanted:
+        remedy = "Make the example's result: eivor identify --example --json fit.json."
+        raise typer.Exit(int(reported(UsageError("a result FIT.json", "--example", remedy))))
+    return wanted
 
 
 @guarded
@@ -108,6 +116,9 @@ def export(
         ),
         Writes(),
     ] = STANDARD_OUTPUT,
+    _example: Annotated[
+        bool, typer.Option("--example", hidden=True, is_eager=True, callback=_no_example)
+    ] = False,
 ) -> ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     if not to and draws is None:

@@ -105,6 +105,7 @@ GAZEBO_LACKS = (
     "quadratic drag",
     "translational lift",
 )
+PX4_GAZEBO_LACKS = (*GAZEBO_LACKS, "centre of mass beside the rotors' middle", "rotor inertia")
 #: What joints are slower than rotors; the inertia of a rotor is larger by as much.
 SLOWDOWN = 10.0
 
@@ -143,7 +144,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
 
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
-    made = describe(fitted, supplied, "a model of PX4", WITH_LARGEST, lacks=GAZEBO_LACKS)
+    made = describe(fitted, supplied, "a model of PX4", WITH_LARGEST, lacks=PX4_GAZEBO_LACKS)
     value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
     motor = {
         "timeConstantUp": value["actuator_lag"],
