@@ -26,15 +26,16 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
+from eivor.estimation.weighting import SpectralWhitening
 from eivor.lab.fractional_model import FilteredSignals, FractionalPart, Side
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, nothing_moves
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay, nothing_moves
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
 from eivor.models.separable import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments, Nuisance
 from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
-from eivor.signals.filters import first_order_lag
+from eivor.signals.filters import actuator_state, first_order_lag
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
 
@@ -449,6 +450,11 @@ class Throttle:
         ]
 
 
+def lagged(values, nuisance_values):
+    lag_s, delay_s = nuisance_values["actuator_lag"], nuisance_values["delay"]
+    return actuator_state(values, step_s=RUN_STEP_S, lag_s=lag_s, delay_s=delay_s)
+
+
 def columns(seed, *, candidates=1, instruments=4, **more):
     rng = np.random.default_rng(seed)
     values = rng.standard_normal((600, 2 + candidates + instruments))
@@ -484,6 +490,35 @@ def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run()
                 mean = wanted.mean() if intercepts else 0.0
                 np.testing.assert_allclose(entry, wanted - mean, atol=1e-13)
         assert start == rows.response.size
+
+
+def test_columns_between_lags_and_delays_are_those_that_a_filter_makes():
+    """Products of interpolated columns are those of columns filtered at each lag and delay, in whole steps or not."""
+    item = columns(3)
+    item = replace(item, moving=functools.partial(lagged, item.moving.throttle[:, None]), linear=True)
+    nuisances = lag_and_delay(np.geomspace(0.004, 0.15, 9), (0.0, 0.01, 0.03, 0.05))
+    problem = LaggedRuns((item, replace(item, axis=1)), PAIR, nuisances)
+    direct = LaggedRuns((replace(item, linear=False), replace(item, axis=1)), PAIR, nuisances)
+    assert problem.interpolation is not None
+    assert direct.interpolation is None
+    points = [
+        {"actuator_lag": lag, "delay": delay}
+        for lag in (0.004, 0.0123, 0.15)
+        for delay in (0.0, 0.0071, 0.05)
+    ]
+    weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[4])
+    plain = replace(weights, problem=direct)
+    np.testing.assert_allclose(weights.products(points), plain.products(points), rtol=1e-8, atol=1e-9)
+    for seen, wanted in zip(
+        weights.sums(points, weights.basis), plain.sums(points, weights.basis), strict=True
+    ):
+        for one, other in zip(seen, wanted, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8 * np.abs(other).max())
+    # the same as every column by itself
+    for point, product in zip(points, plain.products(points), strict=True):
+        rows = plain.rows(point)
+        both = np.column_stack([rows.regressors, rows.response])
+        np.testing.assert_allclose(product, rows.instruments.T @ both / rows.response.size, atol=1e-12)
 
 
 def test_instruments_of_an_axis_are_not_those_of_another():

@@ -391,9 +391,18 @@ def _minimum(method: LinearMethod, problem: SeparableProblem, weights: WeightedR
             return method.solver.objectives(weights.products(points))
         return np.array([solve(point).solution.objective for point in points])
 
+    def solution(values: Values) -> Solution:
+        if not method.plain_products:
+            return solve(values).solution
+        matrix = weights.products([values])[0]
+        try:
+            return method.solver.solve(LinearSystem(matrix[:, :-1], matrix[:, -1]))
+        except CollinearError:
+            return solve(values).solution  # an error that names the parameters
+
     return minimised(
         problem.nuisances,
-        lambda values: solve(values).solution,
+        solution,
         objectives,
         lambda values: solve(values).objective_unit(),
         coarse=weights.renewal is not None,

@@ -244,7 +244,7 @@ class CombinedProblem(SeparableProblem):
         return replace(bins, responses=combined)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PairRows(WhitenedRows):
     """Rows of one pass, by a noise model that was fitted to residuals."""
 

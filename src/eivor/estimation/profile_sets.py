@@ -17,7 +17,7 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
-from eivor.estimation.weighting import WeightedRows
+from eivor.estimation.weighting import WeightedRows, WhitenedRows
 from eivor.inference.anderson_rubin import Allowed, allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import (
@@ -72,8 +72,10 @@ def products_at(
 
 #: Places between two nodes at which minima are looked for.
 BETWEEN = 4
-#: Points and rounds of a closer look: each round is finer by half the points.
-SCAN_POINTS, SCAN_ROUNDS = 17, 6
+#: Points and rounds of a closer look at minima: each round is finer by half the points.
+SCAN_POINTS, SCAN_ROUNDS = 9, 6
+#: Most steps to a place where J is at a bound, but for a share of that.
+ROOT_ROUNDS, ROOT_SHARE = 16, 1e-10
 #: Places over each stretch of a nuisance, closer towards its ends.
 POSITIONS = 65
 #: Places at which a profile over further nuisances is compared with its bound.
@@ -82,6 +84,7 @@ PROFILE_POINTS = 2001
 Forms = Float[np.ndarray, "F m b b"]
 Rows = Int[np.ndarray, " R"]
 Places = Float[np.ndarray, "R k"]
+Edges = Float[np.ndarray, " E"]
 
 
 @dataclass(frozen=True)
@@ -274,33 +277,51 @@ class Criterion:
         """Least J of each slice."""
         return np.array([J.min() for _, J in self._scanned])
 
+    def _edges(
+        self, rows: Rows, bound: float, inside: Edges, outside: Edges, within: Edges, beyond: Edges
+    ) -> Edges:
+        """Places at which J meets a bound, between those inside and outside, by the Illinois rule."""
+        within, beyond = within - bound, beyond - bound
+        last = np.zeros(rows.size)
+        for _ in range(ROOT_ROUNDS if rows.size and self._axis is not None else 0):
+            apart = np.where(beyond > within, beyond - within, 1.0)
+            place = inside + np.where(beyond > within, -within / apart, 0.0) * (outside - inside)
+            excess = self.least_at(rows, place[:, None])[:, 0] - bound
+            fits = excess <= 0.0
+            side = np.where(fits, 1.0, -1.0)
+            # the end that stays a second time counts half
+            halved = np.where(side == last, 0.5, 1.0)
+            inside, within = np.where(fits, place, inside), np.where(fits, excess, halved * within)
+            outside, beyond = np.where(fits, outside, place), np.where(fits, halved * beyond, excess)
+            last = side
+            if np.all((within >= -ROOT_SHARE * bound) | (inside == outside)):
+                break
+        return inside
+
     def stretches(self, bound: float) -> tuple[Rows, Places, Bool[np.ndarray, " R"]]:
         """Number of the slice, places, and whether J would stay below the bound beyond, of each stretch."""
         stretches = []
         for number, (positions, J) in enumerate(self._scanned):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], bound >= J, [False]]))).reshape(-1, 2)
-            stretches += [(number, positions, start, stop) for start, stop in edges.tolist()]
+            stretches += [(number, positions, J, start, stop) for start, stop in edges.tolist()]
         rows = np.array([number for number, *_ in stretches], dtype=np.int64)
-        inside = np.array([positions[[start, stop - 1]] for _, positions, start, stop in stretches]).ravel()
-        outside = np.array(
-            [
-                positions[[max(start - 1, 0), min(stop, positions.size - 1)]]
-                for _, positions, start, stop in stretches
-            ]
-        ).ravel()
-        for _ in range(SCAN_ROUNDS if rows.size and self._axis is not None else 0):
-            places = np.linspace(inside, outside, SCAN_POINTS, axis=1)
-            out = np.argmax(self.least_at(np.repeat(rows, 2), places[:, 1:]) > bound, axis=1)
-            inside, outside = (places[np.arange(out.size), out + step] for step in (0, 1))
+        ends = np.zeros((4, 0, 2))
+        if stretches:
+            index = [([a, b - 1], [max(a - 1, 0), min(b, x.size - 1)]) for _, x, _, a, b in stretches]
+            both = [(x[i], x[o], J[i], J[o]) for (_, x, J, *_), (i, o) in zip(stretches, index, strict=True)]
+            ends = np.array(both).swapaxes(0, 1)
+        inside = self._edges(np.repeat(rows, 2), bound, *ends.reshape(4, -1))
         turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(POSITIONS) / (POSITIONS - 1))
         within = [
             np.unique(np.concatenate([low + (high - low) * turned, positions[start:stop]]))
-            for (_, positions, start, stop), (low, high) in zip(stretches, inside.reshape(-1, 2), strict=True)
+            for (_, positions, _, start, stop), (low, high) in zip(
+                stretches, inside.reshape(-1, 2), strict=True
+            )
         ]
         most = max((item.size for item in within), default=0)
         padded = np.array([np.append(item, np.full(most - item.size, item[-1])) for item in within])
         positive = self._axis is not None and self._axis.nuisance.positive
-        cut_short = [positive and stop == positions.size for _, positions, _, stop in stretches]
+        cut_short = [positive and stop == positions.size for _, positions, *_, stop in stretches]
         return rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
 
     # -- sets ------------------------------------------------------------------------------------------------
@@ -428,11 +449,11 @@ class ProfileSets:
         rows, position = estimate.rows, parameters.index(name)
         involved = rows.regressors[:, position] != 0.0
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
-        criterion, instruments = self._of_all_rows, rows.instruments
+        criterion, instruments = self._of_all_rows, np.eye(rows.instruments.shape[1])
         if not (involved.all() and moving.size == len(parameters)):
             if not involved.all():
-                basis, sizes, _ = np.linalg.svd(instruments[involved], full_matrices=False)
-                instruments = basis[:, sizes > INDEPENDENT]
+                _, sizes, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
+                instruments = V[sizes > INDEPENDENT].T / sizes[sizes > INDEPENDENT]
             criterion, position = (
                 self._criterion(involved, moving, instruments),
                 int(np.sum(moving < position)),
@@ -485,32 +506,44 @@ class ProfileSets:
     @cached_property
     def _of_all_rows(self) -> Criterion:
         rows = self.estimate.rows
-        every, regressors = np.ones(rows.response.size, dtype=np.bool_), np.arange(rows.regressors.shape[1])
-        return self._criterion(every, regressors, rows.instruments)
+        every = np.ones(rows.response.size, dtype=np.bool_)
+        return self._criterion(every, np.arange(rows.regressors.shape[1]), np.eye(rows.instruments.shape[1]))
 
     @cached_property
-    def _weights(self) -> WeightedRows:
+    def _weights(self) -> WhitenedRows:
         weighting = cast("LinearMethod", by_name(self.estimate.method).of_flights).row_weighting
-        return weighting.last_pass(self.problem, self.estimate.theta, self.estimate.nuisances)
+        made = weighting.last_pass(self.problem, self.estimate.theta, self.estimate.nuisances)
+        return cast("WhitenedRows", made)
 
     @cached_property
-    def _columns(self) -> Float[np.ndarray, "points rows n_plus_1"]:
-        """[phi y] at every node."""
-        return self._weights.columns(self.nodes.points)
+    def _sums(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """First row, Q' [phi y] and [phi y]' [phi y] of the runs with the same regressors, at every node."""
+        rows, start = self.estimate.rows, 0
+        made: dict[bytes, tuple[int, np.ndarray, np.ndarray]] = {}
+        sums = self._weights.sums(self.nodes.points, rows.instruments)
+        for run, (E, P) in zip(cast("BinRows", rows.layout).runs, sums, strict=True):
+            key = rows.regressors[start : start + 2 * run.count].any(axis=0).tobytes()
+            first, *known = made.get(key, (start, 0.0, 0.0))
+            made[key] = (first, known[0] + E, known[1] + P)
+            start += 2 * run.count
+        return list(made.values())
 
     def _criterion(
         self,
         rows: Bool[np.ndarray, " rows"],
         regressors: Int[np.ndarray, " own"],
-        instruments: Float[np.ndarray, "own_rows q"],
+        instruments: Float[np.ndarray, "q own"],
     ) -> Criterion:
-        """J of some rows, regressors and instruments."""
-        theta, columns = self.estimate.theta, self._columns[:, rows]
-        residual = columns[:, :, -1] - columns[:, :, :-1] @ theta
-        columns = np.concatenate([residual[:, :, None], columns[:, :, regressors]], axis=2)
-        equations, power = instruments.T @ columns, columns.transpose(0, 2, 1) @ columns
-        count = columns.shape[1]
-        member = PoolMember(self.problem, self._weights, theta[regressors], equations, power, count)
+        """J of some rows, regressors and combinations of instruments."""
+        parts, theta = [item for item in self._sums if rows[item[0]]], self.estimate.theta
+        change = np.zeros((theta.size + 1, regressors.size + 1))
+        change[:, 0] = np.append(-theta, 1.0)
+        change[regressors, np.arange(1, regressors.size + 1)] = 1.0
+        equations = instruments.T @ sum(E for _, E, _ in parts) @ change
+        power = change.T @ sum(P for *_, P in parts) @ change
+        member = PoolMember(
+            self.problem, self._weights, theta[regressors], equations, power, int(np.count_nonzero(rows))
+        )
         return Criterion((member,), (), self.nodes, known_priors(self.nodes), self.estimate.nuisances)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -194,10 +196,6 @@ class WeightedRows:
         """Weighted rows at values of the nuisances."""
         return self.problem.rows(nuisances)
 
-    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
-        """Weighted rows of [phi y] at many values of the nuisances."""
-        return np.stack([_columns(self.rows(point)) for point in points])
-
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances."""
         made = (self.rows(point) for point in points)
@@ -252,7 +250,7 @@ class EqualRows(RowWeighting):
 POWER_FLOOR = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
@@ -272,18 +270,66 @@ class WhitenedRows(WeightedRows):
         return replace(whitened, regressor_noise=noise)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
-        """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
-        rows = self._side_by_side(points)
-        return _of_points(self.basis.T @ rows / rows.shape[0], len(points))
+        """Mean of psi [phi' y] at many values of the nuisances."""
+        between = self.problem.interpolation
+        if between is None:
+            return self._products(points)
+        return np.tensordot(between.weights(points), self._at_nodes, 1)
 
-    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
-        """Whitened rows of [phi y] at many values of the nuisances."""
-        return _of_points(self._side_by_side(points), len(points))
+    @cached_property
+    def _at_nodes(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
+        """The same where columns are interpolated from."""
+        between = self.problem.interpolation
+        return self._products([] if between is None else between.points)
 
-    def _side_by_side(self, points: Sequence[Values]) -> Float[np.ndarray, "rows columns"]:
-        """Whitened rows: the response, and the regressors of one point after the other."""
-        moved = self.problem.many_bins(points)
-        return moved[0].whitened_rows(self.blend, self.power, np.column_stack([b.regressors for b in moved]))
+    def _products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        made = [self._of_run(len(points), *run) for run in self._runs(points, self.basis)]
+        return np.asarray(sum(made) / self.basis.shape[0])
+
+    @staticmethod
+    def _of_run(
+        points: int, functions: np.ndarray, known: np.ndarray, at: np.ndarray, own: np.ndarray, X: np.ndarray
+    ) -> Float[np.ndarray, "points q n_plus_1"]:
+        """Q' [phi y] of a run."""
+        E = np.zeros((points, functions.shape[1], at[-1] + 1))
+        E[:, :, at] = functions.T @ known.T
+        E[:, :, own] = (X @ functions).transpose(0, 2, 1)
+        return E
+
+    def _runs(self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]) -> Iterator[Any]:
+        """Of each run rows of Q, columns that stay and their places, places of those that move, and these."""
+        first, still, start = self.problem.bins(points[0]), self.problem.still, 0
+        response = (1.0 - self.blend) * first.responses[:, 0] + self.blend * first.responses[:, -1]
+        fixed = np.column_stack([first.regressors[:, :still], response]).T / np.sqrt(self.power)
+        at = np.append(np.arange(still), first.regressors.shape[1])
+        for run, (own, X) in zip(first.layout.runs, self.problem.moved_runs(points), strict=True):
+            here = slice(start, start + run.count)
+            known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
+            rows = slice(2 * here.start, 2 * here.stop)
+            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, own, X * weight
+            start = here.stop
+
+    def sums(
+        self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Q' [phi y] and [phi y]' [phi y] of each run, at many values of the nuisances."""
+        between = self.problem.interpolation
+        nodes = points if between is None else between.points
+        W = None if between is None else between.weights(points)
+        for functions, known, at, own, X in self._runs(nodes, basis):
+            E, P = (
+                self._of_run(len(nodes), functions, known, at, own, X),
+                np.zeros((len(points), *2 * (at[-1] + 1,))),
+            )
+            cross = X @ known.T
+            if W is None:
+                power = X @ X.transpose(0, 2, 1)
+            else:
+                E, cross = (np.tensordot(W, item, 1) for item in (E, cross))
+                power = np.einsum("tajb,tj->tab", np.tensordot(W, np.tensordot(X, X, (2, 2)), 1), W)
+            P[:, at[:, None], at], P[:, own[:, None], own] = known @ known.T, power
+            P[:, own[:, None], at], P[:, at[:, None], own] = cross, cross.transpose(0, 2, 1)
+            yield E, P
 
     @property
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WhitenedRows] | None:
@@ -292,13 +338,6 @@ class WhitenedRows(WeightedRows):
 
     def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
-
-
-def _of_points(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
-    """[phi y] of each point, from the response and the regressors of all of them side by side."""
-    response = np.broadcast_to(rows[:, :1], (points, rows.shape[0], 1))
-    regressors = rows[:, 1:].reshape(rows.shape[0], points, -1).transpose(1, 0, 2)
-    return np.concatenate([regressors, response], axis=2)
 
 
 @dataclass(frozen=True, slots=True)

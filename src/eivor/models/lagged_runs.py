@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
-from eivor.models.separable import Nuisance, SeparableProblem, Values, WarmStart
+from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, detrended, trend
 from eivor.tools import Bool, Complex, Float
 
@@ -79,16 +80,80 @@ class AxisColumns:
     valid: Bool[np.ndarray, " n"] | None = None
     #: Which of the other parameters `moving` gives columns of, where the equation has but some. Default: all.
     moved: tuple[int, ...] | None = None
+    linear: bool = False  # Whether what moves is linear in actuators that lag behind held commands
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
         """Samples of a run that count; None for all."""
         return None if self.valid is None or self.valid[run].all() else self.valid[run]
+
+    def spectral(self, run: slice) -> SpectralRun:
+        """The run and its bins."""
+        length, counted = run.stop - run.start, self.counted(run)
+        return SpectralRun(self.flight, length, self.step_s, self.band_hz, self.axis, run.start, counted)
 
 
 def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
     """Return the moving columns of an equation that has none, over so many samples."""
     nothing = np.empty((count, 0))
     return lambda _at: nothing
+
+
+#: Share of columns that interpolation between lags may take.
+INTERPOLATION_ERROR = 1e-9
+#: A lag that leaves the held input as it is [s].
+NO_LAG_S = 1e-9
+#: Most lags times delays of them: more take longer than a search.
+MOST_INTERPOLATED = 400
+
+
+@dataclass(frozen=True)
+class LagsAndDelays(Interpolation):
+    """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between."""
+
+    ends: tuple[float, float]  # Logarithms of the least and the longest lag [s]
+    lags: int
+    step_s: float
+    delays: int
+
+    @classmethod
+    def of_grids(cls, lag: Nuisance, delay: Nuisance, step_s: float) -> LagsAndDelays:
+        """For all values of two grids."""
+        low, high = np.log(lag.around(lag.first)[0]), np.log(lag.around(float(lag.grid[-1]))[1])
+        # 1/(1 + i w tau) has its poles pi/2 from the line of log tau
+        reach = np.pi / (high - low)
+        count = np.ceil(-np.log(INTERPOLATION_ERROR) / np.log(reach + np.hypot(reach, 1.0)))
+        return cls((low, high), int(count), step_s, int(np.ceil(delay.grid[-1] / step_s - 1e-9)) + 1)
+
+    @cached_property
+    def _nodes(self) -> Float[np.ndarray, " lags"]:
+        return np.cos(np.pi * np.arange(self.lags) / (self.lags - 1))
+
+    @cached_property
+    def points(self) -> list[dict[str, float]]:  # type: ignore[override]
+        """Every lag with every delay, which varies first."""
+        low, high = self.ends
+        lags = np.exp(0.5 * (low + high) + 0.5 * (high - low) * self._nodes)
+        delays = self.step_s * np.arange(self.delays)
+        return [{ACTUATOR_LAG.name: a, DELAY.name: d} for a in lags.tolist() for d in delays.tolist()]
+
+    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
+        """See `Interpolation.weights`."""
+        lags, steps = (
+            np.array([point[name] for point in points]) for name in (ACTUATOR_LAG.name, DELAY.name)
+        )
+        low, high = self.ends
+        away = ((2.0 * np.log(lags) - low - high) / (high - low))[:, None] - self._nodes
+        ends = np.where(np.isin(np.arange(self.lags), (0, self.lags - 1)), 0.5, 1.0)
+        of_lag = (-1.0) ** np.arange(self.lags) * ends / np.where(away == 0.0, 1e-300, away)
+        of_lag /= of_lag.sum(axis=1, keepdims=True)
+        steps = steps / self.step_s
+        whole = np.minimum(np.floor(steps + 1e-9).astype(np.int64), self.delays - 2)
+        decay = self.step_s / lags
+        earlier = np.expm1((np.maximum(steps - whole, 0.0) - 1.0) * decay) / np.expm1(-decay)
+        of_delay = np.zeros((lags.size, self.delays))
+        of_delay[np.arange(lags.size), whole] = earlier
+        of_delay[np.arange(lags.size), whole + 1] = 1.0 - earlier
+        return (of_lag[:, :, None] * of_delay[:, None, :]).reshape(lags.size, -1)
 
 
 @dataclass(frozen=True)
@@ -136,6 +201,58 @@ class LaggedRuns(SeparableProblem):
     def axes(self) -> tuple[int, ...]:
         """Numbers of the axes, increasing."""
         return tuple(sorted({column.axis for column in self.columns}))
+
+    @property
+    def still(self) -> int:
+        """Number of fixed columns."""
+        return self.columns[0].fixed.shape[1]
+
+    @cached_property
+    def interpolation(self) -> LagsAndDelays | None:
+        """Lags and delays between which columns are taken, where both are searched for and it pays."""
+        searched, steps = [item for item in self.nuisances if item.searched], {c.step_s for c in self.columns}
+        names = [item.name for item in searched]
+        if not all(column.linear for column in self.columns) or len(steps) > 1:
+            return None
+        if names != [ACTUATOR_LAG.name, DELAY.name] or len(self.nuisances) > 2 or searched[1].first < 0.0:
+            return None
+        made = LagsAndDelays.of_grids(searched[0], searched[1], steps.pop())
+        count = made.lags * made.delays
+        numbers = count * sum(run.count for run in self._bin_layout.runs) * len(self.parameters)
+        return made if count <= MOST_INTERPOLATED and numbers <= MEMO_NUMBERS else None
+
+    def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
+        """See `SeparableProblem.moved_runs`."""
+        between = self.interpolation
+        return (
+            super().moved_runs(points)
+            if between is None or points is not between.points
+            else iter(self._moved)
+        )
+
+    @cached_property
+    def _moved(self) -> list[MovedRun]:
+        """What moves in each run where columns are interpolated from.
+
+        w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1): whatever is linear in the state
+        at a delay of k steps follows from that at k + 1, and from the input without a lag.
+        """
+        between, runs, results = cast("LagsAndDelays", self.interpolation), iter(self._bin_layout.runs), []
+        last = between.points[between.delays - 1 :: between.delays]
+        decay = np.exp([[[-between.step_s / point[ACTUATOR_LAG.name]]] for point in last])
+        inputs = [{**point, ACTUATOR_LAG.name: NO_LAG_S} for point in between.points[: between.delays - 1]]
+        for item in self.columns:
+            made = [item.moving(point) for point in (*inputs, *last)]
+            own = self.still + np.array(self._positions(item), dtype=np.int64)
+            for run in item.runs:
+                spectra = next(runs).spectrum(np.concatenate([part[run].T for part in made]).T).T
+                seen = np.concatenate([spectra.real, spectra.imag], axis=1).reshape(len(made), own.size, -1)
+                X = np.empty((len(last), between.delays, *seen.shape[1:]))
+                X[:, -1] = seen[len(inputs) :]
+                for k in range(len(inputs) - 1, -1, -1):
+                    X[:, k] = seen[k] + decay * (X[:, k + 1] - seen[k])
+                results.append((own, X.reshape(-1, *seen.shape[1:])))
+        return results
 
     def combined(
         self,
@@ -245,11 +362,7 @@ class LaggedRuns(SeparableProblem):
 
     @cached_property
     def _bin_layout(self) -> BinRows:
-        def spectral(item: AxisColumns, run: slice) -> SpectralRun:
-            length, counted = run.stop - run.start, item.counted(run)
-            return SpectralRun(item.flight, length, item.step_s, item.band_hz, item.axis, run.start, counted)
-
-        return BinRows(tuple(spectral(item, run) for item, run in self._cut()))
+        return BinRows(tuple(item.spectral(run) for item, run in self._cut()))
 
     def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
         runs = self._bin_layout.runs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
@@ -15,7 +15,7 @@ from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import delayed_by, first_order_lag
 from eivor.signals.signals import Signals
-from eivor.tools import Float
+from eivor.tools import Float, Int
 
 #: Successive first-order lags of each reference: how many, and their time constant [s].
 REFERENCE_LAGS = {
@@ -284,6 +284,20 @@ class WarmStart:
     nuisances: Values  # Every nuisance's value
 
 
+#: Places of the columns that move in a run, and their real rows at each point.
+MovedRun = tuple[Int[np.ndarray, " m"], Float[np.ndarray, "points m rows"]]
+
+
+class Interpolation(ABC):
+    """Columns at any values of the nuisances as sums of those at some."""
+
+    points: list[dict[str, float]]  # Where columns are made
+
+    @abstractmethod
+    def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
+        """What the columns at each of `points` count."""
+
+
 class SeparableProblem(ABC):
     """A regression for each value of the nuisances."""
 
@@ -305,6 +319,25 @@ class SeparableProblem(ABC):
     def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
         """Rows in frequency at many values of the nuisances, which some problems make together."""
         return [self.bins(point) for point in points]
+
+    @property
+    def still(self) -> int:
+        """So many columns, the first, are the same at all values of the nuisances."""
+        return 0
+
+    @property
+    def interpolation(self) -> Interpolation | None:
+        """How columns at all values follow from those at some; by default they do not."""
+        return None
+
+    def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
+        """What moves in each run, at many values of the nuisances."""
+        moved, start = self.many_bins(points), 0
+        for run in moved[0].layout.runs:
+            seen = np.stack([item.regressors[start : start + run.count, self.still :].T for item in moved])
+            own = np.flatnonzero(seen.any(axis=(0, 2)))
+            yield self.still + own, np.concatenate([seen[:, own].real, seen[:, own].imag], axis=2)
+            start += run.count
 
     def sampled_state(self, _at: Values, /) -> SampledState | None:
         """The state whose derivative the candidates for the response are; by default there is none."""

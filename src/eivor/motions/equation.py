@@ -69,6 +69,13 @@ class Term:
         return not self.expression.columns
 
     @property
+    def is_linear(self) -> bool:
+        """Whether it is a channel, or a derivative of one."""
+        return len(self.expression.columns) == 1 and not any(
+            isinstance(step, float | np.ufunc) for step in self.expression.steps
+        )
+
+    @property
     def is_steady(self) -> bool:
         """Whether it moves, and by no actuator."""
         return not (self.behind or self.is_intercept)
@@ -226,6 +233,7 @@ class DeclaredMotion(Motion[LaggedRuns]):
                         flight.band_hz,
                         flight.usable,
                         tuple(moving.index(term.parameter) for term in axis.terms if term.behind),
+                        all(term.is_linear for term in axis.terms if term.behind),
                     )
                 )
         step_s = max((column.step_s for column in columns), default=0.0)
