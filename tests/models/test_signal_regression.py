@@ -493,7 +493,7 @@ def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run()
 
 
 def test_columns_between_lags_and_delays_are_those_that_a_filter_makes():
-    """Products of interpolated columns are those of columns filtered at each lag and delay, in whole steps or not."""
+    """Products of interpolated columns are those of columns filtered at each lag and delay."""
     item = columns(3)
     item = replace(item, moving=functools.partial(lagged, item.moving.throttle[:, None]), linear=True)
     nuisances = lag_and_delay(np.geomspace(0.004, 0.15, 9), (0.0, 0.01, 0.03, 0.05))

@@ -21,8 +21,6 @@ DELAY = Parameter("delay", "s")
 
 #: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
 MEMO_NUMBERS = 10_000_000
-#: Numbers of moving columns in time that are taken to bins together.
-TOGETHER_NUMBERS = 1_000_000
 
 #: Band of spectral rows [Hz].
 BAND_HZ = (0.04, 5.0)
@@ -419,24 +417,6 @@ class LaggedRuns(SeparableProblem):
                 series = run.series(columns[end - run.count : end])
                 results.append(series if run.counted is None else series[run.counted])
         return np.concatenate(results)
-
-    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
-        """Rows in frequency at many values; as much of what moves as is remembered is made together."""
-        bins = sum(run.count for run in self._bin_layout.runs)
-        size = max(bins * (len(self.parameters) - self.columns[0].fixed.shape[1]), 1)
-        new = [point for point in points if self._key(point) not in self._moving_bins]
-        new = new[: max(MEMO_NUMBERS // size - len(self._moving_bins), 0)]
-        samples = sum(run.stop - run.start for _, run in self._cut())
-        count = max(TOGETHER_NUMBERS // samples, 1)
-        for first in range(0, len(new), count):
-            together = new[first : first + count]
-            blocks = zip(*(self._moving(item) for item in together), strict=True)
-            # each column is one stretch of memory, as it is when it is alone
-            spectra = self._spectra([np.concatenate([item.T for item in block]).T for block in blocks])
-            each = zip(*(np.split(spectrum, len(together), axis=1) for spectrum in spectra), strict=True)
-            for entry, element in zip(together, each, strict=True):
-                self._moving_bins[self._key(entry)] = np.concatenate(self._among_all(list(element)))
-        return [self.bins(point) for point in points]
 
     def _key(self, nuisances: Values) -> tuple[float, ...]:
         return tuple(nuisances[nuisance.name] for nuisance in self.nuisances)

@@ -316,10 +316,6 @@ class SeparableProblem(ABC):
     def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
 
-    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
-        """Rows in frequency at many values of the nuisances, which some problems make together."""
-        return [self.bins(point) for point in points]
-
     @property
     def still(self) -> int:
         """So many columns, the first, are the same at all values of the nuisances."""
@@ -332,7 +328,7 @@ class SeparableProblem(ABC):
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
         """What moves in each run, at many values of the nuisances."""
-        moved, start = self.many_bins(points), 0
+        moved, start = [self.bins(point) for point in points], 0
         for run in moved[0].layout.runs:
             seen = np.stack([item.regressors[start : start + run.count, self.still :].T for item in moved])
             own = np.flatnonzero(seen.any(axis=(0, 2)))
