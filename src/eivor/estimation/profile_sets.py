@@ -535,7 +535,7 @@ class ProfileSets:
         instruments: Float[np.ndarray, "q own"],
     ) -> Criterion:
         """J of some rows, regressors and combinations of instruments."""
-        parts, theta = [item for item in self._sums if rows[item[0]]], self.estimate.theta
+        parts, theta = [item for item in self._sums if rows[item[0] : item[0] + 1].any()], self.estimate.theta
         change = np.zeros((theta.size + 1, regressors.size + 1))
         change[:, 0] = np.append(-theta, 1.0)
         change[regressors, np.arange(1, regressors.size + 1)] = 1.0
