@@ -316,7 +316,8 @@ def _layout(lines: _Lines) -> _Layout:
 def _units_row(lines: _Lines, names: Sequence[str]) -> dict[str, str]:
     """Units of the columns by the next line, which is read where it holds one of them and no number."""
     begin, number = lines.stream.tell(), lines.number
-    cells = [cell.strip(" []()\r\n") for cell in lines.fields(lines.line())]
+    texts = lines.line().decode("utf-8", "replace").split(lines.delimiter)  # no unit needs quotes
+    cells = [text.strip(' "[]()\r\n') for text in texts]
     units = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
     if any(map(known_unit, units.values())) and not any(map(_is_number, cells)):
         return {name: known_unit(cell) or cell for name, cell in units.items()}
