@@ -61,6 +61,7 @@ from eivor.motions.rigid_body.verdict import (
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
+from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
 

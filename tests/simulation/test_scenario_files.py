@@ -38,6 +38,7 @@ from eivor.simulation.excitation import (
 )
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.vertical import simulate_vertical_flights
+from eivor.strict_toml import read_toml
 from validation.pages import page_with
 
 TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
