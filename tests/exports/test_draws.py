@@ -35,7 +35,10 @@ LAW_DRAWS = 100_000
 
 @pytest.mark.parametrize("degrees", [5.0, 8.0, None])
 def test_marginal_laws_and_correlations(degrees, tmp_path):
-    draws = ev.load_fit(written(document(degrees), tmp_path)).sample(LAW_DRAWS, seed=3)
+    reported = document(degrees)
+    for name in JOINT:  # nothing beyond the covariance
+        reported["parameters"][name]["interval"] = [NUMBERS[name][0]] * 2
+    draws = ev.load_fit(written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
     assert list(draws) == list(JOINT)
     edge = stats.norm.ppf(0.975) if degrees is None else stats.t.ppf(0.975, degrees)
     scaled = [(draws[name] - NUMBERS[name][0]) / NUMBERS[name][1] for name in JOINT]
@@ -43,6 +46,16 @@ def test_marginal_laws_and_correlations(degrees, tmp_path):
         assert np.median(item) == pytest.approx(0.0, abs=0.002)
         assert np.quantile(item, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
+
+
+def test_what_a_printed_interval_has_beyond_the_covariance_is_drawn(tmp_path):
+    reported = document(degrees=None)
+    value, std_error = NUMBERS["viscous_friction"]
+    printed = [value - 5.0 * std_error, value + 3.0 * std_error]
+    reported["parameters"]["viscous_friction"]["interval"] = printed
+    draws = ev.load_fit(written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
+    ends = (np.quantile(draws["viscous_friction"], [0.025, 0.975]) - value) / std_error
+    np.testing.assert_allclose(ends, [-5.0, 3.0], atol=0.08)
 
 
 def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path):

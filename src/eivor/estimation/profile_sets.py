@@ -532,7 +532,7 @@ class ProfileSets:
         self,
         rows: Bool[np.ndarray, " rows"],
         regressors: Int[np.ndarray, " own"],
-        instruments: Float[np.ndarray, "q own"],
+        instruments: Float[np.ndarray, "p q"],
     ) -> Criterion:
         """J of some rows, regressors and combinations of instruments."""
         parts, theta = [item for item in self._sums if rows[item[0] : item[0] + 1].any()], self.estimate.theta

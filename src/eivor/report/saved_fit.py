@@ -20,7 +20,7 @@ from eivor.exports.targets import randomisation_by_name, target_by_name
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
-from eivor.inference.distributions import check_level
+from eivor.inference.distributions import check_level, normal_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
@@ -130,9 +130,9 @@ class SavedFit:
         """Draw joint sets of the parameters.
 
         Each is drawn by the law that its interval is read from, Student's t with the degrees of freedom of
-        the covariance, and they are correlated as the covariance says. What cannot be below a bound is put
-        there, as its interval is cut; of a delay the lag makes up for it. Systematic parts of intervals are
-        not drawn.
+        the covariance, and they are correlated as the covariance says. What its printed interval has beyond
+        that, such as systematic parts, is drawn independently. What cannot be below a bound is put there, as
+        its interval is cut; of a delay the lag makes up for it.
 
         Parameters
         ----------
@@ -163,6 +163,9 @@ class SavedFit:
             )
         rng, lowest = np.random.default_rng(seed), [self._lowest(name) for name in self.names]
         drawn = joint_draws(self.joint.values, self.joint.covariance, n, rng)
+        below, above = np.array([self._beyond_covariance(name) for name in self.names]).T
+        normal = rng.standard_normal(drawn.shape)
+        drawn += np.where(normal < 0.0, below, above) * normal
         draws = dict(zip(self.names, drawn.T, strict=True))
         if {ACTUATOR_LAG.name, DELAY.name} <= draws.keys():
             both = draws[ACTUATOR_LAG.name] + draws[DELAY.name]
@@ -277,6 +280,16 @@ class SavedFit:
     def _lowest(self, name: str) -> float:
         parameter = self.document.parameters.get(name)
         return -math.inf if parameter is None else _number(parameter.lowest, -math.inf)
+
+    def _beyond_covariance(self, name: str) -> tuple[float, float]:
+        """Standard deviations, below and above, of what the printed interval has beyond the covariance's."""
+        if name not in self.quantities or name == DELAY.name:  # what shifts both is drawn with the lag
+            return 0.0, 0.0
+        quantity, (low, high) = self.quantities[name], self._wald(name, 0.95)
+        ends = zip(quantity.interval, (low, high), strict=True)
+        squares = ((printed - quantity.value) ** 2 - (end - quantity.value) ** 2 for printed, end in ends)
+        below, above = (math.sqrt(max(square, 0.0)) / normal_quantile(0.95) for square in squares)
+        return (below if math.isfinite(below) else 0.0), (above if math.isfinite(above) else 0.0)
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         index = self.names.index(name)
