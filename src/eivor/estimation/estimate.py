@@ -373,8 +373,7 @@ class Estimate:
             When there is no parameter of that name.
         """
         direction = self.direction(name)
-        value = float(direction @ self.values)
-        return max(part.p_value(direction, value) for part in self.joint_covariance.parts)
+        return self.joint_covariance.p_value(direction, float(direction @ self.values))
 
     @property
     def params(self) -> dict[str, float]:
@@ -408,12 +407,12 @@ class Estimate:
 
         columns: dict[str, list[str] | list[float]] = {
             "parameter": list(self.names),
-            "value": [self.parameters[name] for name in self.names],
+            "value": list(self.parameters.values()),
             "unit": list(self.units),
         }
         if self.has_covariance:
-            intervals = [self.interval(name) for name in self.names]
-            columns["std_error"] = [self.std_error(name) for name in self.names]
+            intervals = self.conf_int().values()
+            columns["std_error"] = list(self.std_errors.values())
             columns["low"] = [low for low, _ in intervals]
             columns["high"] = [high for _, high in intervals]
         return pl.DataFrame(columns)

@@ -317,10 +317,8 @@ class WhitenedRows(WeightedRows):
         nodes = points if between is None else between.points
         W = None if between is None else between.weights(points)
         for functions, known, at, own, X in self._runs(nodes, basis):
-            E, P = (
-                self._of_run(len(nodes), functions, known, at, own, X),
-                np.zeros((len(points), *2 * (at[-1] + 1,))),
-            )
+            E = self._of_run(len(nodes), functions, known, at, own, X)
+            P = np.zeros((len(points), *2 * (at[-1] + 1,)))
             cross = X @ known.T
             if W is None:
                 power = X @ X.transpose(0, 2, 1)

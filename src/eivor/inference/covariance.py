@@ -14,7 +14,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.inference.distributions import normal_quantile, t_p_value, t_quantile
+from eivor.inference.distributions import normal_quantile, t_quantile, t_tail
 from eivor.inference.estimating_equation import EstimatingEquation, singular_sensitivity
 from eivor.inference.kernel import (
     AndrewsRule,
@@ -61,7 +61,7 @@ class CovariancePart:
     def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
         """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
         std_error = math.sqrt(self.variance(direction) / self.share)
-        return t_p_value(value / std_error, self.degrees) if std_error else float(value == 0.0)
+        return t_tail(value / std_error, self.degrees) if std_error else float(value == 0.0)
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,10 @@ class JointCovariance:
     ) -> float:
         """Half-width of the interval for ``direction @ estimates``: the widest of the parts'."""
         return max(part.half_width(direction, level, extra_variance) for part in self.parts)
+
+    def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
+        """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
+        return max(part.p_value(direction, value) for part in self.parts)
 
     @property
     def matrix(self) -> Float[np.ndarray, "n n"]:

@@ -35,11 +35,11 @@ def t_quantile(level: float, degrees: float | int) -> float:
     return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
-def t_p_value(statistic: float, degrees: float) -> float:
-    """Probability of a larger absolute value of Student's t; 1 without degrees of freedom."""
+def t_tail(value: float, degrees: float | int) -> float:
+    """Probability that a t variable is further from zero than `value`; 1 without degrees of freedom."""
     if math.isinf(degrees):
-        return float(2.0 * scipy.special.ndtr(-abs(statistic)))
-    return float(2.0 * scipy.special.stdtr(degrees, -abs(statistic))) if degrees > 0 else 1.0
+        return float(2.0 * scipy.special.ndtr(-abs(value)))
+    return float(2.0 * scipy.special.stdtr(degrees, -abs(value))) if degrees > 0 else 1.0
 
 
 def chi_square_quantile(level: float, degrees: float = 1) -> float:
@@ -70,8 +70,3 @@ def conditional_ratio_quantile(level: float, degrees: float, strength: float) ->
 
     ends = chi_square_quantile(level, 1), chi_square_quantile(level, degrees)
     return float(scipy.optimize.brentq(excess, 0.99 * ends[0], 1.01 * ends[1]))
-
-
-def t_tail(value: float, degrees: float | int) -> float:
-    """Probability that a t variable is further from zero than `value`, to either side."""
-    return float(2.0 * scipy.special.stdtr(degrees, -abs(value)))
