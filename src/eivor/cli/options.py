@@ -20,6 +20,7 @@ NEEDS = ("hover", "lag", "gain", "friction", "torque")
 METHODS = (
     *("reference_iv", "least_squares", "whitened_least_squares", "total_least_squares", "extended_iv"),
     *("generalized_iv", "generalized_iv_tls", "bias_compensated_least_squares", "spectral_giv", "whittle_ml"),
+    "output_error",
 )
 
 

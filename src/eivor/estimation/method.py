@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from enum import Enum
 
+from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.moments import ProblemMoments
 from eivor.models.regression import LinearProblem
@@ -50,3 +52,54 @@ class Method(ABC):
     @abstractmethod
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of a problem."""
+
+
+#: Name of the method that follows another one.
+OUTPUT_ERROR = "output_error"
+
+
+@dataclass(frozen=True)
+class OutputError(Method):
+    """Least multi-step prediction errors of a motion, from the estimate of another method."""
+
+    first: Method
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The names of both."""
+        return f"{self.first.name}+{OUTPUT_ERROR}"
+
+    @property
+    def natural_instruments(self) -> NaturalInstruments:  # type: ignore[override]
+        """As of the first."""
+        return self.first.natural_instruments
+
+    @property
+    def needs_instruments(self) -> bool:
+        """As the first does."""
+        return self.first.needs_instruments
+
+    @property
+    def of_flights(self) -> Method:
+        """The first method, whose estimate is refined where a motion predicts its states."""
+        return self.first.of_flights
+
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """As the first does."""
+        return self.first.takes_out_own_noise
+
+    @property
+    def first_past_input(self) -> int:
+        """As of the first."""
+        return self.first.first_past_input
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate by the first method, of a flight; plain rows have nothing to predict."""
+        if not isinstance(problem, SeparableProblem):
+            raise UsageError(
+                f"a flight of a motion whose states {OUTPUT_ERROR} predicts",
+                type(problem).__name__,
+                'Use identify_flight(..., model="rigid-body"), or another method.',
+            )
+        return self.first.estimate(problem)

@@ -13,7 +13,7 @@ from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.diagnose import contradiction
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import Method, NaturalInstruments, Problem
+from eivor.estimation.method import OUTPUT_ERROR, Method, NaturalInstruments, OutputError, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
 from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
 from eivor.estimation.unknown_noise import EquationChoice, NoiseEstimatingIV
@@ -133,6 +133,7 @@ __all__ = [
     "generalized_liml",
     "least_squares",
     "liml",
+    "output_error",
     "reference_iv",
     "spectral_giv",
     "spectral_giv_combined",
@@ -290,6 +291,24 @@ def whittle_ml() -> Method:
     return WhittleLikelihood()
 
 
+def output_error(first: Method | None = None) -> Method:
+    """Least errors of multi-step predictions, for motions that predict their states (the rigid body).
+
+    Parameters
+    ----------
+    first : Method, optional
+        What the search begins with, and what tests it: by default `reference_iv`.
+
+    Notes
+    -----
+    Windows of half a second begin at measured states, which are free within their noise. Terms that do not earn
+    their place by Schwarz's criterion are zero. Without references, disturbances in closed loop bias it.
+    """
+    method = reference_iv() if first is None else first
+    checks.kind("first", method, Method, "a method", "Make one: ev.methods.whitened_least_squares().")
+    return OutputError(method)
+
+
 def _limited_information(name: str, assembler: Assembler, solver: Solver) -> LinearMethod:
     return LinearMethod(name, assembler, solver, equation_weighting=LimitedInformation())
 
@@ -313,6 +332,7 @@ TABLE: dict[str, Callable[[], Method]] = {
     "bias_compensated_least_squares": bias_compensated_least_squares,
     "spectral_giv": spectral_giv,
     "whittle_ml": whittle_ml,
+    OUTPUT_ERROR: output_error,
 }
 
 
@@ -327,6 +347,9 @@ def by_name(name: str | Method) -> Method:
     if isinstance(name, Method):
         return name
     checks.text("method", name)
+    first, _, last = name.rpartition("+")
+    if first and last == OUTPUT_ERROR:
+        return output_error(by_name(first))
     if name not in TABLE:
         raise UsageError(
             f"a method out of {', '.join(TABLE)}", f"'{name}'", did_you_mean(name, TABLE, "Name one of them.")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import (
+    CollinearError,
     EstimationError,
     InputError,
     InstrumentError,
@@ -21,7 +22,7 @@ from eivor.errors import (
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import Method, NaturalInstruments
+from eivor.estimation.method import OUTPUT_ERROR, Method, NaturalInstruments, OutputError
 from eivor.estimation.methods import by_name, identify
 from eivor.estimation.profile_sets import ParameterSets, ProfileSets
 from eivor.estimation.weighting import SpectralWhitening
@@ -78,6 +79,7 @@ from eivor.models.separable import (
     NoInstruments,
     Nuisance,
     SeparableProblem,
+    WarmStart,
 )
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
@@ -220,10 +222,26 @@ def estimate_parameters(state: FlightState) -> FlightState:
             return replace(state, estimate=solve(state.problem))
         problem, estimate = refinement.estimate(state.problem, solve, state.options)
         return replace(state, problem=problem, estimate=estimate)
-    except InstrumentError:
-        if state.options.lag is None or state.lag_prior is not None:
+    except (InstrumentError, CollinearError) as error:
+        if state.options.lag is not None and state.lag_prior is None:
+            return state  # too few for the lag as well, which is given
+        if not state.motion.abilities.whitened or not state.instruments.names:
             raise
-        return state  # too few for the lag as well, which is given
+        return without_references(state, error)
+
+
+def without_references(state: FlightState, error: EstimationError) -> FlightState:
+    """The estimate by the direct method of the motion, where references are too few for its unknowns."""
+    names = ", ".join(state.instruments.names)
+    missing = f"{names} alone cannot move all that the equations have"
+    chosen = Instruments(NoInstruments(), missing=missing)
+    method = by_name("whitened_least_squares")
+    state = replace(state, instruments=chosen, method=method, problem=None)
+    state = replace(state, problem=state.motion.problem(state.flying, chosen.rule))
+    try:
+        return estimate_parameters(state)
+    except CollinearError:
+        raise error from None
 
 
 def apply_lag_prior(state: FlightState) -> FlightState:
@@ -243,6 +261,30 @@ def apply_lag_prior(state: FlightState) -> FlightState:
     return replace(state, prepared=refinement.flights(state.prepared, state.problem))
 
 
+def minimise_output_error(state: FlightState) -> FlightState:
+    """The estimate whose predictions leave least, where it was requested; its rows are those at its values."""
+    prediction = state.motion.abilities.prediction
+    if not isinstance(by_name(state.options.method), OutputError) or prediction is None:
+        return state
+    if prediction.output_error is None or state.estimate is None:
+        return state
+    first, problem = state.estimate, state.problem
+    result = prediction.output_error(first, state.flying)
+    known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
+    start = WarmStart(result.theta, result.nuisances)
+    rows = identify(replace(problem, nuisances=known, warm_start=start), state.method.of_flights)
+    result = replace(
+        result,
+        moments=rows.moments,
+        problem=rows.problem,
+        system=rows.system,
+        factor=rows.factor,
+        solution=replace(rows.solution, theta=result.theta),
+        method=f"{first.method}+{OUTPUT_ERROR}",
+    )
+    return replace(state, estimate=result)
+
+
 def diagnose_fit(state: FlightState) -> FlightState:
     """Diagnostics of the estimate and of its residual."""
     checks = fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
@@ -256,6 +298,8 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 def build_confidence_sets(state: FlightState) -> FlightState:
     """Confidence sets of the headline and of lag and delay; of all parameters where instruments are weak."""
+    if state.estimate.streamed_covariance is not None:
+        return state  # not by the instruments
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
     known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
@@ -293,6 +337,7 @@ STAGES = (
     pose_problem,
     estimate_parameters,
     apply_lag_prior,
+    minimise_output_error,
     diagnose_fit,
     build_confidence_sets,
     judge,

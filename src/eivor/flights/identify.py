@@ -8,10 +8,11 @@ from functools import cache, partial
 from typing import Any
 
 from eivor.errors import InputError, UsageError
+from eivor.estimation.method import OUTPUT_ERROR
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior
-from eivor.flights.motion import Motion, for_flights
+from eivor.flights.motion import Motion, for_flights, predicts_states
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
@@ -66,7 +67,8 @@ def identified(
         result = estimated(state, progress)
     else:
         singly = replace(state, lag_measurements=tuple)
-        alone = [estimated(replace(singly, prepared=(flight,))) for flight in prepared]
+        first = replace(options, method=by_name(options.method).of_flights)
+        alone = [estimated(replace(singly, prepared=(flight,), options=first)) for flight in prepared]
         over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
         result = pooled_result(state.motion, prepared, options, alone) or estimated(
             replace(singly, agreement=over_identification)
@@ -76,7 +78,8 @@ def identified(
         result = replace(result, flights=tuple(each))
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
-        by_method = {name: replace(options, method=name, compare=False) for name in TABLE}
+        names = [name for name in TABLE if name != OUTPUT_ERROR or predicts_states(motion)]
+        by_method = {name: replace(options, method=name, compare=False) for name in names}
         rows = [_row(name, estimated(replace(state, options=each))) for name, each in by_method.items()]
         result = replace(result, comparisons=tuple(rows))
     return result

@@ -180,12 +180,14 @@ class Starts:
         return max(index for index in range(1, most + 1) if all(step % index == 0 for step in self.steps))
 
 
-def starts_of(flight: PreparedFlight) -> Starts:
+def starts_of(
+    flight: PreparedFlight, horizons_s: tuple[float, ...] = HORIZONS_S, between_s: float = BETWEEN_STARTS_S
+) -> Starts:
     """Starts at even distances in every run of a flight, as soon as its actuators' states are known."""
     step_s = flight.signals.step_s
-    steps = tuple(max(round(horizon / step_s), 1) for horizon in HORIZONS_S)
+    steps = tuple(dict.fromkeys(max(round(horizon / step_s), 1) for horizon in horizons_s))
     broken = np.concatenate([[0], np.cumsum(~flight.usable)])
-    every = max(round(BETWEEN_STARTS_S / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
+    every = max(round(between_s / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
     known = ceil(RECOVERY_S / step_s)
     results = [np.arange(max(run.start, known), run.stop - steps[-1], every) for run in flight.runs]
     samples = np.concatenate([*results, np.empty(0, dtype=np.int64)]).astype(np.int64)
@@ -277,6 +279,8 @@ class Prediction(Generic[P]):
     multi_step: Callable[[Flights, Mapping[str, SimpleModel], frozenset[str]], MultiStepPrediction] | None = (
         None
     )
+    #: An estimate whose multi-step predictions of flights leave least, from another one
+    output_error: Callable[[Estimate, Flights], Estimate] | None = None
 
 
 @dataclass(frozen=True)
@@ -363,6 +367,12 @@ class Motion(ABC, Generic[P]):
     @abstractmethod
     def view(self, flight: PreparedFlight) -> FlightView:
         """Return what a report shows of a flight."""
+
+
+def predicts_states(motion: Motion[Any]) -> bool:
+    """Whether a motion has an output error."""
+    prediction = motion.abilities.prediction
+    return prediction is not None and prediction.output_error is not None
 
 
 def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_mean
+from eivor.estimation.method import OUTPUT_ERROR, OutputError
+from eivor.estimation.methods import by_name
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, predicts_states
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import (
@@ -274,5 +276,11 @@ def check_options(motion: Motion[Any], options: FlightOptions) -> None:
     twice = sorted({word for word in options.terms if options.terms.count(word) > 1})
     if twice:
         raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
+    if isinstance(by_name(options.method), OutputError) and not predicts_states(motion):
+        raise UsageError(
+            "a method whose parameters no window of states gives",
+            f"'{OUTPUT_ERROR}' with '{motion.name}'",
+            "Name it with --model rigid-body, or leave it out.",
+        )
     if support is not None:
         support.check(options)

@@ -42,6 +42,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRun
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rigid_body.output_error import refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import (
     Combinations,
     PhysicalEstimateRow,
@@ -522,6 +523,9 @@ class RigidBody(Motion[LaggedRuns]):
                 simple_models,
                 multi_step=lambda flights, models, refused: rigid_body_prediction(
                     flights, self.known_vehicle, models, refused
+                ),
+                output_error=lambda estimate, flights: refined_by_output_error(
+                    estimate, flights, self.known_vehicle
                 ),
             ),
             implications=self._implications,

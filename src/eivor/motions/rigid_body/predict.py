@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -117,67 +117,98 @@ def kinematics(
 
 @dataclass(frozen=True)
 class StatePropagator:
-    """Rates of change of a body's state at the samples of a flight."""
+    """Rates of change of a body's state at the samples of a flight, by models side by side."""
 
     logged: LoggedState  # With the rotors' commands, or their speeds
     vehicle: KnownVehicle
-    values: Values  # Parameters and nuisances
+    models: Sequence[Values]  # Parameters and nuisances of each
     starts: Starts
-    turns: tuple[bool, ...]  # Axes that the rotors turn
-    lifts: bool
+    turns: tuple[bool, ...] = (True, True, True)  # Axes that the rotors turn
+    lifts: bool = True
 
     def __call__(
-        self, body: Float[np.ndarray, "13 starts"], now: Int[np.ndarray, " starts"]
-    ) -> Float[np.ndarray, "13 starts"]:
-        """Rate of change of states side by side at samples, driven by what the rotors do there."""
-        rows, states = rotation(*body[6:10]), self._states[:, now]
+        self, body: Float[np.ndarray, "13 states"], now: Int[np.ndarray, " starts"]
+    ) -> Float[np.ndarray, "13 states"]:
+        """Rate of change of the states of each model at samples, driven by what the rotors do there."""
+        rows = rotation(*body[6:10])
+        states = self._states[:, self._timing[:, None], now].reshape(7, -1)
         rotors = RotorSums(states, states, states[6])  # of what answers neither thrust nor spin-up counts
-        force = self._of_terms(self._motion(body, rows, rotors), driving=False) + self._forces[:, now]
+        force = self._forces[:, :, now].reshape(6, -1)
+        of = self._motion(body, rows, rotors)
+        for term in TERMS:
+            if not term.driving and self._by_term[term.parameter.name].any():
+                force[term.equation] += np.repeat(self._by_term[term.parameter.name], now.size) * term.column(of)
         velocity = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
             velocity = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
             velocity[2] -= GRAVITY
         return kinematics(body, velocity, force[:3] * np.array(self.turns)[:, None])
 
+    def propagate(
+        self, body: Float[np.ndarray, "13 starts"]
+    ) -> Float[np.ndarray, "models horizons 13 starts"]:
+        """States of each model at the horizons, from states at the starts."""
+        states = self.starts.propagate(np.tile(body, len(self.models)), self)
+        return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
+
     def _motion(
         self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple], rotors: RotorSums
     ) -> BodyMotion:
         velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
-        return BodyMotion(self.vehicle, self._rotors.usual, rotors, velocity, body[10:13])
-
-    def _of_terms(self, of: BodyMotion, *, driving: bool) -> Float[np.ndarray, "6 n"]:
-        """Sums of the terms of each equation, of those that the rotors drive or of the others."""
-        results = np.zeros((6, of.rates.shape[1]))
-        for term in TERMS:
-            value = self.values.get(term.parameter.name, 0.0)
-            if value and term.driving is driving:
-                results[term.equation] += value * term.column(of)
-        return results
+        return BodyMotion(self.vehicle, self._usual, rotors, velocity, body[10:13])
 
     @cached_property
-    def _rotors(self) -> BodyMotion:
-        flight = self.logged.flight
-        lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
-        return RotorStates(flight, self.vehicle, usual_state((flight,))).at(lag_s, delay_s)[0]
+    def _usual(self) -> float:
+        return usual_state((self.logged.flight,))
 
     @cached_property
-    def _states(self) -> Float[np.ndarray, "7 n"]:
-        return self.starts.over_step(self._rotors.rotors.state)
+    def _by_term(self) -> dict[str, Float[np.ndarray, " models"]]:
+        """Values of each parameter, zero where a model has none."""
+        names = [term.parameter.name for term in TERMS]
+        return {name: np.array([float(item.get(name, 0.0)) for item in self.models]) for name in names}
 
     @cached_property
-    def _forces(self) -> Float[np.ndarray, "6 n"]:
+    def _nodes(self) -> list[tuple[float, float]]:
+        """Each pair of lag and delay of a model, once."""
+        return list(dict.fromkeys((item[ACTUATOR_LAG.name], item[DELAY.name]) for item in self.models))
+
+    @cached_property
+    def _timing(self) -> Int[np.ndarray, " models"]:
+        """Number of each model's pair."""
+        pairs = ((item[ACTUATOR_LAG.name], item[DELAY.name]) for item in self.models)
+        return np.array([self._nodes.index(pair) for pair in pairs])
+
+    @cached_property
+    def _rotors(self) -> list[RotorSums]:
+        """What the rotors do at each pair."""
+        states = RotorStates(self.logged.flight, self.vehicle, self._usual)
+        return [states.at(lag_s, delay_s)[0].rotors for lag_s, delay_s in self._nodes]
+
+    @cached_property
+    def _states(self) -> Float[np.ndarray, "7 pairs n"]:
+        return np.stack([self.starts.over_step(item.state) for item in self._rotors], axis=1)
+
+    @cached_property
+    def _forces(self) -> Float[np.ndarray, "6 models n"]:
         """What the rotors do to each axis over each step, with the trims of the runs."""
         flight, body = self.logged.flight, self.logged.body
         rows, step_s = rotation(*body[6:10]), flight.signals.step_s
-        of = self._motion(body, rows, self._rotors.rotors)
-        driven = self._of_terms(of, driving=True)
         change = np.stack([time_derivative(entry, step_s) for entry in (*body[10:13], *body[3:6])])
         if self.logged.moves:
             change[3:] = into_body(rows, change[3], change[4], change[5] + GRAVITY)
-        left = change - self._of_terms(of, driving=False) - driven
-        for axis in range(6 if self.logged.moves else 3):
-            driven[axis] += trim(flight, left[axis])
-        return self.starts.over_step(driven)
+        trims = [trim(flight, axis) for axis in (change if self.logged.moves else change[:3])]
+        results = np.zeros((6, len(self.models), body.shape[1]))
+        results[: len(trims)] = np.array(trims)[:, None]
+        for node, rotors in enumerate(self._rotors):
+            models = np.flatnonzero(self._timing == node)
+            of = self._motion(body, rows, rotors)
+            for term in TERMS:
+                values = self._by_term[term.parameter.name][models, None]
+                if values.any() and term.equation < len(trims):
+                    column = term.column(of)
+                    driven = self.starts.over_step(column) if term.driving else 0.0
+                    results[term.equation, models] += values * (driven - trim(flight, column))
+        return results
 
 
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
@@ -291,10 +322,13 @@ def _of_flight(
     if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
     started = logged.body[:, starts.samples]
-    states: dict[str, tuple[str, Float[np.ndarray, "horizons 13 starts"]]] = {}
-    for name, model in models.items():
-        body = StatePropagator(logged, vehicle, model.values, starts, what.turns, what.lifts)
-        states[name] = model.words, starts.propagate(started, body)
+    by_model = StatePropagator(
+        logged, vehicle, [model.values for model in models.values()], starts, what.turns, what.lifts
+    ).propagate(started)
+    states = {
+        name: (model.words, predicted)
+        for (name, model), predicted in zip(models.items(), by_model, strict=True)
+    }
     still = np.zeros((3, starts.samples.size))
     states[UNCHANGED] = STAYS, starts.propagate(started, lambda body, _: kinematics(body, still, still))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)

@@ -1,0 +1,428 @@
+"""Output error of the rigid body: what several steps leave, with free initial states of every window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from eivor.errors import TooFewSamplesError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.motion import Flights, Starts, starts_of
+from eivor.flights.quantity import SimpleModel
+from eivor.inference.covariance import CovariancePart, JointCovariance
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import Values
+from eivor.motions.rigid_body.dynamics import turned
+from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
+from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
+from eivor.tools import Float, Int
+
+#: Windows begin so far apart, and are looked at so long after their begin [s].
+BETWEEN_WINDOWS_S = 0.2
+LOOKED_AT_S = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+#: Fewer windows determine nothing.
+FEWEST_WINDOWS = 30
+#: Windows that begin within so long of each other have residuals that go together [s].
+CLUSTER_S = 2.0
+#: Standard deviations that measured states are first supposed to have, of position, velocity, attitude, rates.
+FIRST_NOISE = {"m": 0.002, "m/s": 0.02, "rad": 0.005, "rad/s": 0.05}
+#: Lags and delays that are possible [s], and how far the clocks of two flights may stand apart.
+LAGS_S, DELAYS_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), 0.05
+#: Times that weights are renewed, and calls of one search.
+PASSES, CALLS = 3, 15
+#: Scale of the difference of two clocks [s].
+CLOCK_S = 0.002
+#: Parts of a state's difference, [position, velocity, rotation, rates], by unit.
+_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3
+#: Terms that a model always has; each of the others must earn its place.
+CORE = (*GAIN, *OFFSET, THRUST, *DRAG)
+#: What only takes energy out.
+_POSITIVE = (*DAMPING, *DRAG, *QUADRATIC_DRAG)
+
+
+def difference(
+    states: Float[np.ndarray, "... 13 starts"], measured: Float[np.ndarray, "... 13 starts"]
+) -> Float[np.ndarray, "... 12 starts"]:
+    """States less measured ones: position, velocity, the small turn between them on body axes, rates."""
+    (w, x, y, z), (a, b, c, d) = (np.moveaxis(item[..., 6:10, :], -2, 0) for item in (states, measured))
+    turn = np.stack(
+        [a * x - b * w - c * z + d * y, a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w], -2
+    )
+    size = (w * w + x * x + y * y + z * z) ** 0.5
+    turn *= 2.0 * (np.sign(a * w + b * x + c * y + d * z) / size)[..., None, :]
+    left = states - measured
+    return np.concatenate([left[..., :6, :], turn, left[..., 10:, :]], axis=-2)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of one flight, side by side."""
+
+    logged: LoggedState
+    vehicle: KnownVehicle
+    starts: Starts
+
+    @cached_property
+    def outputs(self) -> list[int]:
+        """Parts of the difference that were measured."""
+        placed = list(self.logged.placed) if self.logged.moves else []
+        turned_, moves = self.logged.turns, self.logged.moves
+        return [*placed, *(range(3, 6) if moves else ()), *(range(6, 9) if turned_ else ()), *range(9, 12)]
+
+    @cached_property
+    def begun(self) -> Float[np.ndarray, "13 starts"]:
+        """Measured states at the starts."""
+        return self.logged.body[:, self.starts.samples]
+
+    def left(self, models: Sequence[Values]) -> Float[np.ndarray, "models rows starts"]:
+        """What models leave of every output after each time, from the measured states."""
+        return self._compared(StatePropagator(self.logged, self.vehicle, models, self.starts), self.begun)
+
+    def by_initial_state(self, model: Values) -> Float[np.ndarray, "rows outputs starts"]:
+        """Derivatives of what a model leaves by the initial states."""
+        propagator, step = StatePropagator(self.logged, self.vehicle, [model], self.starts), 1e-5
+        columns = []
+        for part in self.outputs:
+            moved = self.begun.copy()
+            if 6 <= part < 9:
+                moved[6:10] = turned(moved[6:10], *(step * float(part == 6 + axis) for axis in range(3)))
+            else:
+                moved[part if part < 6 else part + 1] += step
+            columns.append(self._compared(propagator, moved)[0])
+        return (np.stack(columns, axis=1) - self._compared(propagator, self.begun)[0][:, None]) / step
+
+    def _compared(
+        self, propagator: StatePropagator, begun: Float[np.ndarray, "13 starts"]
+    ) -> Float[np.ndarray, "models rows starts"]:
+        states = propagator.propagate(begun)
+        measured = self.logged.body[:, self.starts.ends].transpose(1, 0, 2)
+        left = difference(states, np.broadcast_to(measured, states.shape))[:, :, self.outputs]
+        return left.reshape(len(left), -1, left.shape[-1])
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Inverse roots of the covariances of windows, whose initial states are free within their noise."""
+
+    roots: Float[np.ndarray, "starts rows rows"]
+
+    @classmethod
+    def of(
+        cls,
+        residual: Float[np.ndarray, "rows starts"],
+        by_state: Float[np.ndarray, "rows outputs starts"],
+        noise: Float[np.ndarray, " outputs"],
+    ) -> tuple[Weights, Float[np.ndarray, " outputs"]]:
+        """Weights from what is left, and the noise of measured states that this implies: one step of EM."""
+        by_start = by_state.transpose(2, 0, 1) * noise
+        spread = np.maximum(1.4826 * np.median(np.abs(residual), axis=1), 1e-9)
+        for _ in range(3):
+            covariance = by_start @ by_start.transpose(0, 2, 1) + np.diag(spread**2)
+            gain = np.linalg.solve(covariance, by_start).transpose(0, 2, 1)
+            state = np.clip((gain @ residual.T[:, :, None])[..., 0], -3.0, 3.0)
+            left = residual.T - (by_start @ state[..., None])[..., 0]
+            kept = np.eye(noise.size) - gain @ by_start
+            unsure = np.einsum("sri,sij,srj->sr", by_start, kept, by_start)
+            spread = np.sqrt(np.median(left**2, axis=0) / 0.455 + np.mean(unsure, axis=0))
+        scale = np.sqrt(np.mean(state**2 + np.diagonal(kept, axis1=1, axis2=2), axis=0))
+        roots = np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1)
+        return cls(np.ascontiguousarray(roots)), noise * np.clip(scale, 0.3, 3.0)
+
+    def __call__(self, residual: Float[np.ndarray, "... rows starts"]) -> Float[np.ndarray, "... all"]:
+        """Residuals of variance 1."""
+        whitened = np.einsum("sij,...js->...si", self.roots, residual)
+        return whitened.reshape(*whitened.shape[:-2], -1)
+
+
+@dataclass(frozen=True)
+class OutputErrors:
+    """What windows of flights leave, as a function of free parameters and of each flight's clock offset."""
+
+    windows: tuple[Windows, ...]
+    base: Values  # Parameters and nuisances that are not free have these values
+    free: tuple[str, ...]
+    scale: Float[np.ndarray, " n"]  # Of free parameters and offsets
+
+    @property
+    def offsets(self) -> int:
+        """Flights whose clocks may stand apart; one alone has its delay for that."""
+        return len(self.windows) if len(self.windows) > 1 else 0
+
+    @property
+    def bounds(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Least and largest values."""
+        known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: DELAYS_S}
+        known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
+        pairs = [known.get(name, (-np.inf, np.inf)) for name in self.free]
+        low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.offsets]).T
+        return low, high
+
+    def models(self, points: Sequence[Float[np.ndarray, " n"]], flight: int) -> list[Values]:
+        """Every number of the equations at points, in one flight."""
+        models = {}
+        for number, point in enumerate(points):
+            values = {**self.base, **dict(zip(self.free, point.tolist(), strict=False))}
+            if self.offsets:
+                values[DELAY.name] += float(point[len(self.free) + flight])
+            models[str(number)] = SimpleModel("", values)
+        return [item.values for item in with_gyroscopic_moments(models, "0").values()]
+
+    def left(self, points: Sequence[Float[np.ndarray, " n"]]) -> list[Float[np.ndarray, "points rows starts"]]:
+        """What each flight's windows leave."""
+        return [windows.left(self.models(points, number)) for number, windows in enumerate(self.windows)]
+
+    def moved(self, point: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, " n"]]:
+        """The point, and it with each entry moved by a small share of its scale, inside of the bounds."""
+        away = np.where(point + 2e-4 * self.scale > self.bounds[1], -1e-4, 1e-4) * self.scale
+        return [point, *(point + np.diag(away))]
+
+    def derivatives(
+        self, points: Sequence[Float[np.ndarray, " n"]], values: Float[np.ndarray, "points all"]
+    ) -> Float[np.ndarray, "all n"]:
+        """Slopes of values between `moved` points; parameters enter the equations linearly."""
+        away = np.array([(point - points[0]).sum() for point in points[1:]])
+        return ((values[1:] - values[0]) / away[:, None]).T
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """A minimum of output errors."""
+
+    errors: OutputErrors
+    weights: tuple[Weights, ...]
+    point: Float[np.ndarray, " n"]
+    cost: float
+
+    def whitened(self, points: Sequence[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "points all"]:
+        """Residuals of variance 1 at points."""
+        pairs = zip(self.weights, self.errors.left(points), strict=True)
+        return np.concatenate([weights(left) for weights, left in pairs], axis=1)
+
+    @cached_property
+    def clusters(self) -> Int[np.ndarray, " all"]:
+        """Which windows go together: those of a flight that begin at nearly one time."""
+        results, count = [], 0
+        for windows in self.errors.windows:
+            times = windows.starts.samples * windows.starts.step_s
+            _, numbers = np.unique((times / CLUSTER_S).astype(np.int64), return_inverse=True)
+            results.append(np.repeat(count + numbers, len(windows.outputs) * len(windows.starts.steps)))
+            count += int(numbers.max()) + 1
+        return np.concatenate(results)
+
+    def linearised(self) -> Linearised:
+        """Scores and slopes of every cluster."""
+        points = self.errors.moved(self.point)
+        whitened = self.whitened(points)
+        residual, jacobian = whitened[0], self.errors.derivatives(points, whitened)
+        bend = (1.0 + residual**2) ** -0.5  # weight that the loss leaves
+        scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        ends = np.flatnonzero(np.diff(self.clusters, append=-1)) + 1
+        scores, slopes = [], []
+        for cluster in np.split(np.arange(residual.size), ends[:-1]):
+            rows = jacobian[cluster] * scale
+            weighted = rows * bend[cluster, None]
+            scores.append(-weighted.T @ residual[cluster])
+            slopes.append(weighted.T @ rows)
+        slopes_ = np.stack(slopes)
+        if self.errors.offsets:  # their mean is the delay
+            clocks = np.zeros(scale.size)
+            clocks[len(self.errors.free) :] = scale[len(self.errors.free) :]
+            slopes_ += 1e4 * np.outer(clocks, clocks) / float(clocks @ clocks) / len(slopes)
+        return Linearised(np.stack(scores), slopes_, scale)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Scores and slopes of clusters of windows at a minimum, of scaled parameters."""
+
+    scores: Float[np.ndarray, "clusters n"]
+    slopes: Float[np.ndarray, "clusters n n"]
+    scale: Float[np.ndarray, " n"]  # A parameter is its scaled value times this
+
+    def of(self, kept: Int[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+        """Changes of the parameters that are kept, and their covariance clustered by windows."""
+        slopes = self.slopes[:, kept[:, None], kept]
+        inverse = np.linalg.pinv(slopes.sum(axis=0), rcond=1e-12, hermitian=True)
+        change = inverse @ self.scores[:, kept].sum(axis=0)
+        left = self.scores[:, kept] - slopes @ change
+        count = len(left)
+        meat = left.T @ left * count / max(count - 1, 1)
+        scale = self.scale[kept]
+        return change * scale, inverse @ meat @ inverse * np.outer(scale, scale)
+
+
+def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: int = PASSES) -> Minimum:
+    """The nearest minimum of the whitened errors, with weights from the errors themselves."""
+    low, high = errors.bounds
+    margin = 1e-3 * errors.scale
+    point = np.clip(point, low + margin, high - margin)
+    noises = [np.array([FIRST_NOISE[_UNITS[part]] for part in item.outputs]) for item in errors.windows]
+    for _ in range(passes):
+        made = []
+        for number, (windows, left) in enumerate(zip(errors.windows, errors.left([point]), strict=True)):
+            by_state = windows.by_initial_state(errors.models([point], number)[0])
+            weights, noises[number] = Weights.of(left[0], by_state, noises[number])
+            made.append(weights)
+        best = Minimum(errors, tuple(made), point, 0.0)
+
+        def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 1"]:
+            offsets = point[len(errors.free) :]
+            return np.array([1e4 * offsets.sum()]) if errors.offsets else np.empty(0)
+
+        def residual(point: Float[np.ndarray, " n"], best: Minimum = best) -> Float[np.ndarray, " all"]:
+            return np.append(best.whitened([point])[0], together(point))
+
+        def jacobian(point: Float[np.ndarray, " n"], best: Minimum = best) -> Float[np.ndarray, "all n"]:
+            points = errors.moved(point)
+            rows = np.concatenate([best.whitened(points), np.stack([together(item) for item in points])], axis=1)
+            return errors.derivatives(points, rows)
+
+        found = least_squares(
+            residual,
+            point,
+            jac=jacobian,
+            bounds=(low, high),
+            x_scale=errors.scale,
+            loss="soft_l1",
+            max_nfev=CALLS,
+            ftol=1e-6,
+        )
+        point, cost = found.x, float(found.cost)
+    return replace(best, point=point, cost=cost)
+
+
+def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ...]:
+    """Windows of every flight."""
+    made = tuple(
+        Windows(LoggedState(flight), vehicle, starts_of(flight, LOOKED_AT_S, BETWEEN_WINDOWS_S))
+        for flight in flights
+    )
+    count = sum(item.starts.samples.size for item in made)
+    if count < FEWEST_WINDOWS or not all(item.starts.samples.size for item in made):
+        raise TooFewSamplesError(
+            f"{FEWEST_WINDOWS} windows of {LOOKED_AT_S[-1]:g} s or more, and some in every flight",
+            f"{count}",
+            "Fly longer without a break, or use another method.",
+        )
+    return made
+
+
+# -- Structure --
+
+#: Times that terms are chosen, each with what was chosen before.
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Terms of the equations that windows see, those of them that are kept, and where they are least."""
+
+    windows: tuple[Windows, ...]
+    seen: tuple[str, ...]
+    scales: Mapping[str, float]
+    values: Values  # Of everything
+    kept: tuple[str, ...]
+    clocks: Float[np.ndarray, " offsets"]  # Of each flight [s]
+
+    def errors(self, free: Sequence[str]) -> OutputErrors:
+        """Output errors by free parameters."""
+        scale = np.array([*(self.scales[name] for name in free), *[CLOCK_S] * self.clocks.size])
+        return OutputErrors(self.windows, self.values, tuple(free), scale)
+
+    def point(self, free: Sequence[str]) -> Float[np.ndarray, " n"]:
+        """Values of free parameters and clocks."""
+        return np.array([*(self.values[name] for name in free), *self.clocks])
+
+    def minimised(self, *, passes: int = PASSES) -> tuple[Structure, Minimum]:
+        """The same where errors are least."""
+        minimum = minimised(self.errors(self.kept), self.point(self.kept), passes=passes)
+        found = dict(zip(self.kept, minimum.point.tolist(), strict=False))
+        clocks = minimum.point[len(self.kept) :]
+        return replace(self, values={**self.values, **found}, clocks=clocks), minimum
+
+    def linearised(self, minimum: Minimum) -> Linearised:
+        """Scores of all that is seen at a minimum of what is kept."""
+        return replace(minimum, errors=self.errors(self.seen), point=self.point(self.seen)).linearised()
+
+    def alone(self, at: Linearised, name: str = "") -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+        """Changes of what is kept with a name last, before the clocks; and their covariance."""
+        free = [*self.kept, *([name] if name else [])]
+        clocks = range(len(self.seen), at.scale.size)
+        return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]))
+
+    def chosen(self, at: Linearised) -> Structure:
+        """With the terms that Schwarz's criterion wants as well, one after the other."""
+        count = sum(item.starts.samples.size for item in self.windows)
+        positive = {item.name for item in _POSITIVE}
+        ratios = {"": 0.0}
+        for name in self.seen:
+            if name not in self.kept:
+                change, covariance = self.alone(at, name)
+                place = len(self.kept)
+                wrong = name in positive and change[place] < 0.0
+                ratios[name] = 0.0 if wrong else change[place] ** 2 / max(covariance[place, place], 1e-300)
+        best = max(ratios, key=lambda name: ratios[name])
+        return self if ratios[best] <= np.log(count) else replace(self, kept=(*self.kept, best)).chosen(at)
+
+
+def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structure:
+    """The core of the equations at the estimate, or at least squares of its rows by the core alone."""
+    names, linear = estimate.names, estimate.names[: estimate.theta.size]
+    core = [name for name in names if name in {item.name for item in (*CORE, ACTUATOR_LAG, DELAY)}]
+    values = {**estimate.nuisances, **estimate.parameters}
+    values |= {name: 0.0 for name in names if name not in core}
+    scales = {name: max(estimate.std_error(name), 1e-9) for name in names}
+    clocks = np.zeros(len(windows) if len(windows) > 1 else 0)
+    begun = Structure(windows, names, scales, values, tuple(core), clocks)
+    left = begun.errors(names).left(begun.errors(names).moved(begun.point(names)))
+    answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
+    # what no window answers stays as it is
+    seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
+    values |= {name: estimate.parameters[name] for name in names if name not in seen}
+    begun = replace(begun, seen=seen, values=values, kept=tuple(name for name in core if name in seen))
+    by_rows = [name for name in linear if name in core]
+    rows, places = estimate.rows, [linear.index(name) for name in by_rows]
+    theta = np.linalg.lstsq(rows.regressors[:, places], rows.response, rcond=None)[0]
+    other = replace(begun, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
+    ends = [item.minimised(passes=1)[1] for item in (begun, other)]
+    costs = [float(np.sqrt(1.0 + ends[0].whitened([item.point])[0] ** 2).sum()) for item in ends]
+    return (begun, other)[int(np.argmin(costs))]
+
+
+def refined_by_output_error(estimate: Estimate, flights: Flights, vehicle: KnownVehicle) -> Estimate:
+    """The estimate whose multi-step predictions of the flights leave least: see docs/rigid-body.md.
+
+    Terms that do not earn their place are zero, with the standard error that they would have.
+    """
+    structure = first_structure(estimate, flight_windows(flights, vehicle))
+    structure, minimum = structure.minimised(passes=PASSES - 1)
+    for _ in range(ROUNDS):
+        wider = structure.chosen(structure.linearised(minimum))
+        if wider.kept == structure.kept:
+            break
+        structure, minimum = wider.minimised()
+    at, names = structure.linearised(minimum), estimate.names
+    matrix = np.zeros((len(names), len(names)))
+    places = np.array([names.index(name) for name in structure.kept])
+    matrix[places[:, None], places] = structure.alone(at)[1][: len(places), : len(places)]
+    for place, name in enumerate(names):
+        if name not in structure.seen:
+            matrix[place, place] = estimate.std_error(name) ** 2
+        elif name not in structure.kept:
+            matrix[place, place] = structure.alone(at, name)[1][len(places), len(places)]
+    part = CovariancePart("clustered by windows", matrix, degrees=float(len(at.scores) - 1))
+    values = structure.values
+    theta = np.array([values[name] for name in names[: estimate.theta.size]])
+    return replace(
+        estimate,
+        solution=replace(estimate.solution, theta=theta),
+        nuisances={name: values[name] for name in estimate.nuisances},
+        streamed_covariance=JointCovariance((part,)),
+        method="output_error",
+    )
