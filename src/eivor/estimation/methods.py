@@ -301,8 +301,8 @@ def output_error(first: Method | None = None) -> Method:
 
     Notes
     -----
-    Windows of half a second begin at measured states, which are free within their noise. Terms that do not earn
-    their place by Schwarz's criterion are zero. Without references, disturbances in closed loop bias it.
+    Windows of half a second begin at measured states, which are free within their noise. Terms that do not
+    earn their place by Akaike's criterion are zero. Without references, disturbances in closed loop bias it.
     """
     method = reference_iv() if first is None else first
     checks.kind("first", method, Method, "a method", "Make one: ev.methods.whitened_least_squares().")

@@ -17,7 +17,14 @@ from eivor.inference.covariance import CovariancePart, JointCovariance, JointEst
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.rigid_body.dynamics import Coefficients, elements
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
-from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.vehicle import (
+    NO_BODY_UNCERTAINTY,
+    BodyDrag,
+    KnownNumber,
+    KnownVehicle,
+    Rotors,
+    Vehicle,
+)
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.simulation.rigid_body_spec import HeldInputs, runge_kutta
@@ -456,6 +463,36 @@ def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficient
         body_quadratic=tuple(value.get(name, 0.0) for name in QUADRATIC),
         body_rotational=tuple(torque.tolist()),
     )
+
+
+#: Rotors of a fitted vehicle reach this many times their speed at hover, where no largest command is given.
+REACH = 2.0
+
+
+def flown(made: VehicleDescription) -> Vehicle:
+    """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
+    known, rotor = coefficients(made), first(rotors_of(made))
+    moments = np.array(known.inertia)
+    largest = rotor["largest_speed"]
+    rotors = Rotors(
+        positions=tuple((x, y, z) for x, y, z, _ in known.places),
+        spins=made.vehicle.spins,
+        highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
+        thrust_quadratic=known.thrust_quadratic,
+        torque_ratio=known.torque_ratio,
+        lag_up=1.0 / known.rate_up,
+        lag_down=1.0 / known.rate_down,
+        inertia=known.rotor_inertia,
+        delay=first(made.values).get("delay", 0.0),
+        drag=known.drag,
+        inflow=known.inflow,
+        translational_lift=known.translational_lift,
+    )
+    linear, quadratic, turning = (
+        tuple(max(float(item), 0.0) for item in part)
+        for part in (known.body_linear, known.body_quadratic, known.body_rotational)
+    )
+    return Vehicle(known.mass, tuple(moments.tolist()), rotors, BodyDrag(linear, quadratic, turning))
 
 
 def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:

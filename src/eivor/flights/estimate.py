@@ -262,7 +262,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
 
 
 def minimise_output_error(state: FlightState) -> FlightState:
-    """The estimate whose predictions leave least, where it was requested; its rows are those at its values."""
+    """The estimate whose predictions leave least, where it was requested, with the rows at its values."""
     prediction = state.motion.abilities.prediction
     if not isinstance(by_name(state.options.method), OutputError) or prediction is None:
         return state

@@ -113,6 +113,8 @@ class Implied:
     std_error: float | None
     interval: Interval | None
     sentence: str
+    verdict: Status = Status.REFUSED
+    needs: tuple[str, ...] = ()  # Quantities that it rests on: its verdict is no better than theirs
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +293,7 @@ class QuantitySpec:
     reciprocal_of: str = ""  # The quantity that it is one over
     need: str = ""  # Word by which a caller may require it, such as "hover"; others decide no exit code
     across: AcrossFlights | None = None  # How reports of fleets pool it
+    field_symbol: str = ""  # What flight mechanics calls it, with its sign: -L_p
 
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Part of an interval that is not below `lowest`; one without a lower bound stays as it is."""

@@ -23,7 +23,7 @@ from eivor.flights.lag_prior import LAG_SUMS, LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import NAN, Implications, KeyFigure, Quantity, SimpleModel, Trace, Words
+from eivor.flights.quantity import NAN, Implications, Implied, KeyFigure, Quantity, SimpleModel, Trace, Words
 from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
@@ -35,7 +35,7 @@ from eivor.inference.diagnostics.residuals import (
     residual_memory,
     segment_leverage,
 )
-from eivor.inference.verdict import Status, Verdict
+from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
 from eivor.signals.recording import Finding
@@ -352,7 +352,17 @@ class FlightEstimate:
         if self.fit is None or self.verdict.status is Status.REFUSED:
             return Implications()
         implied = self.motion.abilities.implications
-        return Implications() if implied is None else implied(self.fit.estimate)
+        if implied is None:
+            return Implications()
+        made = implied(self.fit.estimate)
+        return replace(made, numbers=tuple(map(self._judged, made.numbers)))
+
+    def _judged(self, number: Implied) -> Implied:
+        """A number that follows, with a verdict no better than those of the quantities that it rests on."""
+        behind = [self.quantities[name].verdict for name in number.needs if name in self.quantities]
+        return replace(
+            number, verdict=verdict([Reason(item, "") for item in (number.verdict, *behind)]).status
+        )
 
     @cached_property
     def figures(self) -> tuple[KeyFigure, ...]:

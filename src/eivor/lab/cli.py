@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from eivor.cli.export import supplied
 from eivor.cli.outputs import (
     PAPER_FILES,
     STANDARD_OUTPUT,
@@ -37,6 +38,8 @@ from eivor.cli.outputs import (
 )
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
+from eivor.exports.fitted import accepted_verdicts
+from eivor.exports.vehicle import BODY, describe, flown
 from eivor.lab.figures import (
     by_reading,
     figure_files,
@@ -71,6 +74,7 @@ from eivor.lab.study import (
 from eivor.logs.table.columnar import write_recording
 from eivor.process_pool import local_executor
 from eivor.report.json_document import document, json_text
+from eivor.report.saved_fit import fit_among, load_fits
 from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec
@@ -223,6 +227,16 @@ def simulate(
         Writes(),
     ] = "",
     hover: Annotated[bool, flag("--hover", "Add the input that carries the weight, g / K_u.")] = False,
+    fit: Annotated[
+        str,
+        option("FIT.json", "Fly the vehicle that a result of the rigid body identified.", "--from"),
+        Reads(),
+    ] = "",
+    mass: Annotated[str, option("KG", "Its mass, where its vehicle file has none.")] = "",
+    accept: Annotated[
+        str,
+        option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.", show_default=True),
+    ] = "identified",
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
 
@@ -231,6 +245,8 @@ def simulate(
 
     'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
     body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
+
+    With --from FIT.json these fly the vehicle of a result instead of their own.
 
     Other scenarios move about hover. Their log has acceleration_z, velocity_z and input as measured, and
     under control the reference too: reference_velocity_z, or reference_position_z beside position_z.
@@ -244,6 +260,9 @@ def simulate(
         raise UsageError(f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", remedy)
     source = Path(scenario_file)
     scenario, files = _scenario(source)
+    if fit:
+        scenario = _of_fit(scenario, fit, mass, accept)
+        files = {*files, Path(fit)}
     if vehicle and not isinstance(scenario, RigidBodyFlightSpec):
         expected = "--vehicle with a flight of a whole vehicle, such as crazyflie"
         raise UsageError(expected, f"'{source.stem}', whose rotors are nowhere", "Leave --vehicle out.")
@@ -282,6 +301,19 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     }
     kind = table.choose("kind", table.values.get("kind", "vertical"), tuple(readers))
     return readers[kind](table), table.files
+
+
+def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyFlightSpec:
+    """The flight of a whole vehicle with the vehicle of a result in place of its own."""
+    if not isinstance(scenario, RigidBodyFlightSpec):
+        expected = "--from with a flight of a whole vehicle"
+        raise UsageError(expected, "another scenario", "Name quadrotor or crazyflie.")
+    result = fit_among(load_fits(fit), preferred=("rigid-body",))
+    fitted = replace(result.fitted, accepted=accepted_verdicts(accept))
+    made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
+    if made.omitted:
+        complain(*made.omitted)
+    return replace(scenario, vehicle=flown(made))
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:

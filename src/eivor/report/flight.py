@@ -33,7 +33,7 @@ from eivor.report.document import (
     TableOf,
     table,
 )
-from eivor.report.rows import NO_NUMBER, QuantityRow, plain_numbers, quantity_rows, symbol_of
+from eivor.report.rows import NO_NUMBER, QuantityRow, bounded_numbers, plain_numbers, quantity_rows, symbol_of
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
@@ -434,19 +434,21 @@ def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
     for row in quantities:
         status, wording = row.quantity.verdict, row.wording
         verdict = Cell(status.shown, status=status)
-        rows.append((wording.words, wording.symbol, *row.texts, wording.shown_unit, verdict))
+        symbol = ", ".join(filter(None, (wording.symbol, wording.field_symbol.replace("-", "−"))))
+        rows.append((wording.words, symbol, *row.texts, wording.shown_unit, verdict))
     return table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
 
 
 def _implied(implications: Implications) -> Iterator[Part]:
     """Numbers that follow, then in sentences those that do not, and what cannot be."""
-    rows = [
-        (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit)
-        for number in implications.numbers
-        if number.value is not None and number.interval is not None
-    ]
+    rows = []
+    for number in implications.numbers:
+        if number.value is not None and number.interval is not None:
+            verdict = Cell(number.verdict.shown, status=number.verdict)
+            numbers = bounded_numbers(number.value, number.interval)
+            rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
     if rows:
-        yield table(("", "", *NUMBER_COLUMNS), rows)
+        yield table(("", "", *NUMBER_COLUMNS, "verdict"), rows)
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
     sentences = (*text, *implications.contradictions)
     if sentences:

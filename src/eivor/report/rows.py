@@ -28,6 +28,8 @@ class QuantityRow:
     @property
     def texts(self) -> tuple[str, str]:
         """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"."""
+        if self.quantity.value == 0.0:  # the equations are better without it
+            return bounded_numbers(self.value, self.interval)
         return plain_numbers(self.value, self.interval)
 
     @property
@@ -60,6 +62,17 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
     if not bounded:
         return number, NO_NUMBER
     return number, f"[{_number(low, position, exponent)}, {_number(high, position, exponent)}]"
+
+
+def bounded_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
+    """The same, with a bound of the size where an interval holds zero: "0.04", "size below 0.21"."""
+    number, text = plain_numbers(value, interval)
+    low, high = interval
+    if text == NO_NUMBER or not low <= 0.0 <= high:
+        return number, text
+    bound = max(-low, high)
+    exponent = _exponent(bound)
+    return number, f"size below {_number(bound, _decimals(bound), exponent)}"
 
 
 def _decimals(spread: float, digits: int = 2) -> int:

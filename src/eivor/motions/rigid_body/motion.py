@@ -38,6 +38,7 @@ from eivor.flights.quantity import (
     flight_card,
 )
 from eivor.flights.timestamps import with_corrected_stamps
+from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
@@ -63,6 +64,7 @@ from eivor.motions.rigid_body.terms import (
     COUPLING,
     DAMPING,
     DRAG,
+    DRAG_MOMENT,
     DRIVING,
     FORCE_X_EQUATION,
     FORCE_Z_EQUATION,
@@ -407,6 +409,14 @@ EQUATION = (
     "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
 )
 _HEADLINE = (THRUST, *GAIN[:2])
+#: What flight mechanics calls parameters, on axes that point forward, right and down.
+FIELD_SYMBOLS = dict(
+    zip(
+        (item.name for item in (*DAMPING, *DRAG, DRAG_MOMENT[0][0], DRAG_MOMENT[1][0])),
+        ("-L_p", "-M_q", "-N_r", "-X_u", "-Y_v", "-Z_w", "-L_v", "-M_u"),
+        strict=True,
+    )
+)
 
 
 def _spec(term: RigidTerm) -> QuantitySpec:
@@ -421,6 +431,7 @@ def _spec(term: RigidTerm) -> QuantitySpec:
         headline=headline,
         in_rows=headline,
         need="gain" if term.parameter == THRUST else "torque" if term.parameter in GAIN[:2] else "",
+        field_symbol=FIELD_SYMBOLS.get(term.parameter.name, ""),
     )
 
 
@@ -462,6 +473,13 @@ WORDS = Words(
     no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
     advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
+)
+
+#: Half-widths of what follows for the vehicle, as shares: identified, and rough; those of what the air does.
+WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
+OF_THE_AIR = frozenset(
+    {*(f"{kind}_{axis}" for kind in ("drag", "quadratic_drag") for axis in ALONG), "translational_lift"}
+    | {f"{turning}_drag" for turning in TURNING}
 )
 
 # -- Motion --
@@ -617,5 +635,9 @@ def _implied(row: PhysicalEstimateRow) -> Implied:
     item = row.estimate
     if item is None:
         return Implied(row.name, row.words, "", "", None, None, None, row.sentence)
-    numbers = item.value, item.std_error, item.interval
-    return Implied(row.name, row.words, item.symbol, item.unit, *numbers, row.sentence)
+    numbers, (low, high) = (item.value, item.std_error, item.interval), item.interval
+    identified, weak = WIDE_AIR if row.name in OF_THE_AIR else WIDE
+    share = 0.5 * (high - low) / abs(item.value) if low * high > 0.0 else np.inf
+    status = Status.IDENTIFIED if share <= identified else Status.WEAK if share <= weak else Status.REFUSED
+    needs = row.formula.needed
+    return Implied(row.name, row.words, item.symbol, item.unit, *numbers, row.sentence, status, needs)

@@ -30,7 +30,7 @@ LOOKED_AT_S = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 FEWEST_WINDOWS = 30
 #: Windows that begin within so long of each other have residuals that go together [s].
 CLUSTER_S = 2.0
-#: Standard deviations that measured states are first supposed to have, of position, velocity, attitude, rates.
+#: Standard deviations of measured states that a search begins with, by their units.
 FIRST_NOISE = {"m": 0.002, "m/s": 0.02, "rad": 0.005, "rad/s": 0.05}
 #: Lags and delays that are possible [s], and how far the clocks of two flights may stand apart.
 LAGS_S, DELAYS_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), 0.05
@@ -173,7 +173,9 @@ class OutputErrors:
             models[str(number)] = SimpleModel("", values)
         return [item.values for item in with_gyroscopic_moments(models, "0").values()]
 
-    def left(self, points: Sequence[Float[np.ndarray, " n"]]) -> list[Float[np.ndarray, "points rows starts"]]:
+    def left(
+        self, points: Sequence[Float[np.ndarray, " n"]]
+    ) -> list[Float[np.ndarray, "points rows starts"]]:
         """What each flight's windows leave."""
         return [windows.left(self.models(points, number)) for number, windows in enumerate(self.windows)]
 
@@ -280,8 +282,8 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
 
         def jacobian(point: Float[np.ndarray, " n"], best: Minimum = best) -> Float[np.ndarray, "all n"]:
             points = errors.moved(point)
-            rows = np.concatenate([best.whitened(points), np.stack([together(item) for item in points])], axis=1)
-            return errors.derivatives(points, rows)
+            clocks = np.stack([together(item) for item in points])
+            return errors.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
 
         found = least_squares(
             residual,
@@ -315,6 +317,8 @@ def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ..
 
 # -- Structure --
 
+#: Squared ratio of a term to its standard error from which Akaike's criterion wants it.
+AKAIKE = 2.0
 #: Times that terms are chosen, each with what was chosen before.
 ROUNDS = 2
 
@@ -350,15 +354,16 @@ class Structure:
         """Scores of all that is seen at a minimum of what is kept."""
         return replace(minimum, errors=self.errors(self.seen), point=self.point(self.seen)).linearised()
 
-    def alone(self, at: Linearised, name: str = "") -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    def alone(
+        self, at: Linearised, name: str = ""
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Changes of what is kept with a name last, before the clocks; and their covariance."""
         free = [*self.kept, *([name] if name else [])]
         clocks = range(len(self.seen), at.scale.size)
         return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]))
 
     def chosen(self, at: Linearised) -> Structure:
-        """With the terms that Schwarz's criterion wants as well, one after the other."""
-        count = sum(item.starts.samples.size for item in self.windows)
+        """With the terms that Akaike's criterion wants as well, one after the other."""
         positive = {item.name for item in _POSITIVE}
         ratios = {"": 0.0}
         for name in self.seen:
@@ -368,7 +373,7 @@ class Structure:
                 wrong = name in positive and change[place] < 0.0
                 ratios[name] = 0.0 if wrong else change[place] ** 2 / max(covariance[place, place], 1e-300)
         best = max(ratios, key=lambda name: ratios[name])
-        return self if ratios[best] <= np.log(count) else replace(self, kept=(*self.kept, best)).chosen(at)
+        return self if ratios[best] <= AKAIKE else replace(self, kept=(*self.kept, best)).chosen(at)
 
 
 def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structure:

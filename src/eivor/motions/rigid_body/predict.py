@@ -137,7 +137,9 @@ class StatePropagator:
         of = self._motion(body, rows, rotors)
         for term in TERMS:
             if not term.driving and self._by_term[term.parameter.name].any():
-                force[term.equation] += np.repeat(self._by_term[term.parameter.name], now.size) * term.column(of)
+                force[term.equation] += np.repeat(self._by_term[term.parameter.name], now.size) * term.column(
+                    of
+                )
         velocity = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
             velocity = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
