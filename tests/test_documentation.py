@@ -79,9 +79,10 @@ def test_sample_output_is_what_is_printed():
         capture_output=True,
         text=True,
         check=True,
-        env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1"},
+        env={"COLUMNS": "80", "PATH": "", "NO_COLOR": "1"},
     )
     block = blocks(README, "text")[0]
+    assert max(map(len, block.splitlines())) <= 80
     number = r"-?\d[\d.]*(e-?\d+)?"
     assert re.sub(number, "#", block).split() == re.sub(number, "#", run.stdout).split()
     assert numbers(block) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)

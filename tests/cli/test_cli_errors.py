@@ -12,7 +12,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import typer
 
+from eivor.cli.main import EXAMPLES, PANELS, app
+from eivor.cli.outputs import FIRST_OPTIONS
+from eivor.logs.read import readable_formats
+
+COMMAND = typer.main.get_command(app)
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
@@ -60,6 +66,65 @@ def test_a_wrong_command_is_wrong_usage(eivor):
     run = eivor("identfy")
     assert run.code == 2
     assert "identify" in run.err
+
+
+def commands(command=COMMAND, path=()):
+    for name, child in command.commands.items():
+        yield from commands(child, (*path, name)) if hasattr(child, "commands") else [((*path, name), child)]
+
+
+def test_commands_and_options_stand_in_groups():
+    assert {name for names in PANELS.values() for name in names} == set(COMMAND.commands)
+    for _, command in commands():
+        options = [item for item in command.params if item.param_type_name == "option" and not item.hidden]
+        assert sum(item.rich_help_panel is None for item in options) <= FIRST_OPTIONS
+    about = next(item.help for item in COMMAND.commands["identify"].params if item.name == "logs")
+    for log_format in readable_formats():
+        assert re.search(rf"\b{log_format.label.removesuffix(' table')}\b", about), log_format.label
+
+
+def test_what_is_missing_or_misspelt_is_said(eivor):
+    for path, command in commands():
+        if any(item.required for item in command.params):
+            run = eivor(*path)
+            assert (run.code, run.out) == (2, "")
+            assert f"received none. For example: eivor {' '.join(path)} {EXAMPLES[' '.join(path)]}" in run.err
+    for words, meant in (
+        (("identify", "--exampel"), "--example"),
+        (("fleet", "run", "--rports"), "--reports"),
+        (("machine", "new", "--like", "rovr"), "rover"),
+        (("example", "fetch", "ekf_failur"), "ekf_failure"),
+        (("paper", "--readings", "two-lag"), "two-lags"),
+        (("identify", "--example", "--input-map", "sqare"), "square"),
+        (("identify", "--example", "--model", "rate"), "rates"),
+        (("identify", "--example", "--instruments", "lag"), "lags"),
+        (("identify", "--example", "--input", "rotor_comand"), "rotor_command"),
+        (("plan", "--shape", "stepps"), "steps"),
+    ):
+        assert f"Did you mean '{meant}'?" in eivor(*words).err
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("shell_name", ["bash", "zsh", "fish"])
+def test_a_shell_completes_values(shell, shell_name):
+    for words, values in (
+        ("identify --method whi", "whitened_least_squares whittle_ml"),
+        ("identify --model ", "vertical rates rigid-body"),
+        ("identify --map n", "nanobench"),
+        ("identify --for hover,l", "hover,lag"),
+        ("export fit.json --accept ", "identified weak provisional"),
+        ("plan --shape ", "multisine steps"),
+        ("fleet query fleet ver", "verdicts"),
+        ("machine show ro", "rover"),
+        ("val", "validate"),
+    ):
+        typed = f"eivor {words}"
+        last = str(len(typed.split()) - (not typed.endswith(" ")))
+        action = {"COMP_CWORD": last, "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+        given = {"COMP_WORDS": typed, "_TYPER_COMPLETE_ARGS": typed}
+        run = shell(_EIVOR_COMPLETE=f"complete_{shell_name}", **given, **action)
+        printed = re.sub(r"_arguments|[\"'()*:]", " ", run.out)
+        assert set(printed.split()) & set(values.split()) == set(values.split())
 
 
 @pytest.mark.thorough

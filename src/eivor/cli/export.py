@@ -29,7 +29,7 @@ from eivor.cli.outputs import (
 )
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, Target, known_number, one_line
-from eivor.exports.targets import TARGETS, motions_for
+from eivor.exports.targets import RANDOMISATIONS, TARGETS, motions_for
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
@@ -62,7 +62,9 @@ def export(
         Reads(),
     ],
     *,
-    to: Annotated[str, option("TARGET", "What for: see Targets below.")] = "",
+    to: Annotated[
+        str, option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
+    ] = "",
     model: FitModelOption = "",
     draws: Annotated[
         int | None,
@@ -94,6 +96,7 @@ def export(
             "FILE.toml",
             "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
             "Without it that of the result, when it has one.",
+            values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
         ),
         Reads(),
     ] = "",
@@ -103,6 +106,7 @@ def export(
             "VERDICT",
             "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
             show_default=True,
+            values=("identified", "weak", "provisional"),
         ),
     ] = "identified",
     output: Annotated[

@@ -10,8 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
-from eivor.cli.options import NEEDS, FlightWords, LogWords
+from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
+    MORE,
     ExitCode,
     FitModelOption,
     JsonOption,
@@ -46,6 +47,7 @@ NeedsOption = Annotated[
         f"What must be identified for exit code 0: {', '.join(NEEDS)} (of roll and pitch), or names of "
         "quantities, with commas between them. Default: any of them.",
         "--for",
+        panel=MORE,
         values=NEEDS,
     ),
 ]
@@ -61,7 +63,7 @@ IDENTIFY_EXIT_CODES = (
 
 @guarded
 @done_in_results
-@with_options(FlightWords, LogWords)
+@with_options(LogWords, FlightWords)
 def identify(
     *,
     needs: NeedsOption = "",
@@ -73,7 +75,7 @@ def identify(
         str, option("FILE", "Write everything as one page that opens in any browser."), Writes()
     ] = "",
     card: Annotated[
-        bool, flag("--card", "Print the flight card too: what to fly and to log instead.")
+        bool, flag("--card", "Print the flight card too: what to fly and to log instead.", panel=MORE)
     ] = False,
     **given: Any,
 ) -> None:
@@ -91,7 +93,7 @@ REPORT_EXIT_CODES = (
 
 @guarded
 @done_in_results
-@with_options(FlightWords, LogWords)
+@with_options(LogWords, FlightWords)
 def report(
     *,
     needs: NeedsOption = "",
@@ -119,7 +121,7 @@ TRACK_OPTIONS = (
 
 @guarded
 @done_in_results
-@with_options(FlightWords, LogWords, only=TRACK_OPTIONS)
+@with_options(LogWords, FlightWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
         str,
@@ -145,11 +147,18 @@ def track(
             "STD",
             "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
             "lets hover determine the gain; inf when nothing is known, so that only movement does.",
+            panel=MORE,
         ),
     ] = None,
     method: Annotated[
         str,
-        option("NAME", "Method that identifies the flight as a whole, and its lag.", show_default=True),
+        option(
+            "NAME",
+            "Method that identifies the flight as a whole, and its lag.",
+            show_default=True,
+            panel=MORE,
+            values=METHODS,
+        ),
     ] = "reference_iv",
     json: JsonOption = "",
     figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
@@ -174,7 +183,7 @@ VALIDATE_EXIT_CODES = (
 
 @guarded
 @done_in_results
-@with_options(FlightWords, LogWords, only=("window", "max_tilt", "channel_map"))
+@with_options(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
 def validate(
     fit: Annotated[
         Path,

@@ -30,13 +30,37 @@ from eivor.cli.outputs import (
     refuse_empty_options,
     reported,
 )
-from eivor.errors import InputError
+from eivor.errors import InputError, UsageError, did_you_mean
 
 # -- Main --
 
+#: What the reader of arguments raises; its module is not the same in all versions of Typer.
+WrongUsage: Any = typer.BadParameter.__base__
 if TYPE_CHECKING:
     app: typer.Typer
 
+#: Headings of help, in its order, and their commands.
+PANELS = {
+    "Identify": ("identify", "report", "track"),
+    "Look": ("inspect", "serve", "example"),
+    "Use the result": ("export", "validate"),
+    "Plan": ("plan", "vehicle", "machine"),
+    "Simulate and study": ("simulate", "study", "paper"),
+    "Fleets": ("fleet",),
+}
+#: What a message about a missing argument shows.
+EXAMPLES = {
+    "export": "fit.json --to px4",
+    "validate": "fit.json other.ulg",
+    "simulate": "flight -o flight.parquet",
+    "study": "study.toml",
+    "fleet run": "logs/ -o fleet/",
+    "fleet query": "fleet/ verdicts",
+    "fleet report": "fleet/",
+    "example fetch": "ardupilot_log_0036",
+    "vehicle show": "quadrotor-x",
+    "machine show": "rover",
+}
 #: Where each command of the library or group of them is, and what `eivor --help` says of it. The module of a
 #: command holds NAME_EXIT_CODES too.
 COMMANDS = {
@@ -67,30 +91,50 @@ ADDED = {
 
 
 def _targets() -> dict[str, str]:
+    """Where each command is, in the order of help."""
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    return {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
+    known = {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
+    ordered = [name for names in PANELS.values() for name in names if name in known]
+    return {name: known[name] for name in (*ordered, *known)}
 
 
 @contextmanager
-def _report_interrupts() -> Iterator[None]:
+def _readable_errors() -> Iterator[None]:
+    """Say in a line what was interrupted or is missing, and what a misspelt option may be."""
     try:
         yield
     except KeyboardInterrupt:
         complain("interrupted")
         raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
+    except WrongUsage as error:
+        context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
+        if context is not None and hasattr(error, "option_name") and hasattr(error, "possibilities"):
+            known = [name for item in context.command.params for name in item.opts if not item.hidden]
+            error.possibilities = None
+            remedy = did_you_mean(error.option_name, (*known, "--help"), "--help lists them.")
+            error.message = f"No such option: {error.option_name}. {remedy}"
+        elif context is not None and hasattr(error, "param_type") and parameter is not None:
+            name = parameter.metavar or parameter.name
+            if parameter.param_type_name == "option":
+                name = f"{max(parameter.opts, key=len)} {name}"
+            command = context.command_path.partition(" ")[2]
+            example = f"For example: eivor {command} {EXAMPLES.get(command, name)}"
+            about = f"{name} ({parameter.help[0].lower()}{parameter.help[1:].rstrip('.')})"
+            raise typer.Exit(int(reported(UsageError(about, "none", example)))) from None
+        raise
 
 
 class Commands(TyperGroup):
-    """All commands, with the options that repeat; an interrupt is one line, also while arguments are read."""
+    """All commands, with the options that repeat; what is wrong in them is said in one line."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments of the group."""
-        with _report_interrupts():
+        with _readable_errors():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Read the arguments of a command, and run it."""
-        with _report_interrupts():
+        with _readable_errors():
             refuse_empty_options(ctx)
             try:
                 read_repeated_options(ctx, ctx.params["config"], _targets())
@@ -120,8 +164,12 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
         if loaded:
             _add(made, name, targets[name])
         else:
-            made.command(name, help=helps.get(name, ""))(lambda: None)
+            made.command(name, help=helps.get(name, ""), rich_help_panel=_panel(name))(lambda: None)
     return made
+
+
+def _panel(name: str) -> str | None:
+    return next((panel for panel, names in PANELS.items() if name in names), None)
 
 
 def _add(made: typer.Typer, name: str, target: str) -> None:
@@ -139,9 +187,10 @@ def _add(made: typer.Typer, name: str, target: str) -> None:
         ) from error
     command = getattr(module, attribute)
     if isinstance(command, typer.Typer):
-        made.add_typer(command)
+        made.add_typer(command, rich_help_panel=_panel(name))
     else:
-        made.command(epilog=getattr(module, f"{name.upper()}_EXIT_CODES"), cls=ReadableCommand)(command)
+        epilog = getattr(module, f"{name.upper()}_EXIT_CODES")
+        made.command(epilog=epilog, cls=ReadableCommand, rich_help_panel=_panel(name))(command)
 
 
 def __getattr__(name: str) -> object:
@@ -209,7 +258,12 @@ def run() -> None:
 def _requested_command(arguments: list[str]) -> typer.Typer:
     """Return the command line of the command that is named first; help alone loads none."""
     if any(name.startswith("_EIVOR") for name in os.environ):  # a shell completes words
-        return application()
+        arguments = (os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS", "")).split()[1:]
+        return (
+            application(*arguments[:1])
+            if arguments[:1] and arguments[0] in _targets()
+            else application(loaded=False)
+        )
     if not arguments or arguments[0] in {"--help", "--version"}:
         return application(loaded=False)
     named = [name for name in arguments[:1] if name in _targets()]

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_type_hints
 import msgspec
 import typer
 
-from eivor.cli.outputs import MachineOption, ModelOption, Reads, VehicleOption, flag, log_paths, option
+from eivor.cli.outputs import MORE, MachineOption, ModelOption, Reads, VehicleOption, flag, log_paths, option
 
 #: Default of an option that may be given several times.
 NO_TEXTS: list[str] = []
@@ -24,19 +24,15 @@ METHODS = (
 )
 
 
-#: Headings of help.
-SAMPLES, INPUT, METHOD, LAG, EQUATION = "Samples", "Input", "Method", "Lag", "Equation"
-
-
 class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """Choices for the identification of a flight, as they are typed; `eivor.cli.parsing` reads them."""
 
-    window: Annotated[
-        str, option("START:END", "Use this window of each log, in seconds from its start.", panel=SAMPLES)
-    ] = ""
+    window: Annotated[str, option("START:END", "Use this window of each log, in seconds from its start.")] = (
+        ""
+    )
     max_tilt: Annotated[
         float | None,
-        option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=SAMPLES),
+        option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=MORE),
     ] = None
     input_channel: Annotated[
         str,
@@ -44,7 +40,6 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "CHANNEL",
             "Channel, or family such as rotor_command, that drives the vehicle.",
             "--input",
-            panel=INPUT,
         ),
     ] = ""
     input_map: Annotated[
@@ -52,7 +47,8 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         option(
             "MAP",
             "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
-            panel=INPUT,
+            panel=MORE,
+            values=("linear", "square", "power:", "mixed:", "fit"),
         ),
     ] = ""
     accelerometer_bias: Annotated[
@@ -61,7 +57,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "STD",
             "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
             "(default: 0.1; inf when nothing is known of it).",
-            panel=INPUT,
+            panel=MORE,
         ),
     ] = None
     instruments: Annotated[
@@ -69,31 +65,33 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         option(
             "NAMES",
             "references, lags, or channels with commas between them.",
-            panel=METHOD,
+            panel=MORE,
             values=("references", "lags"),
         ),
     ] = ""
     method: Annotated[
-        str, option("NAME", f"{', '.join(METHODS)}.", show_default=True, panel=METHOD, values=METHODS)
+        str, option("NAME", f"{', '.join(METHODS)}.", show_default=True, panel=MORE, values=METHODS)
     ] = "reference_iv"
-    compare: Annotated[bool, flag("--compare", "List every method side by side.", panel=METHOD)] = False
+    compare: Annotated[bool, flag("--compare", "List every method side by side.", panel=MORE)] = False
     lag: Annotated[
         str,
         option(
-            "MS:STD|LOW..HIGH|typical:CLASS|none",
+            "MS:STD",
             "Lag and delay of the actuators together, known from elsewhere. 70:15 is 70 ms with a standard "
             "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay. typical:CLASS is "
             "what was published of nano, 5in or multirotor.",
-            panel=LAG,
+            values=("none", "typical:nano", "typical:5in", "typical:multirotor"),
         ),
     ] = ""
     lag_from: Annotated[
         str,
-        option("FIT.json", "Take it from another flight of this vehicle, identified with --json.", panel=LAG),
+        option(
+            "FIT.json", "Take it from another flight of this vehicle, identified with --json.", panel=MORE
+        ),
         Reads(),
     ] = ""
     align: Annotated[
-        bool, flag("--align", "Take offset and scale out of sensors that disagree.", panel=SAMPLES)
+        bool, flag("--align", "Take offset and scale out of sensors that disagree.", panel=MORE)
     ] = False
     pool_friction: Annotated[
         str,
@@ -102,13 +100,13 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
             "mean). auto takes them as common where they agree.",
             show_default=True,
-            panel=METHOD,
+            panel=MORE,
             values=("auto", "common", "separate"),
         ),
     ] = "auto"
     pool_anyway: Annotated[
         bool,
-        flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=METHOD),
+        flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=MORE),
     ] = False
     terms: Annotated[
         list[str],
@@ -117,7 +115,8 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
             "for several.",
             "--term",
-            panel=EQUATION,
+            panel=MORE,
+            values=("quadratic-drag", "ground-effect", "voltage"),
         ),
     ] = msgspec.field(default_factory=list)
     rotor_radius: Annotated[
@@ -125,7 +124,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         option(
             "M",
             "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii.",
-            panel=EQUATION,
+            panel=MORE,
         ),
     ] = None
     controller_rate: Annotated[
@@ -134,17 +133,18 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "HZ",
             "Rate of the controller that issues the commands, such as 400, where the log does not show it: "
             "the lag is known closer then.",
-            panel=INPUT,
+            panel=MORE,
         ),
     ] = None
     noise: Annotated[
         list[str],
         option(
-            "NAME=STD|estimate",
+            "NAME=STD",
             "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
-            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,step:0.01. "
             "estimate reads all of them off the log. Several times for several channels.",
-            panel=METHOD,
+            panel=MORE,
+            values=("estimate",),
         ),
     ] = msgspec.field(default_factory=list)
 
@@ -156,9 +156,9 @@ class LogWords(msgspec.Struct, kw_only=True):
         list[str] | None,
         typer.Argument(
             metavar="LOG",
-            help="ULog, ArduPilot DataFlash, ROS bag, MCAP, Crazyflie microSD, CSV, Parquet, MATLAB or HDF5; "
-            "- is standard input. Several are pooled as flights of one vehicle. LOG@START:END takes a window "
-            "of one log.",
+            help="PX4 ULog or ulog2csv folder, ArduPilot DataFlash, Betaflight and INAV blackbox, Crazyflie "
+            "microSD, ROS 1 bag, ROS 2 bag, MCAP, CSV, Parquet, MATLAB or HDF5; - is standard input. Several "
+            "are pooled as flights of one vehicle. LOG@START:END takes a window of one log.",
             show_default=False,
         ),
         Reads(log_paths),
@@ -174,6 +174,7 @@ class LogWords(msgspec.Struct, kw_only=True):
             "Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
             "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
             "--map",
+            values_of="eivor.logs.channel_map:shipped_maps",
         ),
         Reads(),
     ] = ""

@@ -23,12 +23,20 @@ from unicodedata import normalize
 import msgspec
 import typer
 from typer import Exit
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperOption
 
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.strict_toml import TomlTable, read_toml
-from eivor.tools import ItemsDone, no_items_callback, plain_text, printable
+from eivor.tools import (
+    ItemsDone,
+    Progress,
+    Stage,
+    no_items_callback,
+    no_stage_callback,
+    plain_text,
+    printable,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -39,6 +47,8 @@ R = TypeVar("R")
 
 # -- Arguments --
 
+#: Heading of the options that few people need, and how many a command has before some go there.
+MORE, FIRST_OPTIONS = "More options", 10
 #: The word for standard output, and for standard input.
 STANDARD_OUTPUT = "-"
 #: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
@@ -93,6 +103,7 @@ def option(
     show_default: bool = False,
     panel: str | None = None,
     values: Sequence[str] = (),
+    values_of: str = "",
 ) -> Any:
     """An option with a value; its help shows what to type, under a heading, and a shell completes values."""
     return typer.Option(
@@ -101,10 +112,20 @@ def option(
         help=about,
         show_default=show_default,
         rich_help_panel=panel,
-        autocompletion=(lambda incomplete: [value for value in values if value.startswith(incomplete)])
-        if values
-        else None,
+        autocompletion=completion(values, values_of) if values or values_of else None,
     )
+
+
+def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str], list[str]]:
+    """Words that a shell completes, also after a comma: these, and those of a name that is loaded then."""
+
+    def complete(incomplete: str) -> list[str]:
+        more = resolve_name(values_of) if values_of else ()
+        known = [*values, *(more() if callable(more) else more)]
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{value}" for value in known if value.startswith(last)]
+
+    return complete
 
 
 def flag(name: str, about: str, panel: str | None = None) -> Any:
@@ -123,7 +144,7 @@ ModelOption = Annotated[
     option(
         "NAME",
         "What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
-        values=("vertical", "rates", "rigid-body"),
+        values_of="eivor.motions.table:motion_names",
     ),
 ]
 VehicleOption = Annotated[
@@ -132,18 +153,28 @@ VehicleOption = Annotated[
         "FILE|NAME",
         "What flies, for the rigid body: a vehicle file, or a shipped one (eivor vehicle list). The "
         "vertical motion takes the radius of its rotors.",
+        values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
     ),
     Reads(),
 ]
 MachineOption = Annotated[
     str,
     option(
-        "FILE.toml|NAME",
+        "FILE|NAME",
         "A machine in place of --model: a declaration, or a shipped one (eivor machine list).",
+        panel=MORE,
+        values_of="eivor.motions.declaration:shipped_machines",
     ),
     Reads(),
 ]
-FitModelOption = Annotated[str, option("NAME", "Motion of the result, where it has several that serve.")]
+FitModelOption = Annotated[
+    str,
+    option(
+        "NAME",
+        "Motion of the result, where it has several that serve.",
+        values_of="eivor.motions.table:motion_names",
+    ),
+]
 JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
 
 
@@ -249,15 +280,18 @@ def complain(message: str, *more: str) -> None:
 
 
 @contextmanager
-def step(what: str) -> Iterator[None]:
-    """Show `what` with a spinner on standard error while it lasts, on terminals only."""
+def step(what: str) -> Iterator[Progress]:
+    """Show `what` with a spinner on standard error while it lasts, and its stages, on terminals only."""
     if not sys.stderr.isatty():
-        yield
+        yield no_stage_callback
         return
     from rich.text import Text
 
-    with console(error=True).status(Text(f"{printable(what)} ...")):
-        yield
+    stages = len(Stage)
+    with console(error=True).status(Text(f"{printable(what)} ...")) as status:
+        yield lambda stage: status.update(
+            Text(f"{printable(what)}: {stage.value} ({[*Stage].index(stage) + 1} of {stages}) ...")
+        )
 
 
 @contextmanager
@@ -626,6 +660,13 @@ def _words(value: Any) -> str:
 
 class ReadableCommand(TyperCommand):
     """A command that checks its options, and the files that it writes, before it runs."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        options = [item for item in self.params if isinstance(item, TyperOption) and not item.hidden]
+        if len(options) <= FIRST_OPTIONS:
+            for item in options:
+                item.rich_help_panel = None
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, after checks of its options and of the files that it writes."""

@@ -164,7 +164,8 @@ def identified(
         absent = ", ".join(f"'{name}'" for name in options.instruments if name not in known)
         if absent:
             expected = f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}"
-            raise UsageError(expected, absent, "Name those, or references, or lags.")
+            remedy = did_you_mean(absent.strip("'"), known, "Name those, or references, or lags.")
+            raise UsageError(expected, absent, remedy)
     try:
         return identify_log(recordings, options, windows=windows, models=motions, progress=progress)
     except MissingChannelError as error:
@@ -230,8 +231,9 @@ def pooled_result(
 ) -> LogEstimate:
     """Read logs and identify them with options of the library."""
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
-    with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
-        return identified(recordings, motions, options, windows)
+    several = len(recordings) > 1
+    with step(f"{len(recordings)} flights together" if several else recordings[0].name) as progress:
+        return identified(recordings, motions, options, windows, progress)
 
 
 # -- Noise --

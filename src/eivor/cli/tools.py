@@ -15,6 +15,7 @@ import typer
 
 from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords
 from eivor.cli.outputs import (
+    MORE,
     STANDARD_OUTPUT,
     ExitCode,
     JsonOption,
@@ -22,6 +23,7 @@ from eivor.cli.outputs import (
     Reads,
     Writes,
     complain,
+    completion,
     deliver_result,
     group,
     guarded,
@@ -40,7 +42,7 @@ from eivor.cli.parsing import (
     position_of,
     read_logs,
 )
-from eivor.errors import CorruptLogError, InputError, UsageError
+from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body.vehicle import (
     ENDING,
@@ -165,7 +167,14 @@ def list_logs() -> ExitCode:
 )
 @guarded
 def fetch(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A name out of eivor example list.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="A name out of eivor example list.",
+            autocompletion=completion(values_of="eivor.cli.tools:public_logs"),
+        ),
+    ],
 ) -> ExitCode:
     """Download a public real log, check it, and print its path. A second time it works without a network.
 
@@ -175,7 +184,8 @@ def fetch(
     by_file = {log.file_name: log for log in logs.values()}
     log = logs.get(name) or by_file.get(name)
     if log is None:
-        raise UsageError(f"a log out of {', '.join(logs)}", f"'{name}'", "See: eivor example list")
+        remedy = did_you_mean(name, logs, "See: eivor example list")
+        raise UsageError(f"a log out of {', '.join(logs)}", f"'{name}'", remedy)
     import pooch
 
     folder = Path(os.environ.get(CACHE_VARIABLE) or pooch.os_cache("eivor")).expanduser()
@@ -204,8 +214,8 @@ INSPECT_EXIT_CODES = (
 
 @guarded
 @with_options(
-    FlightWords,
     LogWords,
+    FlightWords,
     only=(
         *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
         *("model", "vehicle", "machine", "channel_map"),
@@ -263,26 +273,43 @@ def plan(
     ] = "",
     *,
     for_what: Annotated[
-        str, option("NAME", "friction, gain or lag (default: what the result could not identify).", "--for")
+        str,
+        option(
+            "NAME",
+            "friction, gain or lag (default: what the result could not identify).",
+            "--for",
+            values_of="eivor.planning.plan:TARGETS",
+        ),
     ] = "",
-    hover: Annotated[float | None, option("SHARE", "Input at hover, of full input (0.5).")] = None,
-    friction: Annotated[float | None, option("1/S", "A guess of the friction (0.3).")] = None,
-    lag: Annotated[float | None, option("MS", "A guess of lag and delay together (50).")] = None,
-    gusts: Annotated[float | None, option("M/S", "Vertical gusts, standard deviation (0.3).")] = None,
+    hover: Annotated[
+        float | None, option("SHARE", "Input at hover, of full input (0.5).", panel=MORE)
+    ] = None,
+    friction: Annotated[float | None, option("1/S", "A guess of the friction (0.3).", panel=MORE)] = None,
+    lag: Annotated[float | None, option("MS", "A guess of lag and delay together (50).", panel=MORE)] = None,
+    gusts: Annotated[
+        float | None, option("M/S", "Vertical gusts, standard deviation (0.3).", panel=MORE)
+    ] = None,
     height: Annotated[str, option("LOW:HIGH", "Heights above take-off [m].", show_default=True)] = "3:8",
     speed: Annotated[float, option("M/S", "Largest climb and sink rate.", show_default=True)] = 2.0,
     acceleration: Annotated[
-        float, option("M/S2", "Largest acceleration of the setpoint.", show_default=True)
+        float, option("M/S2", "Largest acceleration of the setpoint.", show_default=True, panel=MORE)
     ] = 3.0,
-    tilt: Annotated[float, option("DEG", "Tilt beyond which the flight ends.", show_default=True)] = 20.0,
+    tilt: Annotated[
+        float, option("DEG", "Tilt beyond which the flight ends.", show_default=True, panel=MORE)
+    ] = 20.0,
     time: Annotated[float, option("S", "Length of the flight.", show_default=True)] = 60.0,
-    shape: Annotated[str, option("KIND", "multisine or steps (default: the better one).")] = "",
-    seed: Annotated[int, option("N", "Of phases, step heights and wind.", show_default=True)] = 0,
+    shape: Annotated[
+        str,
+        option(
+            "KIND", "multisine or steps (default: the better one).", values_of="eivor.planning.plan:KINDS"
+        ),
+    ] = "",
+    seed: Annotated[int, option("N", "Of phases, step heights and wind.", show_default=True, panel=MORE)] = 0,
     csv: Annotated[str, option("FILE", "Write the setpoints as a table."), Writes()] = "",
     mavsdk: Annotated[str, option("FILE.py", "Write a MAVSDK program that flies it."), Writes()] = "",
     qgc: Annotated[str, option("FILE.plan", "Write a QGroundControl plan; steps only."), Writes()] = "",
     home: Annotated[str, option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
-    rotorpy: Annotated[str, option("FILE.py", "Write a trajectory of RotorPy."), Writes()] = "",
+    rotorpy: Annotated[str, option("FILE.py", "Write a trajectory of RotorPy.", panel=MORE), Writes()] = "",
     json: JsonOption = "",
 ) -> ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
@@ -326,7 +353,6 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
 
 # -- Vehicles and machines --
 
-NAME_OR_FILE = typer.Argument(metavar="NAME|FILE.toml", help="A name out of the list, or a file.")
 NEW_FILE = typer.Argument(
     metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
 )
@@ -343,9 +369,15 @@ def _shipped_group(
     rows: Callable[[], Iterable[tuple[str, ...]]],
     load: Callable[[str], object],
     text: Callable[[str], str],
+    names: str,
 ) -> typer.Typer:
     """Group of the commands that list and show what comes with Eivor, or is in a file."""
     app = group(what, about)
+    name_or_file = typer.Argument(
+        metavar="NAME|FILE.toml",
+        help="A name out of the list, or a file.",
+        autocompletion=completion(values_of=names),
+    )
 
     @app.command(
         "list", cls=ReadableCommand, help=f"List the {what}s that come with Eivor.", epilog=NO_FAILURE
@@ -362,7 +394,7 @@ def _shipped_group(
         "with something wrong in it.",
     )
     @guarded
-    def show(file: Annotated[str, NAME_OR_FILE, Reads()]) -> ExitCode:
+    def show(file: Annotated[str, Reads()] = name_or_file) -> ExitCode:
         load(file)
         write(text(file))
         return ExitCode.IDENTIFIED
@@ -392,6 +424,7 @@ vehicle_app = _shipped_group(
     lambda: ((name, load_vehicle(name).name) for name in shipped_vehicles()),
     load_vehicle,
     vehicle_text,
+    "eivor.motions.rigid_body.vehicle:shipped_vehicles",
 )
 
 
@@ -411,6 +444,7 @@ machine_app = _shipped_group(
     ),
     load_machine,
     machine_text,
+    "eivor.motions.declaration:shipped_machines",
 )
 
 
@@ -419,11 +453,21 @@ machine_app = _shipped_group(
 def new_machine(
     file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,
     *,
-    like: Annotated[str, option("NAME", "The shipped machine to begin with.", show_default=True)] = "rover",
+    like: Annotated[
+        str,
+        option(
+            "NAME",
+            "The shipped machine to begin with.",
+            show_default=True,
+            values_of="eivor.motions.declaration:shipped_machines",
+        ),
+    ] = "rover",
 ) -> ExitCode:
     """Write a machine's file to begin with: a shipped one, to be changed."""
     if like not in shipped_machines():
         raise UsageError(
-            f"a machine out of {', '.join(shipped_machines())}", f"'{like}'", "Name one of them."
+            f"a machine out of {', '.join(shipped_machines())}",
+            f"'{like}'",
+            did_you_mean(like, shipped_machines(), "Name one of them."),
         )
     return _begun("a machine", machine_text(like), file)

@@ -11,6 +11,7 @@ import typer
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords
 from eivor.cli.outputs import (
     FLEET_FILES,
+    MORE,
     STANDARD_OUTPUT,
     ExitCode,
     JsonOption,
@@ -21,6 +22,7 @@ from eivor.cli.outputs import (
     WorkersOption,
     Writes,
     complain,
+    completion,
     deliver_result,
     flag,
     fleet_paths,
@@ -121,15 +123,18 @@ def run_command(
         option(
             "ADDRESS",
             "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
+            panel=MORE,
         ),
     ] = "",
     reports: Annotated[
         bool, flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
     ] = False,
     log_time: Annotated[
-        float, option("S", "Longest time for one log, in seconds.", show_default=True)
+        float, option("S", "Longest time for one log, in seconds.", show_default=True, panel=MORE)
     ] = 600.0,
-    log_memory: Annotated[float, option("GB", "Most memory for one log, in GB.", show_default=True)] = 4.0,
+    log_memory: Annotated[
+        float, option("GB", "Most memory for one log, in GB.", show_default=True, panel=MORE)
+    ] = 4.0,
     **given: Any,
 ) -> ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
@@ -202,6 +207,7 @@ def query(
         typer.Argument(
             metavar="[WHAT]",
             help="verdicts, vehicles, failed, refused, copies, or the name of a quantity.",
+            autocompletion=completion(values_of="eivor.fleet.analysis:QUERIES"),
         ),
     ] = "verdicts",
     *,

@@ -16,6 +16,7 @@ from eivor.errors import (
     MissingChannelError,
     TooFewSamplesError,
     UsageError,
+    did_you_mean,
 )
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, curve_between, line_between
@@ -236,8 +237,9 @@ def chosen_input(
         channels = log.family(name)
         if not channels:
             expected = f"an input out of the channels {', '.join(sorted(log.channels))}"
+            known = [*log.channels, *(family.name for family in families if log.family(family.name))]
             remedy = f"Name a channel, or a family such as {families[0].name}."
-            raise UsageError(expected, f"'{wanted}'", remedy)
+            raise UsageError(expected, f"'{wanted}'", did_you_mean(name, known, remedy))
         stem, _, number = name.rpartition("_")
         called = {name, stem} if number.isdecimal() else {name}
         known_family = next((family for family in families if family.name in called), InputFamily(name))

@@ -22,6 +22,7 @@ from eivor.cli.outputs import (
     WorkersOption,
     Writes,
     complain,
+    completion,
     deliver,
     flag,
     guarded,
@@ -113,6 +114,7 @@ def paper(
             "NAMES",
             "Readings with commas between, or all: print their tables in full. Default: run all, and print "
             "the nearest one's tables and an overview.",
+            values=tuple(item.name for item in named_readings(())),
         ),
     ] = "",
     list_readings: Annotated[bool, flag("--list", "List the readings, what each says, and leave.")] = False,
@@ -204,6 +206,7 @@ def simulate(
         typer.Argument(
             metavar="SCENARIO.toml",
             help="The scenario, or the name of one that comes with Eivor, such as flight or rich.",
+            autocompletion=completion(values_of="eivor.lab.scenario_files:shipped_files"),
         ),
         Reads(),
     ],

@@ -13,7 +13,7 @@ from importlib.resources import files
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from eivor.errors import EivorError, UsageError
+from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod, first_stage_strengths
 from eivor.estimation.moments import CrossMoments, Moments
@@ -198,7 +198,8 @@ def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     for name in names:
         if name not in known:
             expected = f"readings out of {', '.join(known)}"
-            raise UsageError(expected, f"'{name}'", "Name some of them, with commas between.")
+            remedy = did_you_mean(name, known, "Name some of them, with commas between.")
+            raise UsageError(expected, f"'{name}'", remedy)
     return tuple(known[name] for name in names) or READINGS
 
 

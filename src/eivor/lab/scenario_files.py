@@ -290,9 +290,14 @@ FLIGHT_KIND = "flight"
 _FLIGHTS, _SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
 
+def shipped_files() -> dict[str, Path]:
+    """Files of the flights and scenarios that come with the package, by their names."""
+    return {path.stem: path for folder in (_FLIGHTS, _SCENARIOS) for path in folder.glob("*.toml")}
+
+
 def shipped_file(name: str) -> Path:
     """File of a flight or scenario that comes with the package."""
-    files = {path.stem: path for folder in (_FLIGHTS, _SCENARIOS) for path in folder.glob("*.toml")}
+    files = shipped_files()
     if name in files:
         return files[name]
     expected = "a scenario file that ends in .toml, or one of " + ", ".join(sorted(files))

@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import QuantitySpec
 from eivor.motions.declaration import ENDING, load_machine, machine_of, shipped_machines
@@ -91,7 +91,7 @@ def loaded_motion(name: str) -> Motion[Any]:
         raise UsageError(
             f"a motion out of {', '.join(motion_names())}",
             f"'{name}'",
-            "Name one of them with --model, or a machine with --machine.",
+            did_you_mean(name, motion_names(), "Name one of them with --model, or a machine with --machine."),
         )
     motion = _loaded(added[name])
     declare_channels(*motion.channels.added)

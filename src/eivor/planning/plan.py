@@ -274,7 +274,8 @@ def make_plan(
         remedy = did_you_mean(target, TARGETS, f"Plan for one of {known}.")
         raise UsageError(f"one of {known}", f"{target!r}", remedy)
     if shape not in ("", *KINDS):
-        raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")
+        remedy = did_you_mean(shape, KINDS, "Or nothing, for the better one.")
+        raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", remedy)
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
     flown_within = _within_limits(finalists, vehicle, limits, seed)
     firsts = [(flights, identify_flight(flights[0].recording)) for flights in flown_within]

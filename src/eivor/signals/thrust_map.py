@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.tools import Float
 
 
@@ -116,4 +116,7 @@ def input_map(name: str) -> InputMap:
     except ValueError:
         pass
     expected = "an input map linear, square, power:EXPONENT or mixed:SHARE"
-    raise UsageError(expected, f"'{name}'", "Rotor speeds want square, thrust setpoints linear.")
+    remedy = "Rotor speeds want square, thrust setpoints linear."
+    raise UsageError(
+        expected, f"'{name}'", did_you_mean(word, ("linear", "square", "power", "mixed"), remedy)
+    )
