@@ -313,7 +313,7 @@ def test_the_truth_predicts(exact_problem):
 
 
 def error(model, quantity, size):
-    return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
+    return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size), np.ones((4, 2)))
 
 
 def test_states_are_carried_on_as_their_equation_says():

@@ -25,6 +25,7 @@ from eivor.cli.outputs import (
     complain,
     completion,
     deliver_result,
+    flag,
     group,
     guarded,
     option,
@@ -54,6 +55,7 @@ from eivor.motions.rigid_body.vehicle import (
 from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report.inspection import (
+    calibration_document,
     inspection_document,
     inspection_json,
     pooled_documents,
@@ -224,6 +226,9 @@ INSPECT_EXIT_CODES = (
 def inspect(
     *,
     json: JsonOption = "",
+    calibration: Annotated[
+        bool, flag("--calibration", "List what kinematics says of the sensors: clocks, scales, biases, axes.")
+    ] = False,
     logs: list[str] | None,
     example: bool,
     model: str,
@@ -240,8 +245,11 @@ def inspect(
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
         pooled = pooled_inspection(recordings, options, windows, motion)
     alone = pooled.logs[0] if len(recordings) == 1 else None
+    documents = [inspection_document(alone)] if alone else pooled_documents(pooled)
+    if calibration:
+        documents = [calibration_document(log) for log in pooled.logs]
     deliver_result(
-        lambda: on_terminal(*([inspection_document(alone)] if alone else pooled_documents(pooled))),
+        lambda: on_terminal(*documents),
         lambda: json_text(inspection_json(alone) if alone else pooled_json(pooled)),
         json,
     )

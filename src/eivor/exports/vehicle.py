@@ -471,8 +471,8 @@ REACH = 2.0
 
 def flown(made: VehicleDescription) -> Vehicle:
     """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
-    known, rotor = coefficients(made), first(rotors_of(made))
-    moments = np.array(known.inertia)
+    known: Any = coefficients(made)  # of one vehicle, all of it floats
+    rotor = first(rotors_of(made))
     largest = rotor["largest_speed"]
     rotors = Rotors(
         positions=tuple((x, y, z) for x, y, z, _ in known.places),
@@ -492,7 +492,7 @@ def flown(made: VehicleDescription) -> Vehicle:
         tuple(max(float(item), 0.0) for item in part)
         for part in (known.body_linear, known.body_quadratic, known.body_rotational)
     )
-    return Vehicle(known.mass, tuple(moments.tolist()), rotors, BodyDrag(linear, quadratic, turning))
+    return Vehicle(known.mass, known.inertia, rotors, BodyDrag(linear, quadratic, turning))
 
 
 def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -272,7 +272,7 @@ def minimise_output_error(state: FlightState) -> FlightState:
     result = prediction.output_error(first, state.flying)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
     start = WarmStart(result.theta, result.nuisances)
-    rows = identify(replace(problem, nuisances=known, warm_start=start), state.method.of_flights)
+    rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)
     result = replace(
         result,
         moments=rows.moments,

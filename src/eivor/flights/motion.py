@@ -62,13 +62,25 @@ class HorizonErrors:
     unit: str  # Of what is left
     #: Size of predicted less measured; NaN where nothing was measured
     left: Float[np.ndarray, "starts horizons"] = field(repr=False)
+    #: Sizes of the changes from the start to the last horizon, measured and predicted
+    changes: Float[np.ndarray, "starts 2"] = field(repr=False)
     #: Measured and predicted after the last horizon, of a quantity that is a single number
     series: Float[np.ndarray, "starts 2"] | None = field(default=None, repr=False)
 
     @property
     def rms(self) -> tuple[float, ...]:
         """Root mean square of what is left after each horizon."""
-        return tuple(float(np.sqrt(np.mean(item[np.isfinite(item)] ** 2))) for item in self.left.T)
+        return tuple(map(_rms, self.left.T))
+
+    @property
+    def theil(self) -> float:
+        """Theil's inequality coefficient of the changes from the start: 0 all of it predicted, 1 nothing."""
+        measured, predicted = map(_rms, self.changes.T)
+        return self.rms[-1] / (measured + predicted) if measured + predicted > 0.0 else float("nan")
+
+
+def _rms(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(values[np.isfinite(values)] ** 2)))
 
 
 @dataclass(frozen=True)
@@ -111,6 +123,13 @@ class MultiStepPrediction:
         return f"{after} the fit's errors are {' and '.join(than)}, in the mean.{self._beaten}"
 
     @property
+    def inequality(self) -> str:
+        """Theil's coefficients of the fit, in a sentence."""
+        parts = [f"{item.quantity} {item.theil:.2f}" for item, *_ in self.by_quantity]
+        after = f"after {self.horizons_s[-1]:g} s (0 all of the change is predicted, 1 nothing)"
+        return f"Theil's inequality coefficients {after}: {', '.join(parts)}." if parts else ""
+
+    @property
     def _beaten(self) -> str:
         """Sentences that say where a simpler model leaves less."""
         less: dict[str, list[str]] = {}
@@ -132,7 +151,11 @@ def multi_step_predictions(
         left = np.concatenate([part.left for part in parts])
         series = [part.series for part in parts if part.series is not None]
         if np.isfinite(left).any(axis=0).all():
-            errors.append(replace(parts[0], left=left, series=np.concatenate(series) if series else None))
+            changes, both = (
+                np.concatenate([part.changes for part in parts]),
+                np.concatenate(series) if series else None,
+            )
+            errors.append(replace(parts[0], left=left, changes=changes, series=both))
     return MultiStepPrediction(tuple(errors), np.concatenate([*starts, np.empty(0)]), names)
 
 

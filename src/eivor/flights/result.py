@@ -113,6 +113,8 @@ class FitDiagnostics:
     periodicity: Periodicity | None
     leverage: SegmentLeverage | None
     memory: ResidualMemory | None
+    #: Memory of each axis' residual, where there are several
+    memory_by_axis: Mapping[str, ResidualMemory]
     residual_variance: float
     condition: float
     durbin_watson: float
@@ -135,6 +137,7 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
         periodicity=record.periodicity_with(left_over_swings(record, traces)),
         leverage=run_leverage(record),
         memory=residual_memory(residual),
+        memory_by_axis=_memories(traces) if len(traces) > 1 else {},
         residual_variance=estimate.equation.variance,
         condition=estimate.condition,
         durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
@@ -142,10 +145,16 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
     )
 
 
+def _memories(traces: tuple[Trace, ...]) -> dict[str, ResidualMemory]:
+    made = {trace.axis: residual_memory(trace.measured - trace.predicted) for trace in traces}
+    return {axis: memory for axis, memory in made.items() if memory is not None}
+
+
 def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]) -> dict[str, float]:
     """The same as numbers by name; `headline` names the parameters that are looked at more closely."""
     index = {name: estimate.names.index(name) for name in headline if name in estimate.names}
     agreement, memory, against = checks.agreement, checks.memory, checks.endogeneity
+    by_axis = checks.memory_by_axis
     constant, swinging, leverage = checks.constancy, checks.periodicity, checks.leverage
     swings = {} if swinging is None else dict(zip(estimate.names, swinging.parameters, strict=False))
     left_over = () if swinging is None else swinging.left_over
@@ -161,6 +170,7 @@ def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str,
         },
         "residual_memory": NAN if memory is None else memory.memory,
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
+        **{f"residual_memory_{axis.replace(' ', '_')}": each.memory for axis, each in by_axis.items()},
     }
     for name, position in index.items():
         moved = NAN if against is None else against.difference[position]

@@ -309,7 +309,8 @@ def _errors(
     by_model[UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
     for name, (model_words, predicted) in by_model.items():
         left, series = np.abs(predicted - measured).T, np.column_stack([measured[-1], predicted[-1]])
-        yield HorizonErrors(name, model_words, words, unit, left, series)
+        changes = np.abs(series - started[:, None])
+        yield HorizonErrors(name, model_words, words, unit, left, changes, series)
 
 
 def _propagated(

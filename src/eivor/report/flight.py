@@ -106,8 +106,8 @@ def prediction_rows(prediction: MultiStepPrediction) -> list[tuple[str, ...]]:
 
 def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[Part, ...]:
     """Root mean square errors of every quantity and model by horizon, and what is left out."""
-    message = (prediction.sentence,) if sentence and prediction.errors else ()
-    bullets = (*message, *prediction.omitted)
+    sentences = ((prediction.sentence,) if sentence else ()) + (prediction.inequality,)
+    bullets = (*(sentences if prediction.errors else ()), *prediction.omitted)
     below = (Bullets(bullets),) if bullets else ()
     if not prediction.errors:
         return below
@@ -211,6 +211,9 @@ def _residual(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
             "residual",
             f"memory {memory.memory:.2f} ± {2.0 * memory.order_error:.2f} (0 = none){drifting}",
         )
+    if fit.checks.memory_by_axis:
+        each = (f"{axis} {item.memory:.2f}" for axis, item in fit.checks.memory_by_axis.items())
+        yield "by axis", f"memory of the residual: {', '.join(each)}"
     if leverage is None:
         return
     for name, wording in _closely(result)[:1]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from eivor.flights.quantity import NAN, Words
 from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.compatibility import Calibration, comparisons
 from eivor.report.card import result_card
 from eivor.report.document import (
     Bullets,
@@ -40,7 +42,7 @@ from eivor.report.flight import (
     spans_of,
 )
 from eivor.report.json_document import Json, document
-from eivor.report.rows import NO_NUMBER
+from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
 
 # -- Inspection --
@@ -125,6 +127,12 @@ class Inspection(_Tried):
         comparison, fit = self.motion.abilities.sensors, None if self.result is None else self.result.fit
         sensors = None if fit is None else fit.sensors
         return () if comparison is None or sensors is None else (comparison.sentence(sensors),)
+
+    @cached_property
+    def compatibility(self) -> tuple[Calibration, ...]:
+        """Clocks, scales, biases and axes of sensors in the air, by kinematics alone."""
+        spans = self.airborne.active if self.airborne is not None else (self.recording.span_s,)
+        return tuple(row for item in comparisons(self.recording, spans) for row in item.table())
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -243,6 +251,7 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
             for reference in (airborne.references if airborne else ())
         ],
         parameters=inspection.parameters,
+        calibration=inspection.compatibility,
         findings=inspection.findings,
         verdict=inspection.verdict,
         reasons=inspection.reasons,
@@ -286,6 +295,17 @@ def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
     sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
     about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
     return Document(log.name, about, sections)
+
+
+def calibration_document(result: Inspection) -> Document:
+    """What kinematics says of the sensors of a log."""
+    made = _document(result, ())
+    if not result.compatibility:
+        sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
+        return replace(made, sections=(Section("Calibration", (Bullets((sentence,)),)),))
+    rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in result.compatibility]
+    heads = ("by kinematics alone", TableColumn("value", right=True), "95 % interval", "unit")
+    return replace(made, sections=(Section("Calibration", (table(heads, rows),)),))
 
 
 def _sections(result: Inspection) -> Iterator[Section]:

@@ -392,7 +392,7 @@ def prediction_json(prediction: MultiStepPrediction | None) -> Json:
         "horizons": prediction.horizons_s,
         "starts": prediction.start_s.size,
         "errors": [
-            {name: getattr(error, name) for name in ("model", "words", "quantity", "unit", "rms")}
+            {name: getattr(error, name) for name in ("model", "words", "quantity", "unit", "rms", "theil")}
             for error in prediction.errors
         ],
         "left_out": prediction.omitted,

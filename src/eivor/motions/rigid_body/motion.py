@@ -43,6 +43,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRun
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
 from eivor.motions.rigid_body.output_error import refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import (
     Combinations,
@@ -218,6 +219,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, erring = with_corrected_stamps(log)
     check_vehicle(log, options)
+    log, off = with_one_clock(log, comparisons(log, (options.window or log.span_s,)))
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
@@ -247,7 +249,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         responses=forces,
         conditions=conditions,
         band_hz=BAND_HZ,
-        findings=(*erring, *_findings(forces, moving)),
+        findings=(*erring, *(Finding("clocks_apart", text) for text in off), *_findings(forces, moving)),
         issued_within_s=step_s,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         matched_interpolation_filter=True,

@@ -247,16 +247,25 @@ class Linearised:
     slopes: Float[np.ndarray, "clusters n n"]
     scale: Float[np.ndarray, " n"]  # A parameter is its scaled value times this
 
-    def of(self, kept: Int[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """Changes of the parameters that are kept, and their covariance clustered by windows."""
+    def of(
+        self, kept: Int[np.ndarray, " k"], *, jackknife: bool = False
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+        """Changes of the parameters that are kept, and their covariance clustered by windows.
+
+        The jackknife leaves out a cluster at a time, in one Newton step: there are few of them.
+        """
         slopes = self.slopes[:, kept[:, None], kept]
-        inverse = np.linalg.pinv(slopes.sum(axis=0), rcond=1e-12, hermitian=True)
+        total, scale = slopes.sum(axis=0), self.scale[kept]
+        inverse = np.linalg.pinv(total, rcond=1e-12, hermitian=True)
         change = inverse @ self.scores[:, kept].sum(axis=0)
         left = self.scores[:, kept] - slopes @ change
         count = len(left)
-        meat = left.T @ left * count / max(count - 1, 1)
-        scale = self.scale[kept]
-        return change * scale, inverse @ meat @ inverse * np.outer(scale, scale)
+        steps = left @ inverse
+        if jackknife:
+            others = total - slopes + 1e-10 * np.diag(np.diag(total))
+            steps = np.linalg.solve(others, left[..., None])[..., 0]
+        share = (count - 1) / count if jackknife else count / max(count - 1, 1)
+        return change * scale, share * steps.T @ steps * np.outer(scale, scale)
 
 
 def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: int = PASSES) -> Minimum:
@@ -355,12 +364,12 @@ class Structure:
         return replace(minimum, errors=self.errors(self.seen), point=self.point(self.seen)).linearised()
 
     def alone(
-        self, at: Linearised, name: str = ""
+        self, at: Linearised, name: str = "", *, jackknife: bool = False
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Changes of what is kept with a name last, before the clocks; and their covariance."""
         free = [*self.kept, *([name] if name else [])]
         clocks = range(len(self.seen), at.scale.size)
-        return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]))
+        return at.of(np.array([*(self.seen.index(item) for item in free), *clocks]), jackknife=jackknife)
 
     def chosen(self, at: Linearised) -> Structure:
         """With the terms that Akaike's criterion wants as well, one after the other."""
@@ -415,12 +424,13 @@ def refined_by_output_error(estimate: Estimate, flights: Flights, vehicle: Known
     at, names = structure.linearised(minimum), estimate.names
     matrix = np.zeros((len(names), len(names)))
     places = np.array([names.index(name) for name in structure.kept])
-    matrix[places[:, None], places] = structure.alone(at)[1][: len(places), : len(places)]
+    covariance = structure.alone(at, jackknife=True)[1]
+    matrix[places[:, None], places] = covariance[: len(places), : len(places)]
     for place, name in enumerate(names):
         if name not in structure.seen:
             matrix[place, place] = estimate.std_error(name) ** 2
         elif name not in structure.kept:
-            matrix[place, place] = structure.alone(at, name)[1][len(places), len(places)]
+            matrix[place, place] = structure.alone(at, name, jackknife=True)[1][len(places), len(places)]
     part = CovariancePart("clustered by windows", matrix, degrees=float(len(at.scores) - 1))
     values = structure.values
     theta = np.array([values[name] for name in names[: estimate.theta.size]])

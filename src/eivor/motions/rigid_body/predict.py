@@ -335,7 +335,7 @@ def _of_flight(
     states[UNCHANGED] = STAYS, starts.propagate(started, lambda body, _: kinematics(body, still, still))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
     return tuple(
-        _error(name, words, quantity, predicted, measured, what.placed)
+        _error(name, words, quantity, predicted, measured, started, what.placed)
         for quantity in (*_RATES, *_BEYOND)
         if quantity not in what.omitted
         for name, (words, predicted) in states.items()
@@ -348,25 +348,33 @@ def _error(
     quantity: str,
     predicted: Float[np.ndarray, "horizons 13 starts"],
     measured: Float[np.ndarray, "horizons 13 starts"],
+    started: Float[np.ndarray, "13 starts"],
     placed: tuple[int, ...],
 ) -> HorizonErrors:
     """What is left of one quantity: of position along the axes on which it is logged."""
-    series = None
+    series, of_attitude = None, quantity == "attitude"
+    parts: tuple[int, ...] = placed
     if quantity in _RATES:
-        part, unit = 10 + _RATES.index(quantity), "rad/s"
-        left = np.abs(predicted[:, part] - measured[:, part])
-        series = np.column_stack([measured[-1, part], predicted[-1, part]])
-    elif quantity == "attitude":
-        unit = "rad"
-        left = _angle(predicted[:, 6:10], measured[:, 6:10])
-    else:
-        parts = (3, 4, 5) if quantity == "velocity" else placed
-        unit = "m/s" if quantity == "velocity" else "m"
-        difference = predicted[:, parts] - measured[:, parts]
-        left = np.sqrt((difference**2).sum(axis=1))
-        if placed == (2,) and quantity == "position":
-            quantity = "height"
-    return HorizonErrors(model, words, quantity, unit, left.T, series)
+        parts = (10 + _RATES.index(quantity),)
+        series = np.column_stack([measured[-1, parts[0]], predicted[-1, parts[0]]])
+    elif quantity == "velocity":
+        parts = (3, 4, 5)
+    elif placed == (2,) and quantity == "position":
+        quantity = "height"
+
+    def between(
+        first: Float[np.ndarray, "k 13 starts"], second: Float[np.ndarray, "k 13 starts"]
+    ) -> np.ndarray:
+        """Size of the difference: of attitudes the angle of the turn."""
+        if of_attitude:
+            return _angle(first[:, 6:10], second[:, 6:10])
+        return np.asarray(np.sqrt(((first[:, parts] - second[:, parts]) ** 2).sum(axis=1)))
+
+    unit = "rad" if of_attitude else "rad/s" if series is not None else "m/s" if 3 in parts else "m"
+    changes = [between(states[-1:], started[None])[0] for states in (measured, predicted)]
+    return HorizonErrors(
+        model, words, quantity, unit, between(predicted, measured).T, np.stack(changes, axis=1), series
+    )
 
 
 def _angle(

@@ -1,0 +1,242 @@
+"""Compatibility of sensors by kinematics: clocks, scales, biases and axes, as in flight-path reconstruction.
+
+A vehicle's attitude turns as its gyroscope says, and its velocity changes as its accelerometer says, whatever
+drives it: see Klein and Morelli, Aircraft System Identification, chapter 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from eivor.flights.grid import common_grid, on_grid
+from eivor.inference.distributions import t_quantile
+from eivor.motions.rigid_body.dynamics import into_body, rotation
+from eivor.signals.filters import time_derivative
+from eivor.signals.recording import GRAVITY, Channel, Recording
+from eivor.tools import Bool, Complex, Float
+
+ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
+VELOCITY, RATES, FORCES = (
+    tuple(f"{name}_{axis}" for axis in "xyz") for name in ("velocity", "angular_rate", "specific_force_body")
+)
+#: Band in which sensors are compared [Hz]: above drift, below most vibration.
+BAND_HZ = (0.2, 6.0)
+#: Stretches of so long are compared [s], half as long apart; fewer say nothing.
+STRETCH_S, FEWEST = 4.0, 6
+#: Largest offset of two clocks that is looked for [s], and the step of the search.
+LARGEST_OFFSET_S, OFFSET_STEP_S = 0.1, 5e-4
+#: Step of the grid [s].
+LEAST_STEP_S, LONGEST_STEP_S = 0.002, 0.01
+#: Axes that a turn about each mixes.
+PAIRS = ((1, 2), (2, 0), (0, 1))
+#: Coherence from which an axis is compared.
+COHERENT = 0.5
+#: Standard errors of an offset that is corrected, and its least size [s].
+SURE, LEAST_OFFSET_S = 3.0, 0.002
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What one comparison says of one number."""
+
+    what: str
+    value: float
+    interval: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Spectra of stretches of a sensor and of what kinematics makes of the others, for each axis."""
+
+    sensor: str
+    kinematic: str
+    unit: str
+    frequency: Float[np.ndarray, " bins"]  # [Hz]
+    measured: Complex[np.ndarray, "stretches 3 bins"]
+    derived: Complex[np.ndarray, "stretches 3 bins"]
+    means: Float[np.ndarray, "stretches 3"]  # Of measured less derived
+
+    @cached_property
+    def coherent(self) -> Bool[np.ndarray, " 3"]:
+        """Axes that moved enough to be compared."""
+        turned = self.measured * self._turn(self._offset(np.ones(3, dtype=bool), slice(None)))
+        cross = np.abs((turned * self.derived.conj()).sum(axis=(0, 2))) ** 2
+        power = (np.abs(self.measured) ** 2).sum(axis=(0, 2)) * (np.abs(self.derived) ** 2).sum(axis=(0, 2))
+        return np.asarray(cross >= COHERENT * power) & (power > 0.0)
+
+    def _turn(self, offset_s: float) -> Complex[np.ndarray, " bins"]:
+        return np.exp(2j * np.pi * self.frequency * offset_s)
+
+    def _offset(self, axes: Bool[np.ndarray, " 3"], stretches: slice | Sequence[int]) -> float:
+        """Time by which the sensor is behind, of the largest correlation [s]."""
+        weights = 1.0 / np.maximum((np.abs(self.derived) ** 2).sum(axis=(0, 2)), 1e-300)
+        each = self.measured[stretches] * self.derived[stretches].conj() * weights[:, None]
+        cross = each[:, axes].sum(axis=(0, 1))
+        offsets = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + OFFSET_STEP_S, OFFSET_STEP_S)
+        values = (np.exp(2j * np.pi * np.outer(offsets, self.frequency)) @ cross).real
+        best = int(np.clip(np.argmax(values), 1, offsets.size - 2))
+        before, at, after = values[best - 1 : best + 2]
+        bend = before - 2.0 * at + after
+        return float(offsets[best] + (0.5 * (before - after) / bend * OFFSET_STEP_S if bend < 0.0 else 0.0))
+
+    def _gains(self, offset_s: float, stretches: slice | Sequence[int]) -> Float[np.ndarray, "3 3"]:
+        """Least squares of the sensor's axes by the derived ones, of those that are coherent."""
+        axes = np.flatnonzero(self.coherent)
+        X = self.derived[stretches][:, axes]
+        Y = self.measured[stretches] * self._turn(offset_s)
+        left = np.einsum("sif,sjf->ij", Y[:, axes], X.conj()).real
+        matrix = np.eye(3)
+        matrix[np.ix_(axes, axes)] = left @ np.linalg.pinv(np.einsum("sif,sjf->ij", X, X.conj()).real)
+        return matrix
+
+    def numbers(self, stretches: slice | Sequence[int] = slice(None)) -> Float[np.ndarray, " k"]:
+        """Offset, three scales by either regression, three biases, three turns between the axes."""
+        offset = self._offset(self.coherent, stretches)
+        matrix = self._gains(offset, stretches)
+        scales = np.diag(matrix)
+        turned, derived = self.measured[stretches] * self._turn(offset), self.derived[stretches]
+        cross = np.maximum((turned * derived.conj()).real.sum(axis=(0, 2)), 1e-300)
+        reverse = (np.abs(turned) ** 2).sum(axis=(0, 2)) / cross
+        turns = [0.5 * (matrix[b, a] / scales[a] - matrix[a, b] / scales[b]) for a, b in PAIRS]
+        biases = np.median(self.means[stretches], axis=0)
+        return np.array([offset, *scales, *reverse, *biases, *turns])
+
+    @cached_property
+    def estimates(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """The numbers and their standard errors, by leaving out two neighbouring stretches at a time."""
+        count = len(self.measured)
+        every = np.arange(count)
+        made = np.stack([self.numbers(np.delete(every, [at, at + 1])) for at in range(0, count - 1, 2)])
+        groups = len(made)
+        spread = (groups - 1) / groups * ((made - made.mean(axis=0)) ** 2).sum(axis=0)
+        return self.numbers(), np.sqrt(spread)
+
+    @property
+    def offset_s(self) -> float:
+        """Offset of the clocks where it is sure [s]; else zero."""
+        if not self.coherent.any():
+            return 0.0
+        value, error = self.estimates[0][0], self.estimates[1][0]
+        return float(value) if abs(value) > max(SURE * error, LEAST_OFFSET_S) else 0.0
+
+    def table(self) -> Iterator[Calibration]:
+        """Numbers of the axes that moved."""
+        values, errors = self.estimates
+        quantile = t_quantile(0.95, len(self.measured) // 2 - 1)
+        moved = self.coherent
+
+        def number(what: str, place: int, unit: str, scale: float = 1.0) -> Calibration:
+            value, half = scale * float(values[place]), scale * quantile * float(errors[place])
+            return Calibration(what, value, (value - half, value + half), unit)
+
+        if moved.any():
+            yield number(f"{self.sensor} behind the {self.kinematic}", 0, "ms", 1e3)
+        for axis in np.flatnonzero(moved).tolist():
+            # noise of what kinematics makes attenuates the first, noise of the sensor raises the second
+            least, most = (
+                number(f"{self.sensor}, scale along {'xyz'[axis]}", at + axis, "") for at in (1, 4)
+            )
+            value = float(np.sqrt(max(least.value * most.value, 0.0)))
+            yield replace(least, value=value, interval=(least.interval[0], most.interval[1]))
+        for axis in range(3):
+            yield number(f"{self.sensor}, bias along {'xyz'[axis]}", 7 + axis, self.unit)
+        for axis in range(3):
+            if moved[(axis + 1) % 3] and moved[(axis + 2) % 3]:
+                what = f"{self.sensor}, turned about {'xyz'[axis]} against the {self.kinematic}"
+                yield number(what, 10 + axis, "deg", float(np.rad2deg(1.0)))
+
+
+def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple[Comparison, ...]:
+    """Gyroscope against attitude, and accelerometer against velocity, in the air; those that are logged."""
+    known = log.channels
+    results = []
+    for sensor, kinematic, names, others, unit in (
+        ("gyroscope", "attitude", RATES, (), "rad/s"),
+        ("accelerometer", "velocity", FORCES, VELOCITY, "m/s²"),
+    ):
+        needed = (*names, *ATTITUDE, *others)
+        if not all(name in known and np.isfinite(known[name].values).any() for name in needed):
+            continue
+        made = _comparison(sensor, kinematic, unit, [known[name] for name in needed], spans_s)
+        if made is not None:
+            results.append(made)
+    return tuple(results)
+
+
+def _comparison(
+    sensor: str,
+    kinematic: str,
+    unit: str,
+    channels: Sequence[Channel],
+    spans_s: Sequence[tuple[float, float]],
+) -> Comparison | None:
+    rate_hz = min(channel.rate_hz for channel in channels)
+    step_s = float(np.clip(1.0 / max(rate_hz, 1e-9), LEAST_STEP_S, LONGEST_STEP_S))
+    if not rate_hz > 3.0 * BAND_HZ[1]:
+        return None
+    grid = common_grid(channels, channels, step_s)
+    pairs = [on_grid(channel, grid) for channel in channels]
+    series, good = np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
+    measured, attitude, others = series[:3], series[3:7], series[7:]
+    attitude = attitude * np.cumprod(
+        np.where((attitude * np.roll(attitude, 1, axis=1)).sum(axis=0) < 0.0, -1.0, 1.0)
+    )
+    size = np.sqrt((attitude**2).sum(axis=0))
+    attitude = attitude / np.where(size > 0.0, size, 1.0)
+    if len(others):
+        change = np.stack([time_derivative(axis, grid.step_s) for axis in others])
+        change[2] += GRAVITY
+        derived = np.stack(into_body(rotation(*attitude), *change))
+    else:
+        derived = _turning(attitude, grid.step_s)
+    length = round(STRETCH_S / grid.step_s)
+    taper = np.hanning(length)
+    frequency = np.fft.rfftfreq(length, grid.step_s)
+    band = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
+    time = grid.time_s
+    spectra, means = [], []
+    for begin in range(0, grid.count - length + 1, length // 2):
+        part = slice(begin, begin + length)
+        inside = any(low <= time[begin] and time[begin + length - 1] <= high for low, high in spans_s)
+        if not inside or not good[part].all():
+            continue
+        pair = np.stack([measured[:, part], derived[:, part]])
+        means.append((pair[0] - pair[1]).mean(axis=1))
+        level = pair - pair.mean(axis=2, keepdims=True)
+        spectra.append(np.fft.rfft(level * taper)[..., band])
+    if len(spectra) < FEWEST:
+        return None
+    both = np.stack(spectra)
+    return Comparison(sensor, kinematic, unit, frequency[band], both[:, 0], both[:, 1], np.stack(means))
+
+
+def _turning(attitude: Float[np.ndarray, "4 n"], step_s: float) -> Float[np.ndarray, "3 n"]:
+    """Rates on body axes at which an attitude turns."""
+    w, x, y, z = attitude
+    a, b, c, d = (time_derivative(part, step_s) for part in attitude)
+    return 2.0 * np.stack(
+        [w * b - x * a - y * d + z * c, w * c - y * a - z * b + x * d, w * d - z * a - x * c + y * b]
+    )
+
+
+def with_one_clock(log: Recording, made: Sequence[Comparison]) -> tuple[Recording, tuple[str, ...]]:
+    """The log with attitude, velocity and position on the gyroscope's clock where they are surely off it."""
+    offset = next((item.offset_s for item in made if item.sensor == "gyroscope"), 0.0)
+    if not offset:
+        return log, ()
+    behind = "ahead of" if offset > 0.0 else "behind"
+    names = (*ATTITUDE, *VELOCITY, *(f"position_{axis}" for axis in "xyz"))
+    channels = {
+        name: replace(channel, time_s=channel.time_s + offset) if name in names else channel
+        for name, channel in log.channels.items()
+    }
+    sentence = (
+        f"The attitude is {1e3 * abs(offset):.1f} ms {behind} the gyroscope: attitude, velocity and position "
+        "are put on its clock."
+    )
+    return replace(log, channels=channels), (sentence,)
