@@ -111,7 +111,8 @@ class Comparison:
         """The numbers and their standard errors, by leaving out two neighbouring stretches at a time."""
         count = len(self.measured)
         every = np.arange(count)
-        made = np.stack([self.numbers(np.delete(every, [at, at + 1])) for at in range(0, count - 1, 2)])
+        kept = [np.delete(every, [at, at + 1]).tolist() for at in range(0, count - 1, 2)]
+        made = np.stack([self.numbers(stretches) for stretches in kept])
         groups = len(made)
         spread = (groups - 1) / groups * ((made - made.mean(axis=0)) ** 2).sum(axis=0)
         return self.numbers(), np.sqrt(spread)

@@ -35,7 +35,7 @@ FIRST_NOISE = {"m": 0.002, "m/s": 0.02, "rad": 0.005, "rad/s": 0.05}
 #: Lags and delays that are possible [s], and how far the clocks of two flights may stand apart.
 LAGS_S, DELAYS_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), 0.05
 #: Times that weights are renewed, and calls of one search.
-PASSES, CALLS = 3, 15
+PASSES, CALLS = 3, 10
 #: Scale of the difference of two clocks [s].
 CLOCK_S = 0.002
 #: Parts of a state's difference, [position, velocity, rotation, rates], by unit.
@@ -302,7 +302,8 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             x_scale=errors.scale,
             loss="soft_l1",
             max_nfev=CALLS,
-            ftol=1e-6,
+            ftol=1e-4,
+            xtol=1e-5,
         )
         point, cost = found.x, float(found.cost)
     return replace(best, point=point, cost=cost)

@@ -36,6 +36,7 @@ from eivor.motions.rigid_body.terms import (
     THRUST,
     TURNING,
     BodyMotion,
+    RigidTerm,
     RotorSums,
 )
 from eivor.motions.rigid_body.vehicle import KnownVehicle
@@ -135,11 +136,8 @@ class StatePropagator:
         rotors = RotorSums(states, states, states[6])  # of what answers neither thrust nor spin-up counts
         force = self._forces[:, :, now].reshape(6, -1)
         of = self._motion(body, rows, rotors)
-        for term in TERMS:
-            if not term.driving and self._by_term[term.parameter.name].any():
-                force[term.equation] += np.repeat(self._by_term[term.parameter.name], now.size) * term.column(
-                    of
-                )
+        for term, values in self._answering:
+            force[term.equation] += values * term.column(of)
         velocity = np.zeros_like(body[3:6])
         if self.lifts and self.logged.moves:
             velocity = np.stack([a * force[3] + b * force[4] + c * force[5] for a, b, c in rows])
@@ -168,6 +166,12 @@ class StatePropagator:
         """Values of each parameter, zero where a model has none."""
         names = [term.parameter.name for term in TERMS]
         return {name: np.array([float(item.get(name, 0.0)) for item in self.models]) for name in names}
+
+    @cached_property
+    def _answering(self) -> list[tuple[RigidTerm, Float[np.ndarray, " states"]]]:
+        """Terms that answer the state, with their values for every start of every model."""
+        made = [(term, self._by_term[term.parameter.name]) for term in TERMS if not term.driving]
+        return [(term, np.repeat(values, self.starts.samples.size)) for term, values in made if values.any()]
 
     @cached_property
     def _nodes(self) -> list[tuple[float, float]]:

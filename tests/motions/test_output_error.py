@@ -1,0 +1,130 @@
+"""Output error, and what kinematics says of sensors: on simulated flights and on real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import UsageError
+from eivor.estimation.methods import by_name
+from eivor.flights.motion import FIT, UNCHANGED
+from eivor.flights.prepare import prepare
+from eivor.flights.quantity import Implied, SimpleModel
+from eivor.inference.verdict import Status
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.report.rows import bounded_numbers
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=26.0, seed=5)
+ROTORS = SPEC.vehicle.rotors
+MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+
+
+@pytest.fixture(scope="module")
+def flight():
+    (made,) = simulate_rigid_body_flights([SPEC])
+    return made
+
+
+@pytest.mark.thorough
+def test_gains_lie_within_their_intervals_and_predictions_are_as_good_as_any(flight):
+    method = ev.methods.output_error(ev.methods.whitened_least_squares())
+    result = ev.identify_flight(flight.recording, model=MOTION, method=method)
+    assert result.method == "whitened_least_squares+output_error"
+    truth = flight.truth.parameters
+    true = dict(zip(("roll_gain", "pitch_gain", "yaw_gain"), truth.torque_gains, strict=True))
+    true |= {"thrust_gain": truth.thrust_gain, "effective_lag": truth.lag_up + truth.delay}
+    for name, value in true.items():
+        quantity = result.quantities[name]
+        assert abs(quantity.value - value) < 4.0 * quantity.std_error
+        assert quantity.std_error < 0.03 * value
+    assert result.estimate is not None
+    assert 0.0 in result.estimate.theta  # terms that do not earn their place
+    ahead = result.multi_step_prediction
+    assert ahead is not None
+    by_fit = {item.quantity: item for item in ahead.errors if item.model == FIT}
+    # after half a second what is left is noise of the sensors, .02 rad/s and .05 m/s
+    assert by_fit["roll rate"].rms[-1] < 1.5 * np.sqrt(2.0) * 0.02
+    assert by_fit["velocity"].rms[-1] < 1.5 * np.sqrt(6.0) * 0.05
+    assert by_fit["roll rate"].theil < 0.1
+
+
+@pytest.mark.thorough
+def test_a_real_flight_predicts_another_better_than_staying_and_than_least_squares(recordings):
+    """Velocity after half a second: less than .6 of what stays as it is, and than .75 of least squares."""
+    vehicle, folder = "crazyflie-2x", recordings / "nanobench"
+    first = ev.read_log(folder / "B2_circle_fast_rep1.csv")
+    other = ev.read_log(recordings / "nanobench-repeats" / "B3_figure8_medium_rep2.csv")
+    errors = {}
+    for method in ("whitened_least_squares", "output_error"):
+        fit = ev.identify_flight(first, model="rigid-body", vehicle=vehicle, method=method)
+        flying = prepare(other, fit.motion, fit.options).shortened
+        models = {FIT: SimpleModel("the fit", {**fit.estimate.nuisances, **fit.estimate.parameters})}
+        ahead = fit.motion.abilities.prediction.multi_step((flying,), models, frozenset())
+        errors[method] = {(e.model, e.quantity): e.rms[-1] for e in ahead.errors}
+    best = errors["output_error"]
+    assert best[FIT, "velocity"] < 0.6 * best[UNCHANGED, "velocity"]
+    for quantity in ("velocity", "attitude", "roll rate", "pitch rate"):
+        assert best[FIT, quantity] < 0.75 * errors["whitened_least_squares"][FIT, quantity]
+
+
+def test_references_that_are_too_few_leave_least_squares_and_it_is_said(recordings):
+    log = ev.read_log(recordings / "nanobench" / "B3_figure8_medium_rep1.csv")
+    result = ev.identify_flight(log, model="rigid-body", vehicle="crazyflie-2x")
+    assert result.method == "whitened_least_squares"
+    assert result.quantities["thrust_gain"].verdict is Status.PROVISIONAL
+    assert any("reference_position_z alone cannot move" in text for text in result.verdict.sentences)
+
+
+def test_only_motions_that_predict_their_states_have_an_output_error(flight):
+    assert by_name("total_least_squares+output_error").of_flights.name == "total_least_squares"
+    with pytest.raises(UsageError, match="received 'output_error' with 'rates'. Name it with --model rigid"):
+        ev.identify_flight(flight.recording, model="rates", method="output_error")
+    rows = ev.regression(np.arange(9.0) ** 2, np.arange(9.0))
+    with pytest.raises(UsageError, match="a flight of a motion whose states output_error predicts"):
+        ev.identify(rows, ev.methods.output_error())
+    short = ev.identify_flight(flight.recording, model=MOTION, method="output_error", window=(3.0, 7.0))
+    assert "30 windows of 0.5 s or more" in short.verdict.sentences[0]
+
+
+def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(flight):
+    """A gyroscope that is 12 ms late, 4 % too large about x and has a bias of .03 rad/s."""
+    log = flight.recording
+    rate = log.channel("angular_rate_x")
+    wrong = {
+        name: replace(channel, time_s=channel.time_s + 0.012)
+        for name, channel in log.channels.items()
+        if name.startswith("angular_rate")
+    }
+    wrong["angular_rate_x"] = replace(wrong["angular_rate_x"], values=1.04 * rate.values + 0.03)
+    made = comparisons(replace(log, channels={**log.channels, **wrong}), [(1.0, 26.0)])
+    rows = {row.what: row for item in made for row in item.table()}
+    for what, true, near in (
+        ("gyroscope behind the attitude", 12.0, 0.5),
+        ("gyroscope, scale along x", 1.04, 0.005),
+        ("gyroscope, scale along y", 1.0, 0.005),
+        ("gyroscope, bias along x", 0.03, 0.004),
+    ):
+        low, high = rows[what].interval
+        assert abs(rows[what].value - true) < near
+        assert low - near < true < high + near
+    together, sentences = with_one_clock(log, made)
+    assert "ms ahead of the gyroscope" in sentences[0]
+    moved = together.channel("attitude_w").time_s - log.channel("attitude_w").time_s
+    np.testing.assert_allclose(moved, 0.012, atol=5e-4)
+    untouched, nothing = with_one_clock(log, comparisons(log, [(1.0, 26.0)]))
+    assert untouched is log
+    assert nothing == ()
+
+
+def test_what_follows_is_no_better_than_what_it_rests_on_and_zero_is_a_bound():
+    assert bounded_numbers(0.01, (-0.02, 0.04)) == ("0.010", "size below 0.040")
+    assert bounded_numbers(0.03, (0.02, 0.04)) == ("0.030", "[0.020, 0.040]")
+    number = Implied("inertia_xx", "", "Ixx", "kg m^2", 1.0, 0.01, (0.98, 1.02), "", Status.IDENTIFIED)
+    assert replace(number, needs=("roll_gain",)).verdict is Status.IDENTIFIED
