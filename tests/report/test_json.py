@@ -73,7 +73,7 @@ SCHEMA: dict[str, Any] = {
         "input": str,
         "input_map": str,
         "input_measured": bool,
-        "autopilot_curve": {"side": (str, type(None)), "in_force": {}},
+        "autopilot_curve": {"side": (str, type(None)), "in_force": {}, "logged": {}},
     },
     "method": str,
     "instruments": str,

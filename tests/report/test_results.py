@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import runpy
+import struct
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 import polars as pl
 import pytest
 from PIL import Image
+from scipy.io import loadmat
 
 import eivor as ev
 from eivor.errors import EivorError, EstimationError, InputError, UsageError
+from eivor.report.other_results import residual_files
 
 
 def travelled(result):
@@ -33,9 +39,50 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit):
     repr_html_ = replace(log, name=hostile, channels=channels)._repr_html_()
     assert "<script>" not in repr_html_
     assert "&lt;script&gt;" in repr_html_
-    for table in (fit._repr_html_(), fit.estimate._repr_html_()):  # type: ignore[union-attr]
-        assert table.count("<tr>") == table.count("</tr>") > 2
-        assert "viscous_friction" in table
+    table = fit.estimate._repr_html_()
+    assert table.count("<tr>") == table.count("</tr>") > 2
+    assert "viscous_friction" in table
+    card = fit._repr_html_()
+    assert 'data-quantity="viscous_friction"' in card
+    assert type(card) is str
+    assert "<button" not in card.replace("button { display: none; }", "")
+    assert hostile not in replace(fit, prepared=(replace(fit.prepared[0], recording=log),))._repr_html_()
+
+
+def test_residuals_are_a_table_a_log_and_two_layouts(fit):
+    """Layouts draw what the files hold."""
+    files = residual_files(fit)
+    table = pl.read_csv(str(files["residuals.csv"]).encode())
+    left = table["vertical_acceleration/measured"] - table["vertical_acceleration/predicted"]
+    assert left.to_numpy() == pytest.approx(table["vertical_acceleration/residual"].to_numpy(), abs=1e-12)
+    assert table.height == fit.prepared[0].used.sum()
+    layout = ElementTree.fromstring(str(files["plotjuggler.xml"]))  # noqa: S314 - Eivor's own
+    assert {item.get("name") for item in layout.iter("curve")} == set(table.columns) - {"time"}
+    paths = re.findall(r'"value": "/(\w+)\.(\w+)"', str(files["foxglove.json"]))
+    assert {"/".join(path) for path in paths} == set(table.columns) - {"time"}
+    log = files["residuals.mcap"]
+    assert isinstance(log, bytes)
+    kinds, place = Counter[int](), 8
+    while place < len(log) - 8:
+        kind, length = struct.unpack_from("<BQ", log, place)
+        kinds[kind] += 1
+        place += 9 + length
+    assert log[:8] == log[-8:] == b"\x89MCAP0\r\n"
+    assert kinds == {1: 1, 3: 1, 4: 1, 5: table.height, 15: 1, 2: 1}
+
+
+def test_a_struct_of_matlab_has_what_is_identified(fit, tmp_path):
+    (tmp_path / "fit.mat").write_bytes(fit.export("matlab"))
+    read = loadmat(tmp_path / "fit.mat", simplify_cells=True)["fit"]
+    assert list(read["names"]) == list(fit.names)
+    for name, quantity in fit.quantities.items():
+        item = read["quantities"][name]
+        assert item["verdict"] == quantity.verdict.value
+        written = (quantity.value, *quantity.interval)
+        if quantity.verdict is ev.Status.IDENTIFIED:
+            assert (item["value"], *item["interval"]) == pytest.approx(written)
+        else:
+            assert np.isnan([item["value"], *item["interval"]]).all()
 
 
 def test_frames_hold_every_quantity(fit, still):

@@ -285,7 +285,7 @@ def test_options_are_declared_once(page):
     assert kinds == {name: typed[name] for name in kinds}
     assert {*kinds} == {*typed} - {
         *("logs", "example", "model", "vehicle", "machine", "channel_map"),
-        *("needs", "json", "figure", "html", "card", "help"),
+        *("needs", "json", "figure", "html", "card", "residuals", "help"),
     }
     body = {"logs": ["1"], "options": {"surprise": 1}}
     refused = page.refused("POST", "/jobs", json.dumps(body).encode())

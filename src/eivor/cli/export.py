@@ -41,9 +41,9 @@ EXPORT_EXIT_CODES = (
     "2 wrong usage, such as rotor speeds for an autopilot's share of thrust. 1 a file that cannot be read "
     "or written.\n\n"
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
-    "(Python). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), "
-    "pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). The word all writes "
-    "those that the result supports into a folder, with a page."
+    "(Python), matlab (.mat). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), "
+    "mujoco (MJCF), pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). The "
+    "word all writes those that the result supports into a folder, with a page."
 )
 
 
@@ -139,6 +139,10 @@ def export(
             omitted = _every_target(fits, model, given, accept, Path(output))
         elif draws is None or to:
             made = result.exported(to, given, draws, seed, accept)
+            if isinstance(made.text, bytes) and output == STANDARD_OUTPUT:
+                raise UsageError(
+                    f"a file for --to {to}", "standard output", f"Add -o fit{TARGETS[to].ending}."
+                )
             write_out(made.text, output)
             if output != STANDARD_OUTPUT:
                 write(f"{output}: {to}\n")
@@ -172,7 +176,7 @@ def _every_target(
             continue
         name = f"{target.name}{target.ending}"
         with writing(folder / name):
-            write_atomically(folder / name, made.text.encode())
+            write_atomically(folder / name, made.text)
         write(f"{folder / name}: {target.words}\n")
         sections.append((target, name, (*made.omitted, *made.lost)))
     page = "\n".join(_page(result, sections))

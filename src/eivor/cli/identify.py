@@ -13,6 +13,7 @@ import typer
 from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
     MORE,
+    RESIDUAL_FILES,
     ExitCode,
     FitModelOption,
     JsonOption,
@@ -77,6 +78,15 @@ def identify(
     card: Annotated[
         bool, flag("--card", "Print the flight card too: what to fly and to log instead.", panel=MORE)
     ] = False,
+    residuals: Annotated[
+        str,
+        option(
+            "FOLDER",
+            "Write residuals of the first fit, with layouts of PlotJuggler and Foxglove that draw them.",
+            panel=MORE,
+        ),
+        Writes(RESIDUAL_FILES),
+    ] = "",
     **given: Any,
 ) -> None:
     """Identify what logs support: vertical motion, turning, and the rigid body of a --vehicle."""

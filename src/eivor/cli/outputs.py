@@ -56,6 +56,7 @@ STANDARD_OUTPUT = "-"
 STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
 FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
 FLEET_PARTS = "flights/*.parquet"
+RESIDUAL_FILES = ("residuals.csv", "plotjuggler.xml", "residuals.mcap", "foxglove.json")
 PAPER_FILES = ("figure-*.svg", "figure-*.png")
 
 
@@ -547,9 +548,9 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def write_out(text: str, position: str) -> None:
+def write_out(text: str | bytes, position: str) -> None:
     """Write text to a file, whole, or to standard output where the place is "-"."""
-    if position == STANDARD_OUTPUT:
+    if position == STANDARD_OUTPUT and isinstance(text, str):
         write(text)
         return
     with writing(Path(position)):

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from eivor.atomic_file import write_atomically
 from eivor.cli import outputs
 from eivor.cli.options import DEFAULT_MODEL
 from eivor.cli.parsing import (
@@ -28,7 +29,7 @@ from eivor.report.flight import log_documents
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text
-from eivor.report.other_results import track_document, track_figure, track_json
+from eivor.report.other_results import residual_files, track_document, track_figure, track_json
 from eivor.report.saved_fit import fit_among, load_fits
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
@@ -58,7 +59,17 @@ def write_page(result: LogEstimate, position: str) -> None:
 # -- Identify --
 
 
-def identify(*, needs: str, json: str, figure: str, html: str, card: bool, **given: Any) -> outputs.ExitCode:
+def write_residuals(result: LogEstimate, folder: Path) -> None:
+    """Write the residuals of the first fit, and layouts."""
+    with outputs.step("Writing residuals"), outputs.writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in residual_files(result.drawn).items():
+            write_atomically(folder / name, text)
+
+
+def identify(
+    *, needs: str, json: str, figure: str, html: str, card: bool, residuals: str, **given: Any
+) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.identify` declares."""
     picture = outputs.figure_file(figure)
     result, needed = result_of(given, needs)
@@ -68,6 +79,7 @@ def identify(*, needs: str, json: str, figure: str, html: str, card: bool, **giv
         json,
         *figure_parts(picture, lambda: flight_figure(result.drawn)),
         *([partial(write_page, result, html)] if html else []),
+        *([partial(write_residuals, result, Path(residuals))] if residuals else []),
     )
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 

@@ -51,7 +51,8 @@ def chosen_parameters(
     _check_shares(fitted)
     numbers, reasons = _proposed(fitted, autopilot)
     missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
-    lines = tuple(f"{name}: {number.words}" for name, number in numbers.items())
+    old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
+    lines = tuple(f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items())
     return numbers, (*fitted.origin(), *lines, *missing), missing
 
 
@@ -177,6 +178,9 @@ def _ardupilot(fitted: Fitted, supplied: Supplied) -> Exported:
     rows = [f"{name},{single(number.value)}" for name, number in numbers.items()]
     return Exported("\n".join([*hash_comments(comments), *rows]) + "\n", omitted)
 
+
+#: Names of the parameters that results propose.
+PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
 
 # -- Parameter changes --
 

@@ -23,7 +23,8 @@ LONGEST = 400
 def one_line(text: str) -> str:
     """`text` in printable ASCII: control characters, line breaks and other letters as backslash escapes."""
     printable = "".join(
-        c if " " <= c <= "~" else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text
+        c if " " <= c <= "~" else c.encode("unicode_escape", "surrogatepass").decode("ascii")
+        for c in text.replace("±", "+-")
     )
     return printable if len(printable) <= LONGEST else f"{printable[: LONGEST - 3]}..."
 
@@ -134,6 +135,7 @@ class Fitted:
     names: tuple[str, ...] = ()
     joint: JointEstimate | None = None
     accepted: frozenset[Status] = frozenset()  # Verdicts beside identified that are written
+    logged: Mapping[str, float] = field(default_factory=dict)  # The autopilot's parameters in the logs
 
     @property
     def input_map(self) -> InputMap:
@@ -207,7 +209,7 @@ class Fitted:
 class Exported:
     """A file's content."""
 
-    text: str
+    text: str | bytes
     omitted: tuple[str, ...] = ()  # What is not identified
     lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
 

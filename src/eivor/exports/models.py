@@ -1,7 +1,8 @@
-"""Exports of equations: linear state spaces, of python-control too, and functions of CasADi."""
+"""Exports of equations: state spaces, of python-control too, functions of CasADi, and structs of MATLAB."""
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import asdict, dataclass, field, replace
 from importlib import import_module
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eivor.errors import EstimationError, MissingReaderError, UsageError
+from eivor.errors import EstimationError, MissingReaderError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
 from eivor.exports.vehicle import (
     BODY,
@@ -266,6 +267,43 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     return filled("casadi.txt", None, hash_comments(fitted.origin()), vertical=vertical)
 
 
+# -- MATLAB --
+
+
+def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
+    """A struct `fit` of every quantity; NaN stands for what is not identified."""
+    supplied.check_only((), "matlab", body=False)
+    from scipy.io import savemat
+
+    known = {name: fitted.is_identified(name) for name in fitted.quantities}
+    if not any(known.values()):
+        raise NotIdentifiedError("a quantity that is identified", "none", fitted.why_not(*known))
+    joint, nothing = fitted.joint, np.full(2, np.nan)
+    kept = np.array([known.get(name, False) for name in fitted.names], dtype=bool)
+    content = {
+        "quantities": {
+            name: {
+                "value": item.value if known[name] else np.nan,
+                "std_error": item.std_error if known[name] else np.nan,
+                "interval": np.array(item.interval) if known[name] else nothing,
+                "unit": item.unit,
+                "verdict": item.verdict.value,
+            }
+            for name, item in fitted.quantities.items()
+        },
+        "names": np.array(fitted.names, dtype=object),
+        "covariance": []
+        if joint is None
+        else np.where(np.outer(kept, kept), joint.covariance.matrix, np.nan),
+        "model": fitted.model,
+        "origin": np.array(list(fitted.origin()), dtype=object),
+    }
+    buffer = io.BytesIO()
+    savemat(buffer, {"fit": content}, long_field_names=True, oned_as="column")
+    missing = [name for name, is_known in known.items() if not is_known]
+    return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
+
+
 # -- Table --
 
 MODELS = (
@@ -276,5 +314,6 @@ MODELS = (
         _state_space_document,
     ),
     Target("casadi", "the equations as a function of CasADi (Python file)", ".py", _casadi),
+    Target("matlab", "a struct of the fit for MATLAB and Octave (.mat)", ".mat", _matlab),
 )
 DRAWN_MODELS = (Randomisation("statespace", "arrays A and B of each draw (JSON)", _state_space_draws),)

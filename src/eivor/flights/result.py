@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import entry_points
@@ -39,7 +39,7 @@ from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
 from eivor.signals.recording import Finding
-from eivor.tools import Float, html_table
+from eivor.tools import Float
 
 if TYPE_CHECKING:
     import polars as pl
@@ -65,6 +65,9 @@ class ResultOutputs(Protocol):
         self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
     ) -> Figure:
         """Figure of the fit."""
+
+    def card(self, results: Sequence[FlightEstimate]) -> str:
+        """HTML of the report's card."""
 
 
 @cache
@@ -471,8 +474,7 @@ class FlightEstimate:
         return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {text}>"
 
     def _repr_html_(self) -> str:
-        title, rows = self._table
-        return html_table(title, TABLE_HEAD, rows, " ".join(self.verdict.sentences))
+        return _outputs().card((self,))
 
     @property
     def _table(self) -> tuple[str, list[tuple[str, ...]]]:
@@ -525,7 +527,7 @@ class FlightEstimate:
         vehicle: str | Path | None = None,
         draws: int | None = None,
         seed: int = 0,
-    ) -> str:
+    ) -> str | bytes:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
         saved = _outputs().saved(self)
         return saved.export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
@@ -646,7 +648,7 @@ class LogEstimate:
         return f"<LogEstimate {', '.join(self.motions)} of {names!r}: {', '.join(self.identified) or 'none'}>"
 
     def _repr_html_(self) -> str:
-        return "".join(result._repr_html_() for result in self.motions.values())
+        return _outputs().card(tuple(self.motions.values()))
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""

@@ -13,7 +13,7 @@ from eivor.exports.fitted import Fitted
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.logs.read import log_format
-from eivor.motions.vertical.model import curve_in_force
+from eivor.motions.vertical.model import curve_in_force, in_common
 from eivor.report.document import Card, CardGroup, CardLine, Look, capitalised
 from eivor.report.rows import QuantityRow, plain_numbers, quantity_rows
 from eivor.signals.channels import common_side
@@ -111,9 +111,6 @@ def _contradicts(reason: Reason) -> bool:
 def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
     """Parameters of the autopilot that the flights have in common."""
     first, logged = result.prepared[0], [flight.recording.parameters for flight in result.prepared]
-    common = {
-        name: value for name, value in logged[0].items() if all(item.get(name) == value for item in logged)
-    }
     fitted = Fitted(
         model=result.motion.words.model,
         quantities=result.quantities,
@@ -126,7 +123,7 @@ def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
         logs=(),
         version="",
     )
-    return parameter_changes(fitted, common)
+    return parameter_changes(fitted, in_common(logged))
 
 
 def _setting(change: ParameterChange) -> tuple[str, str]:

@@ -13,13 +13,14 @@ import msgspec
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
+from eivor.exports.autopilots import PARAMETERS
 from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
 from eivor.flights.quantity import KeyFigure, Kind, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.model import curve_in_force
+from eivor.motions.vertical.model import curve_in_force, in_common
 from eivor.report.card import result_card
 from eivor.report.flight import row_quantities, spans_of
 from eivor.report.rows import QuantityRow, quantity_rows
@@ -264,6 +265,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
                 rate_hz=flight.signals.rate_hz,
             )
         )
+    logged = [flight.recording.parameters for flight in result.prepared]
     return FitDocument(
         logs=logs,
         model=JsonModel(
@@ -274,7 +276,8 @@ def fit_document(result: FlightEstimate) -> FitDocument:
             input_measured=first.input.measured,
             autopilot_curve={
                 "side": common_side(flight.curve_side for flight in result.prepared).value or None,
-                "in_force": curve_in_force([flight.recording.parameters for flight in result.prepared]),
+                "in_force": curve_in_force(logged),
+                "logged": {name: value for name, value in in_common(logged).items() if name in PARAMETERS},
             },
         ),
         method=result.method,

@@ -1,14 +1,18 @@
-"""Documents and figures of draws, tracks and plans."""
+"""Documents and figures of draws, tracks, plans and residuals."""
 
 from __future__ import annotations
 
+import json
+import re
+import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eivor.errors import InputError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, TOLD, Moment, Track, relative_change
 from eivor.planning.plan import FlightPlan, make_plan
@@ -25,6 +29,8 @@ from eivor.report.document import (
 )
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import section
+from eivor.report.flight_figures import flight_runs, within_band
+from eivor.report.html import rendered
 from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of
 from eivor.report.rows import NO_NUMBER, plain_numbers
@@ -33,7 +39,113 @@ from eivor.signals.signals import stretches
 from eivor.tools import printable
 
 if TYPE_CHECKING:
+    import polars as pl
     from matplotlib.figure import Figure
+
+
+# -- Residuals --
+
+SERIES = {"measured": "#262d36", "predicted": "#c03a2b", "residual": "#4d6478"}
+PLOTTED = (("measured", "predicted"), ("residual",))
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+
+def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
+    """Measured, predicted and residual of each axis within the band, and layouts that draw them."""
+    import polars as pl
+
+    if result.fit is None:
+        raise InputError("a flight with an estimate, for its residuals", "one without", "See its verdict.")
+    runs, frames = flight_runs(result), []
+    several = len({run.flight for run in runs}) > 1
+    traces = result.fit.traces(result.motion)
+    topics: dict[str, None] = {}
+    for run in runs:
+        columns = {"time": run.time_s}
+        for trace in traces:
+            words = f"{Path(run.name).stem}/{trace.axis}" if several else trace.axis
+            topic = re.sub(r"[^\w/]", "_", words, flags=re.ASCII)
+            measured, predicted = within_band(trace, run).T
+            topics[topic] = None
+            series = zip(SERIES, (measured, predicted, measured - predicted), strict=True)
+            columns |= {f"{topic}/{name}": values for name, values in series}
+        frames.append(pl.DataFrame(columns))
+    table = pl.concat(frames, how="diagonal").sort("time")
+    areas = {topic: [_area(table, topic, names) for names in PLOTTED] for topic in topics}
+    layout = rendered("plotjuggler.xml", areas=areas, series=SERIES)
+    return {
+        "residuals.csv": table.write_csv(),
+        "plotjuggler.xml": layout,
+        "residuals.mcap": _mcap(list(topics), table),
+        "foxglove.json": _foxglove(list(topics)),
+    }
+
+
+def _area(table: pl.DataFrame, topic: str, names: Sequence[str]) -> dict[str, object]:
+    """What a plot has, and its ends: left, right, bottom and top."""
+    values = table.select(f"{topic}/{name}" for name in names).drop_nulls().to_numpy()
+    ends = (table["time"][0], table["time"][-1], values.min(), values.max())
+    return {"names": names, "ends": dict(zip(("left", "right", "bottom", "top"), ends, strict=True))}
+
+
+def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
+    """MCAP of JSON messages, a topic for each axis; time counts from the first row."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value.encode())) + value.encode()
+
+    def record(kind: int, *parts: bytes) -> bytes:
+        content = b"".join(parts)
+        return struct.pack("<BQ", kind, len(content)) + content
+
+    properties = {name: {"type": "number"} for name in SERIES}
+    schema = json.dumps({"type": "object", "properties": properties})
+    made = [MCAP_MAGIC, record(1, text(""), text("eivor"))]
+    made.append(record(3, struct.pack("<H", 1), text("eivor.Residual"), text("jsonschema"), text(schema)))
+    for number, topic in enumerate(topics):
+        made.append(
+            record(4, struct.pack("<HH", number, 1), text(f"/{topic}"), text("json"), struct.pack("<I", 0))
+        )
+    begun = table["time"][0]
+    for row in table.iter_rows(named=True):
+        stamp = round(1e9 * (row["time"] - begun))
+        for number, topic in enumerate(topics):
+            values = {name: row[f"{topic}/{name}"] for name in SERIES}
+            if None not in values.values():
+                made.append(
+                    record(5, struct.pack("<HIQQ", number, 0, stamp, stamp), json.dumps(values).encode())
+                )
+    return b"".join([*made, record(15, bytes(4)), record(2, bytes(20)), MCAP_MAGIC])
+
+
+def _foxglove(topics: Sequence[str]) -> str:
+    """Layout of Foxglove: a plot of each axis, and its residual below."""
+    plots = {
+        f"Plot!{topic}-{names[0]}": {
+            "title": f"{topic}: {', '.join(names)}",
+            "paths": [
+                {
+                    "value": f"/{topic}.{name}",
+                    "enabled": True,
+                    "timestampMethod": "receiveTime",
+                    "color": SERIES[name],
+                }
+                for name in names
+            ],
+            "xAxisVal": "timestamp",
+            "isSynced": True,
+            "showLegend": True,
+        }
+        for topic in topics
+        for names in PLOTTED
+    }
+    layout: Any = ""
+    for count, name in enumerate(reversed(plots)):
+        below = {"direction": "column", "first": name, "second": layout, "splitPercentage": 100 / (count + 1)}
+        layout = below if count else name
+    return json.dumps(
+        {"configById": plots, "globalVariables": {}, "userNodes": {}, "layout": layout}, indent=1
+    )
 
 
 # -- Track document --

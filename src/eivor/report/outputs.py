@@ -6,10 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from eivor.checks import described
 from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate, LogEstimate
+from eivor.report.card import result_card
 from eivor.report.flight_figures import flight_figure
+from eivor.report.html import own, rendered
 from eivor.report.json_document import json_document, json_text, log_document
 from eivor.report.saved_fit import SavedFit, fit_among, fit_of, load_fits
 
@@ -54,6 +58,11 @@ class FlightOutputs:
     ) -> Figure:
         """Figure of the fit."""
         return flight_figure(result, axes)
+
+    def card(self, results: Sequence[FlightEstimate]) -> str:
+        """HTML of the report's card, for notebooks: with the style of a page in it, and no buttons."""
+        style = Markup(own("page.css").replace(":root", "&"))  # noqa: S704 - the package's own file
+        return str(rendered("notebook.html", style=style, card=result_card(results)))
 
 
 FLIGHT = FlightOutputs()

@@ -195,7 +195,7 @@ class SavedFit:
         draws: int | None = None,
         seed: int = 0,
         accept: str = "identified",
-    ) -> str:
+    ) -> str | bytes:
         """Content of a file for an autopilot, a controller or a simulator, as ``eivor export`` writes it.
 
         Parameters
@@ -219,7 +219,7 @@ class SavedFit:
 
         Returns
         -------
-        str
+        str, or bytes of "matlab"
             All of it. What is not identified is a comment there, with the reason.
 
         Raises
@@ -260,7 +260,7 @@ class SavedFit:
         vehicle: Any = document.prediction and document.prediction.vehicle
         if isinstance(vehicle, dict) and "machine" in vehicle:  # a declaration, which no target takes
             vehicle = None
-        side, in_force = (model.autopilot_curve.get(name) for name in ("side", "in_force"))
+        side, in_force, logged = (model.autopilot_curve.get(name) for name in ("side", "in_force", "logged"))
         return Fitted(
             model=model.name,
             quantities=self.quantities,
@@ -268,6 +268,7 @@ class SavedFit:
             map_name=model.input_map,
             curve_side=next((item for item in CurveSide if item.value == side), CurveSide.UNKNOWN),
             curve_in_force=in_force if isinstance(in_force, dict) else {},
+            logged=logged if isinstance(logged, dict) else {},
             input_measured=model.input_measured,
             formats=tuple(log.format for log in document.logs),
             logs=tuple((str(log.get("name")), log.get("sha256") or "") for log in document.provenance.logs),

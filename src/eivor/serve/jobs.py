@@ -49,7 +49,7 @@ class File:
     """A file that is sent."""
 
     name: str  # what it is called
-    text: str  # content
+    text: str | bytes  # content
 
 
 #: A file, choices of the page or of exports, the error that came instead, or nothing.

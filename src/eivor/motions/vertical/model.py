@@ -103,13 +103,20 @@ CURVE_PARAMETERS = (THR_MDL_FAC, MOT_THST_EXPO)
 DECLARE = 'Of a table, declare curve_side = "before" or "behind" of the command in its channel map (--map).'
 
 
-def curve_in_force(logged: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Parameters of thrust curves that logs have in common, of the parameters of each."""
-    names = [item.name for item in CURVE_PARAMETERS]
-    values = {name: {item.get(name, math.nan) for item in logged} for name in names}
+def in_common(logged: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Parameters that logs have in common, of the parameters of each."""
+    first, *others = logged
     return {
-        name: min(value) for name, value in values.items() if len(value) == 1 and math.isfinite(min(value))
+        name: value
+        for name, value in first.items()
+        if math.isfinite(value) and all(item.get(name) == value for item in others)
     }
+
+
+def curve_in_force(logged: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Those of them that are thrust curves."""
+    common = in_common(logged)
+    return {item.name: common[item.name] for item in CURVE_PARAMETERS if item.name in common}
 
 
 def share_of(exponent: float, signal: float) -> float:
