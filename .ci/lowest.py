@@ -23,8 +23,8 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Extras that read logs, and that of the page.
-EXTRAS = ("ros", "hdf5", "serve")
+#: Extras that read logs, that of figures, and that of the page.
+EXTRAS = ("plot", "ros", "hdf5", "serve")
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=(\d[\w.]*)")
 
 IMPORT_ALL = """
@@ -89,6 +89,8 @@ def lower_bounds() -> tuple[tuple[int, int], dict[str, str]]:
     lowest = {}
     extras = (item for extra in EXTRAS for item in project["optional-dependencies"][extra])
     for requirement in (*project["dependencies"], *extras):
+        if requirement.startswith("eivor["):  # another of the extras
+            continue
         bound = _BOUND.match(requirement)
         if bound is None:
             sys.exit(f"Expected a dependency with a lower bound, NAME>=VERSION; received {requirement!r}")

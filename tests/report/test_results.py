@@ -7,6 +7,7 @@ import pickle
 import re
 import runpy
 import struct
+import sys
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -23,7 +24,9 @@ from PIL import Image
 from scipy.io import loadmat
 
 import eivor as ev
-from eivor.errors import EivorError, EstimationError, InputError, UsageError
+from eivor.errors import EivorError, EstimationError, InputError, MissingReaderError, UsageError
+from eivor.flights.result import LogEstimate
+from eivor.report.flight_page import flight_page
 from eivor.report.other_results import residual_files
 
 
@@ -69,6 +72,17 @@ def test_residuals_are_a_table_a_log_and_two_layouts(fit):
         place += 9 + length
     assert log[:8] == log[-8:] == b"\x89MCAP0\r\n"
     assert kinds == {1: 1, 3: 1, 4: 1, 5: table.height, 15: 1, 2: 1}
+
+
+def test_without_matplotlib_a_page_has_its_tables(fit, monkeypatch):
+    for name in ("matplotlib", "matplotlib.figure", "matplotlib.backends.backend_agg"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(MissingReaderError, match=r"Install it: pip install 'eivor\[plot\]'"):
+        fit.plot()
+    page = flight_page(LogEstimate({"vertical": fit}))
+    assert "The drawing needs Matplotlib" in page
+    assert page.count('class="chart"') > 1
+    assert '<img class="drawn"' not in page
 
 
 def test_a_struct_of_matlab_has_what_is_identified(fit, tmp_path):

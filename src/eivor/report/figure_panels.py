@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from eivor.checks import described
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import MissingReaderError, UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate
 from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
@@ -105,9 +105,13 @@ STATUS_COLOURS = {
 
 def page(width: float, height: float, title: str = "") -> Figure:
     """Empty figure of that size [inch]; nothing global is touched."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        remedy = "Install it: pip install 'eivor[plot]'."
+        received = "an installation without it"
+        raise MissingReaderError("Matplotlib, which draws figures", received, remedy) from error
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     if title:

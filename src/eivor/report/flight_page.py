@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib.util import find_spec
 from io import BytesIO
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -136,12 +137,12 @@ class Figures:
         drawn = []
         for group in groups:
             entries = [self._entry(picture) for picture in group.pictures]
-            charts = [entry for entry in entries if not entry[2]]
-            drawn.append((group.heading, charts, [entry for entry in entries if entry[2]]))
+            charts = [entry for entry in entries if isinstance(entry[1].drawn, Chart)]
+            drawn.append((group.heading, charts, [entry for entry in entries if entry not in charts]))
         return rendered("figures.html", groups=drawn)
 
     def _entry(self, picture: Picture) -> tuple[str, Picture, str]:
-        """Name of a picture, and its drawing; empty for a chart, whose data the page's script draws."""
+        """Name of a picture, and its drawing: none for a chart, whose data the page's script draws."""
         self.count += 1
         name = f"picture-{self.count}"
         if isinstance(picture.drawn, Chart):
@@ -152,7 +153,9 @@ class Figures:
 
 
 def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
-    """SVG as the address of an image."""
+    """SVG as the address of an image; empty without Matplotlib, which a page does without."""
+    if find_spec("matplotlib") is None:
+        return ""
     from matplotlib import rc_context
 
     figure = page(WIDTH_INCHES, height)
