@@ -1,85 +1,56 @@
-"""Predictions of real flights half a second ahead, by flights that were not used for the fit.
+"""Predictions of real flights half a second ahead, by a pool of other flights of the same vehicle.
 
     python -m validation.rigid_body.ahead
 
-The first repeat of each kind of NanoBench's flights is identified in one pool; all others are predicted from their
-measured states. Figures are sums of mean absolute errors over 50 steps of 10 ms, as shares of those of "the state
-stays as it is, and velocity goes on": position, velocity [m/s], rotation [rad] and rates [rad/s].
+Figures are sums of the errors after .1 to .5 s over those of "stays as it is": velocity, attitude, rates.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import eivor as ev
-from eivor.flights.motion import Starts, starts_of
+from eivor.flights.motion import FIT, UNCHANGED
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import SimpleModel
-from eivor.motions.rigid_body.output_error import difference
-from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
-from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 
-VEHICLE = "crazyflie-2x"
-METHODS = ("whitened_least_squares", "whitened_least_squares+output_error")
-STEPS_S = tuple(0.01 * step for step in range(1, 51))
-#: Kinds whose fits others predict, and flights that take off.
+METHODS = {"least squares": "whitened_least_squares", FIT: "whitened_least_squares+output_error"}
+#: One flight of each of these is identified; all other flights are predicted.
 TRAINED = ("B2_circle_fast", "B3_figure8_medium", "B7_oval_medium", "B5_helix_slow", "B2_circle_slow")
+GROUPS = {
+    "velocity": ["velocity"],
+    "attitude": ["attitude"],
+    "rates": ["roll rate", "pitch rate", "yaw rate"],
+}
 
 
-def recordings(folder: Path) -> dict[str, list[Path]]:
-    kinds: dict[str, list[Path]] = {}
-    for file in sorted([*folder.glob("nanobench/B*.csv"), *folder.glob("nanobench-repeats/B*.csv")]):
-        kinds.setdefault(file.stem.rpartition("_")[0], []).append(file)
-    return kinds
-
-
-def errors(logged: LoggedState, starts: Starts, states: np.ndarray) -> np.ndarray:
-    measured = logged.body[:, starts.ends].transpose(1, 0, 2)
-    left = difference(states, measured)
-    parts = (list(logged.placed), [3, 4, 5], [6, 7, 8], [9, 10, 11])
-    return np.array([np.sqrt((left[:, part] ** 2).sum(axis=1)).mean(axis=1).sum() for part in parts])
-
-
-def main() -> int:
+def main() -> None:
     folder = Path(os.environ.get("EIVOR_DATA") or "../shared/data")
-    kinds = recordings(folder)
-    trained = [kinds[kind][0] for kind in TRAINED]
-    fits = [
-        ev.identify_flight(
-            [ev.read_log(file) for file in trained], model="rigid-body", vehicle=VEHICLE, method=method
-        )
-        for method in METHODS
-    ]
-    motion = fits[0].motion
-    values = [{**fit.estimate.nuisances, **fit.estimate.parameters} for fit in fits]
-    models = [
-        next(iter(with_gyroscopic_moments({"fit": SimpleModel("", item)}, "fit").values())).values
-        for item in values
-    ]
-    print("flight | staying: position, velocity, rotation, rates | least squares | output error")
-    for kind, files in kinds.items():
-        for file in files:
-            flight = prepare(ev.read_log(file), motion, fits[0].options)
-            if file in trained or not flight.runs:
-                continue
-            logged = LoggedState(flight.shortened)
-            starts = starts_of(logged.flight, STEPS_S, 0.1)
-            if starts.samples.size < 20:
-                continue
-            begun = logged.body[:, starts.samples]
-            stays = np.repeat(begun[None], len(STEPS_S), axis=0)
-            stays[:, :3] += np.array(starts.steps)[:, None, None] * starts.step_s * begun[3:6]
-            least = errors(logged, starts, stays)
-            made = StatePropagator(logged, motion.known_vehicle, models, starts).propagate(begun)
-            shares = [errors(logged, starts, states) / least for states in made]
-            texts = [", ".join(f"{item:.2f}" for item in row) for row in (least, *shares)]
-            print(" | ".join((kind + " " + file.stem.rpartition("_")[2], *texts)), flush=True)
-    return 0
+    files = sorted([*folder.glob("nanobench/B*.csv"), *folder.glob("nanobench-repeats/B*.csv")])
+    trained = [next(file for file in files if file.stem.startswith(kind)) for kind in TRAINED]
+    logs, models = [ev.read_log(file) for file in trained], {}
+    for name, method in METHODS.items():
+        fit: Any = ev.identify_flight(logs, model="rigid-body", vehicle="crazyflie-2x", method=method)
+        models[name] = SimpleModel(name, {**fit.estimate.nuisances, **fit.estimate.parameters})
+    ahead = fit.motion.abilities.prediction.multi_step
+    for file in files:
+        flight = prepare(ev.read_log(file), fit.motion, fit.options)
+        if file in trained or not flight.runs:
+            continue
+        made = ahead((flight.shortened,), {FIT: models[FIT], **models}, frozenset())
+        sums = {(item.model, item.quantity): sum(item.rms) for item in made.errors}
+        for model in METHODS:
+            shares = [
+                sum(sums[model, name] for name in names) / sum(sums[UNCHANGED, name] for name in names)
+                for names in GROUPS.values()
+                if (UNCHANGED, names[0]) in sums
+            ]
+            print(file.stem, model, *np.round(shares, 2), flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -33,7 +33,7 @@ CLUSTER_S = 2.0
 #: Standard deviations of measured states that a search begins with, by their units.
 FIRST_NOISE = {"m": 0.002, "m/s": 0.02, "rad": 0.005, "rad/s": 0.05}
 #: Lags and delays that are possible [s], and how far the clocks of two flights may stand apart.
-LAGS_S, DELAYS_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), 0.05
+LAGS_S, DELAYS_S, EARLY_S, OFFSETS_S = (0.001, 0.5), (0.0, 0.2), (-0.1, 0.2), 0.05
 #: Times that weights are renewed, and calls of one search.
 PASSES, CALLS = 3, 10
 #: Scale of the difference of two clocks [s].
@@ -155,9 +155,14 @@ class OutputErrors:
         return len(self.windows) if len(self.windows) > 1 else 0
 
     @property
+    def measured(self) -> bool:
+        """Whether states of the rotors were measured: such states may be early."""
+        return all(item.logged.flight.input.measured for item in self.windows)
+
+    @property
     def bounds(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Least and largest values."""
-        known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: DELAYS_S}
+        known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
         known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
         pairs = [known.get(name, (-np.inf, np.inf)) for name in self.free]
         low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.offsets]).T
@@ -169,7 +174,8 @@ class OutputErrors:
         for number, point in enumerate(points):
             values = {**self.base, **dict(zip(self.free, point.tolist(), strict=False))}
             if self.offsets:
-                values[DELAY.name] += float(point[len(self.free) + flight])
+                delay_s = values[DELAY.name] + float(point[len(self.free) + flight])
+                values[DELAY.name] = max(delay_s, -np.inf if self.measured else 0.0)
             models[str(number)] = SimpleModel("", values)
         return [item.values for item in with_gyroscopic_moments(models, "0").values()]
 
