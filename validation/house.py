@@ -65,24 +65,6 @@ def modules(package: Path) -> list[Module]:
     return results
 
 
-def function_lengths(tree: ast.Module) -> Iterator[int]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            body = node.body[1:] if ast.get_docstring(node) is not None else node.body
-            yield (node.end_lineno or 0) - body[0].lineno + 1 if body else 0
-
-
-def prose_lines(module: Module) -> tuple[int, int]:
-    docstrings = 0
-    for node in ast.walk(module.tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if node.body else None
-            if first is not None and _is_text(first):
-                docstrings += (first.end_lineno or 0) - first.lineno + 1
-    tokens = tokenize.generate_tokens(io.StringIO(module.text).readline)
-    return docstrings, sum(token.type == tokenize.COMMENT for token in tokens)
-
-
 def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = None) -> list[set[str]]:
     """Modules of the package that each import statement of a module names."""
     results = []
@@ -378,8 +360,6 @@ BEFORE: Mapping[str, str] = {
     "without `lab`, `fleet` and `serve`: files / lines": "659 / 82.0k",
     "lines of code without docstrings and imports": "47.1k",
     "lines of a file: median / p90 / max": "106 / - / 461",
-    "lines of a function: median / p90 / max": "4 / 16 / 54",
-    "docstring / comment share": "25% / 1.5%",
     "circles of imports / files in them / in the largest": "6 / 125 / 105",
     "imports of Eivor inside functions / for type checking only": "214 / 119",
     "files of fewer than 60 lines / of more than 900 / in the largest folder": "145 / 0 / 52",
@@ -398,8 +378,6 @@ PART = "counts"
 def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
     """Rows of `BEFORE` with the counts of today."""
     result = modules(package)
-    lengths = [length for module in result for length in function_lengths(module.tree)]
-    docstrings, comments = (sum(part) for part in zip(*map(prose_lines, result), strict=True))
     a, p = architecture(package), project(package.parents[1])
 
     def each(counted: Mapping[str, int], *names: str) -> str:
@@ -410,8 +388,6 @@ def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
         each(a, "files of the library", "lines of the library"),
         each(a, "lines of code without docstrings and imports"),
         spread([module.lines for module in result]),
-        spread(lengths),
-        f"{docstrings / a['lines']:.0%} / {comments / a['lines']:.1%}",
         each(a, "circles of imports", "files in circles of imports", "files in the largest circle"),
         each(a, "imports of the package inside functions", "imports of the package for type checking only"),
         each(
