@@ -354,7 +354,6 @@ def walks(package: Path) -> Iterator[dict[str, int]]:
         yield json.loads(done.stdout)
 
 
-#: Counts of the version before the redesign, by row.
 BEFORE: Mapping[str, str] = {
     "files / lines": "732 / 92.1k",
     "without `lab`, `fleet` and `serve`: files / lines": "659 / 82.0k",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ if __name__ == "__main__":
     trained = [next(file for file in files if file.stem.startswith(kind)) for kind in TRAINED]
     logs, models = [ev.read_log(file) for file in trained], {}
     for name, method in METHODS.items():
-        fit = ev.identify_flight(logs, model="rigid-body", vehicle="crazyflie-2x", method=method)
+        fit: Any = ev.identify_flight(logs, model="rigid-body", vehicle="crazyflie-2x", method=method)
         models[name] = SimpleModel(name, {**fit.estimate.nuisances, **fit.estimate.parameters})
     for log in (ev.read_log(item) for item in files if item not in trained):
         flight = prepare(log, fit.motion, fit.options).shortened
