@@ -30,8 +30,8 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 207,
-    "lines": 67_901,  # To be 64,000 again
-    "lines of code without docstrings and imports": 44_186,  # And 41,000
+    "lines": 67_942,  # To be 64,000 again
+    "lines of code without docstrings and imports": 44_208,  # And 41,000
     "files of fewer than 60 lines": 8,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
@@ -40,7 +40,7 @@ BOUNDS = {
 
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 36_905}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 36_923}  # To be 36,000
 
 
 def lint_imports(source):

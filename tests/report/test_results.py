@@ -74,6 +74,24 @@ def test_residuals_are_a_table_a_log_and_two_layouts(fit):
     assert kinds == {1: 1, 3: 1, 4: 1, 5: table.height, 15: 1, 2: 1}
 
 
+def test_no_line_crosses_what_was_not_logged(fit):
+    """Rows that a table lacks are rows of no series, that of the setpoint among them."""
+    flight = fit.prepared[0]
+    log = flight.recording
+
+    def cut(channel):
+        kept = (channel.time_s < 5.0) | (channel.time_s > 9.0)
+        return replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
+
+    channels = {name: cut(channel) for name, channel in log.channels.items()}
+    flight = replace(flight, recording=replace(log, channels=channels))
+    inside = (flight.grid.time_s > 5.01) & (flight.grid.time_s < 8.99)
+    height, climb = fit.motion.view(flight).panels
+    for values in (height.values, height.reference, climb.values, climb.reference, flight.logged_input):
+        assert np.isnan(values[inside]).all()
+        assert np.isfinite(values[flight.grid.time_s < 5.0]).all()
+
+
 def test_without_matplotlib_a_page_has_its_tables(fit, monkeypatch):
     for name in ("matplotlib", "matplotlib.figure", "matplotlib.backends.backend_agg"):
         monkeypatch.setitem(sys.modules, name, None)

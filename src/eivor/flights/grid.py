@@ -189,6 +189,14 @@ def on_grid(
     return series, good
 
 
+def unlogged(channel: Channel, grid: Grid) -> Bool[np.ndarray, " n"]:
+    """Samples between two values of a channel that are so far apart that no picture may join them."""
+    finite = np.isfinite(channel.values)
+    known = Channel(channel.name, channel.time_s[finite], channel.values[finite], channel.unit)
+    gaps = known.gaps(factor=20.0, at_least_s=1.0) if channel.held else known.gaps()
+    return _inside(gaps, grid.time_s)
+
+
 def _inside(intervals: list[tuple[float, float]], t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Times strictly inside one of the intervals, which are in order and do not overlap."""
     if not intervals:

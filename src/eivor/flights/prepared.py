@@ -19,8 +19,18 @@ from eivor.errors import (
     did_you_mean,
 )
 from eivor.estimation.methods import identify, reference_iv
-from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, curve_between, line_between
+from eivor.flights.grid import (
+    Active,
+    Between,
+    Grid,
+    airborne_by_log,
+    around,
+    curve_between,
+    line_between,
+    unlogged,
+)
 from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import PlotData
 from eivor.flights.references import NoiseLevel, Reference
 from eivor.flights.timestamps import Clock
 from eivor.inference.covariance import Classical, EqualWeightedCosines
@@ -363,6 +373,25 @@ class PreparedFlight:
         if known is None:
             return None
         return known.values if known.logged is None else known.logged
+
+    def where_logged(self, values: Float[np.ndarray, " n"], *names: str) -> Float[np.ndarray, " n"]:
+        """Values for a picture: NaN where one of the channels that they are made of was not logged."""
+        for name in names:
+            if name in self.recording.channels:
+                values = np.where(unlogged(self.recording.channels[name], self.grid), np.nan, values)
+        return values
+
+    def plot_data(self, label: str, *, of: str, reference: str = "", scale: float = 1.0) -> PlotData:
+        """A channel of the signals to look at, and its reference where the log has one."""
+        wanted = self.reference_on_grid(reference) if reference else None
+        asked = None if wanted is None else scale * self.where_logged(wanted, reference)
+        return PlotData(label, scale * self.where_logged(self.signals.channel(of), of), asked)
+
+    @property
+    def logged_input(self) -> Float[np.ndarray, " n"]:
+        """Mean of the input's channels, for a picture."""
+        names = (channel.name for channel in self.recording.family(self.input.name))
+        return self.where_logged(self.signals.family(self.input.name).mean(axis=1), *names)
 
     @property
     def used(self) -> Bool[np.ndarray, " n"]:

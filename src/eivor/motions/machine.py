@@ -24,7 +24,6 @@ from eivor.flights.quantity import (
     NO_INTERVAL,
     CardSection,
     Kind,
-    PlotData,
     Quantity,
     QuantityEstimate,
     QuantitySpec,
@@ -554,7 +553,7 @@ class Machine(DeclaredMotion):
     def view(self, flight: PreparedFlight) -> FlightView:
         """What the input is, and the states."""
         panels = [
-            PlotData(f"{item.name.replace('_', ' ')}\n[{item.unit}]", flight.signals.channel(item.name))
+            flight.plot_data(f"{item.name.replace('_', ' ')}\n[{item.unit}]", of=item.name)
             for item in self._of_role("state")
         ]
         behind = " behind a lag τ and a delay d" if self.has_lag else ""

@@ -498,11 +498,10 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
 def _flight_panels(result: FlightEstimate) -> plots.Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
-    level = prepared.signals.family(prepared.input.name).mean(axis=1)
     by_label = {
         " ".join(item.label.split()).partition(" [")[0]: item for item in result.motion.view(prepared).panels
     }
-    by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
+    by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", prepared.logged_input)
     where, active = result.motion.words.where, prepared.active
     known = f"shaded where {where}" if active.mask.any() else f"never {where}"
     title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"

@@ -262,9 +262,11 @@ def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Itera
     """What the motion looks at, and the input."""
     where, active = result.motion.words.where, flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
-    level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
-    panels = (*result.motion.view(flight).panels, PlotData(f"input: {flight.input.name}{mean}", level))
+    panels = (
+        *result.motion.view(flight).panels,
+        PlotData(f"input: {flight.input.name}{mean}", flight.logged_input),
+    )
     for panel in panels:
         name, _, unit = " ".join(panel.label.split()).partition(" [")
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]

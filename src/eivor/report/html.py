@@ -34,6 +34,8 @@ SHAPES = {
 }
 #: Numbers with a power of ten, which a browser would break after their hyphen.
 _POWERS = re.compile(r"(\[?-?[\d.]{1,20}e-\d{1,3}[\],]?)")
+#: What stands below the line in a symbol, such as the u of K_u.
+_SUBSCRIPTS = re.compile(r"_(\w+)")
 
 
 @cache
@@ -50,7 +52,11 @@ def template(name: str) -> Template:
         undefined=StrictUndefined,
         finalize=_visible,
     )
-    environment.filters |= {"kind": lambda part: type(part).__name__, "powers": _POWERS.split}
+    environment.filters |= {
+        "kind": lambda part: type(part).__name__,
+        "powers": _POWERS.split,
+        "subscripts": _SUBSCRIPTS.split,
+    }
     environment.globals["shapes"] = SHAPES
     return environment.get_template(name)
 

@@ -116,11 +116,8 @@ EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
     """Rate about one axis, and its setpoint where the log has one."""
-    setpoint = flight.reference_on_grid(f"reference_{axis.rate}")
-    measured = np.rad2deg(flight.signals.channel(axis.rate))
-    return PlotData(
-        f"{axis.name} rate\n[deg/s]", measured, None if setpoint is None else np.rad2deg(setpoint)
-    )
+    label, wanted = f"{axis.name} rate\n[deg/s]", f"reference_{axis.rate}"
+    return flight.plot_data(label, of=axis.rate, reference=wanted, scale=np.rad2deg(1.0))
 
 
 # -- Select --

@@ -527,11 +527,12 @@ class Vertical(Motion[VerticalFlights]):
         )
         of_terms = "".join(f"; {term.symbols}" for term in self.added if term.symbols)
         symbols = f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
-        velocity, wanted = flight.signals.channel("velocity_z"), "reference_velocity_z"
-        panels = [PlotData("climb rate\n[m/s]", velocity, flight.reference_on_grid(wanted))]
+        panels = [flight.plot_data("climb rate\n[m/s]", of="velocity_z", reference="reference_velocity_z")]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
-            panels.insert(0, PlotData("height [m]", height, flight.reference_on_grid("reference_position_z")))
+            wanted = flight.reference_on_grid("reference_position_z")
+            asked = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
+            panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), asked))
         return FlightView(symbols, tuple(panels))
 
     def _check(self, options: FlightOptions) -> None:

@@ -23,7 +23,11 @@ const draw = (tag, attributes, ...children) => filled(document.createElementNS(S
 const visible = (text) => String(text).replace(/[\p{C}\p{Zl}\p{Zp}]/gu, (one) => `\\u{${one.codePointAt(0).toString(16)}}`);
 const cut = (text, longest) => (text.length > longest ? `${text.slice(0, longest - 1)}…` : text);
 const named = (name) => cut(visible(cut(String(name), 2 * LONGEST)), LONGEST);
-const said = (text) => cut(visible(cut(String(text), 2 * LONGEST_SENTENCE)), LONGEST_SENTENCE);
+// Options of the command line by the controls that are here for them.
+const PLAN = "“Plan of the next flight” below Downloads";
+const CONTROLS = { model: "Model", method: "Method", lag: "Lag known from elsewhere", input: "Input", "input-map": "Input map", vehicle: "Vehicle", map: "Channel map", compare: "Every method side by side", mass: "Mass", prior: "Known from elsewhere" };
+const onPage = (text) => text.replace(/eivor plan proposes for this result \(--json FIT\.json\)/g, `the ${PLAN} proposes`).replace(/--([a-z-]+)/g, (flag, name) => (name in CONTROLS ? `“${CONTROLS[name]}”` : flag));
+const said = (text) => cut(visible(cut(onPage(String(text)), 2 * LONGEST_SENTENCE)), LONGEST_SENTENCE);
 
 function shape(name) {
   return draw("svg", { viewBox: "0 0 20 20", class: "shape", "aria-hidden": "true" }, draw("circle", { cx: 10, cy: 10, r: 8.6 }), draw("path", { d: SHAPES[name] || "" }));

@@ -67,11 +67,11 @@ function choicesOf(flight) {
     field("Model", inputs.model),
     field("Method", inputs.method),
     field("Lag known from elsewhere [ms]", inputs.lag, "70:15 is 70 ± 15 ms, 50..90 is anything between, none is neither lag nor delay"),
-    field("Input", inputs.input_channel, "what drives the vehicle (--input): input is the thrust setpoint, rotor_command the signals to the motors"),
-    field("Input map", inputs.input_map, "from command to thrust (--input-map): linear, square, power:EXPONENT, mixed:SHARE; fit finds it out"),
-    field("Vehicle", vehicle.list, "for the rigid body (--vehicle)", vehicle.file),
-    field("Channel map", map.list, "for tables, bags and a Crazyflie's log (--map)", map.file),
-    field("Every method side by side", compare, "takes longer (--compare)"),
+    field("Input", inputs.input_channel, "what drives the vehicle: input is the thrust setpoint, rotor_command the signals to the motors"),
+    field("Input map", inputs.input_map, "from command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out"),
+    field("Vehicle", vehicle.list, "for the rigid body", vehicle.file),
+    field("Channel map", map.list, "for tables, bags and a Crazyflie's log", map.file),
+    field("Every method side by side", compare, "takes longer"),
   );
   const more = make("details", { open: !flight.report || Object.keys(given).some((name) => name !== "window") }, make("summary", null, "Model, method, lag and more"), form);
   const box = make("section", { class: "panel", "aria-label": "Fit again" }, course?.box, more, make("p", { class: "actions" }, again));

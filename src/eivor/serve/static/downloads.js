@@ -5,7 +5,7 @@ function downloadsOf(flight) {
   const panel = make("div", { class: "panel" });
   const details = make("details", { class: "downloads" }, make("summary", null, "Downloads"), panel);
   details.addEventListener("toggle", () => {
-    const whole = [["report.html", "this report, one page for any browser"], ["result.json", "all numbers, as of eivor identify --json"]];
+    const whole = [["report.html", "this report, one page for any browser"], ["result.json", "all numbers"]];
     panel.append(filesOf(whole.map(([file, words]) => fileOf(file, words, () => `${job}/${file}`))), ...exportsOf(flight, job), ...plansOf(job));
   }, { once: true });
   return details;
@@ -33,7 +33,7 @@ function exportsOf(flight, job) {
   }
   for (const one of [mass, priors]) one.addEventListener("change", listed);
   listed();
-  const given = make("div", { class: "fields" }, field("Mass [kg]", mass, "with all on board, and its standard deviation (--mass)"), field("Vehicle", vehicle.list, "where the rotors are, for simulators (--vehicle)", vehicle.file), field("Known from elsewhere", priors, "what the flight does not tell, with semicolons between (--prior)"));
+  const given = make("div", { class: "fields" }, field("Mass [kg]", mass, "with all on board, and its standard deviation"), field("Vehicle", vehicle.list, "where the rotors are, for simulators", vehicle.file), field("Known from elsewhere", priors, "what the flight does not tell, with semicolons between"));
   return [make("h3", { class: "flight" }, "For autopilots and simulators"), given, list];
 }
 

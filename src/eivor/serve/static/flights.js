@@ -169,7 +169,7 @@ function reported(flight) {
   let words = [WORDS[flight.state] || ""];
   if (flight.state === "done") words = [badge(flight.report.verdict.status), ` after ${seconds(flight.elapsed)}`];
   else if (working) words = [flight.stage === "waiting" && flight.position ? `waiting, ${flight.position} before it` : `${flight.stage}, ${seconds(flight.elapsed)}`];
-  else if (flight.state === "failed") words = [badge("refused", "no result")];
+  else if (flight.state === "failed") words = [badge("refused", "no result"), make("span", { class: "why" }, said(`${flight.error.message} ${flight.error.advice}`))];
   card.state.replaceChildren(...words);
 }
 

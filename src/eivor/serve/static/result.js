@@ -44,10 +44,10 @@ function readingOf(line) {
   return make(
     "div",
     { class: "reading", "data-quantity": line.quantity },
-    make("p", { class: "name" }, `${line.words} `, make("span", { class: "symbol" }, line.symbol)),
+    make("p", { class: "name" }, `${line.words} `, make("span", { class: "symbol" }, ...line.symbol.split(/_(\w+)/).map((piece, place) => (place % 2 ? make("sub", null, piece) : piece)))),
     make("p", { class: "number" }, make("span", { class: "value" }, line.text), unit),
     make("p", { class: "interval" }, line.interval),
-    remarkOf("p", "setting", line.setting),
+    remarkOf("p", "setting", line.setting.replace("->", "→")),
     remarkOf("p", "remark", line.remark),
     line.command ? make("p", { class: "command" }, make("code", null, line.command), " ", button("Copy", copied)) : null,
   );
