@@ -84,7 +84,9 @@ def test_references_that_are_too_few_leave_least_squares_and_it_is_said(recordin
 
 def test_only_motions_that_predict_their_states_have_an_output_error(flight):
     assert by_name("total_least_squares+output_error").of_flights.name == "total_least_squares"
-    with pytest.raises(UsageError, match="received 'output_error' with 'rates'. Name it with --model rigid"):
+    with pytest.raises(
+        UsageError, match=r"received 'output_error' with 'rates'\. Name it with --model rigid"
+    ):
         ev.identify_flight(flight.recording, model="rates", method="output_error")
     rows = ev.regression(np.arange(9.0) ** 2, np.arange(9.0))
     with pytest.raises(UsageError, match="a flight of a motion whose states output_error predicts"):
@@ -121,6 +123,19 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
     untouched, nothing = with_one_clock(log, comparisons(log, [(1.0, 26.0)]))
     assert untouched is log
     assert nothing == ()
+
+
+def test_flights_that_disagree_about_a_vehicle_are_said_so(flight):
+    """The second flight turns a tenth less about x at the same commands."""
+    log, name = flight.recording, "angular_rate_x"
+    rate = log.channel(name)
+    slower = replace(
+        log, name="slower", channels={**log.channels, name: replace(rate, values=0.9 * rate.values)}
+    )
+    windows = [(1.0, 12.0), (14.0, 25.0)]
+    pool = ev.identify_flight([log, slower], model=MOTION, windows=windows, method="whitened_least_squares")
+    said = [finding.message for finding in pool.findings if finding.name == "flights_differ"]
+    assert any("differ in the roll gain by more than chance says" in message for message in said)
 
 
 def test_what_follows_is_no_better_than_what_it_rests_on_and_zero_is_a_bound():

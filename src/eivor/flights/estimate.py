@@ -269,7 +269,7 @@ def minimise_output_error(state: FlightState) -> FlightState:
     if prediction.output_error is None or state.estimate is None:
         return state
     first, problem = state.estimate, state.problem
-    result = prediction.output_error(first, state.flying)
+    result, findings = prediction.output_error(first, state.flying)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
     start = WarmStart(result.theta, result.nuisances)
     rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)
@@ -282,7 +282,7 @@ def minimise_output_error(state: FlightState) -> FlightState:
         solution=replace(rows.solution, theta=result.theta),
         method=f"{first.method}+{OUTPUT_ERROR}",
     )
-    return replace(state, estimate=result)
+    return replace(state, estimate=result, findings=(*state.findings, *findings))
 
 
 def diagnose_fit(state: FlightState) -> FlightState:

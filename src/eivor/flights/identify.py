@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
+
+import numpy as np
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.method import OUTPUT_ERROR
@@ -18,6 +20,7 @@ from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
 from eivor.flights.quantity import CoupledAxis, Quantity
 from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.inference.distributions import chi_square_tail
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
 
@@ -75,7 +78,9 @@ def identified(
         )
         progress(Stage.DIAGNOSING)
         each = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
-        result = replace(result, flights=tuple(each))
+        result = replace(
+            result, flights=tuple(each), findings=(*result.findings, *differences(result, alone))
+        )
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
         names = [name for name in TABLE if name != OUTPUT_ERROR or predicts_states(motion)]
@@ -83,6 +88,34 @@ def identified(
         rows = [_row(name, estimated(replace(state, options=each))) for name, each in by_method.items()]
         result = replace(result, comparisons=tuple(rows))
     return result
+
+
+#: A quantity differs among flights where a chi-square test of all has this p-value or less.
+DIFFERS = 1e-3
+
+
+def differences(pool: FlightEstimate, alone: Sequence[FlightEstimate]) -> Iterator[Finding]:
+    """Quantities of a vehicle that flights of a pool, each by itself, disagree about; Cochran's test."""
+    if pool.fit is None or pool.fit.pooled is not None:
+        return  # its own tests say it
+    for name, spec in pool.motion.quantities.items():
+        if not spec.headline or spec.of_flight:
+            continue
+        quantities = [item.quantities[name] for item in alone if name in item.quantities]
+        numbers = np.array([(item.value, item.std_error) for item in quantities]).reshape(-1, 2)
+        values, errors = numbers[np.isfinite(numbers).all(axis=1) & (numbers[:, 1] > 0.0)].T
+        if values.size < 2:
+            continue
+        mean = np.average(values, weights=errors**-2)
+        p_value = chi_square_tail(float((((values - mean) / errors) ** 2).sum()), values.size - 1)
+        if p_value <= DIFFERS:
+            low, high = (spec.scale * end for end in (values.min(), values.max()))
+            yield Finding(
+                "flights_differ",
+                f"The flights, each by itself, differ in the {spec.words} by more than chance says (p "
+                f"{p_value:.1g}): {low:.3g} to {high:.3g} {spec.shown_unit}".rstrip()
+                + ".",
+            )
 
 
 def _row(label: str, result: FlightEstimate) -> FlightRow:

@@ -21,6 +21,7 @@ from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
 from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
+from eivor.signals.recording import Finding
 from eivor.tools import Float, Int
 
 #: Windows begin so far apart, and are looked at so long after their begin [s].
@@ -416,8 +417,10 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     return (begun, other)[int(np.argmin(costs))]
 
 
-def refined_by_output_error(estimate: Estimate, flights: Flights, vehicle: KnownVehicle) -> Estimate:
-    """The estimate whose multi-step predictions of the flights leave least: see docs/rigid-body.md.
+def refined_by_output_error(
+    estimate: Estimate, flights: Flights, vehicle: KnownVehicle
+) -> tuple[Estimate, tuple[Finding, ...]]:
+    """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md.
 
     Terms that do not earn their place are zero, with the standard error that they would have.
     """
@@ -441,10 +444,16 @@ def refined_by_output_error(estimate: Estimate, flights: Flights, vehicle: Known
     part = CovariancePart("clustered by windows", matrix, degrees=float(len(at.scores) - 1))
     values = structure.values
     theta = np.array([values[name] for name in names[: estimate.theta.size]])
-    return replace(
+    findings: tuple[Finding, ...] = ()
+    if np.abs(structure.clocks).max(initial=0.0) > CLOCK_S:
+        low, high = 1e3 * structure.clocks.min(), 1e3 * structure.clocks.max()
+        apart = f"{low:.1f} to {high:.1f} ms"
+        text = f"Commands and sensors of the flights stand apart by {apart}, which are taken out."
+        findings = (Finding("clocks_of_flights", text),)
+    result = replace(
         estimate,
         solution=replace(estimate.solution, theta=theta),
         nuisances={name: values[name] for name in estimate.nuisances},
         streamed_covariance=JointCovariance((part,)),
-        method="output_error",
     )
+    return result, findings
