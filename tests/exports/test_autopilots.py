@@ -244,7 +244,7 @@ OF_AUTOPILOTS = [
 
 def written_to(command):
     """The file that a command writes; the last word of each is one."""
-    return Path(re.findall(r"(?:-o|--json|--out) (\S+)", command)[0])
+    return Path(re.findall(r"(?:-o|--json|--out|--residuals) (\S+)", command)[0])
 
 
 @pytest.mark.thorough
@@ -254,7 +254,7 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
     vehicle_file(tmp_path).rename("mine.toml")
-    assert len(COMMANDS) == 18
+    assert len(COMMANDS) == 19
     for command in COMMANDS:
         assert command_line(*shlex.split(command)).code == 0, command
         assert written_to(command).stat().st_size > 100

@@ -68,7 +68,7 @@ def bounded_numbers(value: float, interval: tuple[float, float]) -> tuple[str, s
     """The same, with a bound of the size where an interval holds zero: "0.04", "size below 0.21"."""
     number, text = plain_numbers(value, interval)
     low, high = interval
-    if text == NO_NUMBER or not low <= 0.0 <= high:
+    if text == NO_NUMBER or low == high or not low <= 0.0 <= high:
         return number, text
     bound = max(-low, high)
     exponent = _exponent(bound)
