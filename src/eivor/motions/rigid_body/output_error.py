@@ -289,7 +289,7 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             made.append(weights)
         best = Minimum(errors, tuple(made), point, 0.0)
 
-        def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 1"]:
+        def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " clocks"]:
             offsets = point[len(errors.free) :]
             return np.array([1e4 * offsets.sum()]) if errors.offsets else np.empty(0)
 
