@@ -460,7 +460,7 @@ def test_what_the_report_says_without_a_value_in_force(square_log, side, paramet
     (messages,) = [finding.message for finding in identify_flight.findings if finding.name == "thrust_curve"]
     assert re.search(said, messages)
     document = json.loads(identify_flight.to_json())["model"]["autopilot_curve"]
-    assert document == {"side": side.value or None, "in_force": parameters}
+    assert document == {"side": side.value or None, "in_force": parameters, "logged": parameters}
 
 
 @pytest.mark.thorough
@@ -483,7 +483,6 @@ def test_a_reference_of_one_frequency_is_told():
 
 
 LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
-
 
 INFINITY = float("inf")
 
