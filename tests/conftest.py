@@ -106,6 +106,18 @@ def unchecked_shapes():
         yield
 
 
+#: Folders of tests that identify the same flights with the same options many times.
+OF_FLIGHTS = {"exports", "flights", "motions", "planning", "report"}
+
+
+@pytest.fixture(autouse=True)
+def results_once(request):
+    """A flight of one test is that of another, and identified once; not for tests that change how."""
+    once = OF_FLIGHTS & set(request.path.parts) and "monkeypatch" not in request.fixturenames
+    with searches.identified_once() if once else nullcontext():
+        yield
+
+
 @pytest.fixture
 def coarse_search():
     """Flights are searched for few lags and delays: a fifth of the time, where numbers are not the point."""
