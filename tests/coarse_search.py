@@ -15,12 +15,17 @@ import pytest
 
 #: Lags [s] between the ends of the full grid, and delays [s]: an eighth of its points.
 LAGS_S, DELAYS_S = np.geomspace(0.002, 0.3, 12), (0.0, 0.020)
+#: Accuracy of lag and delay of a rigid body [s]: a fiftieth of a standard error, for two thirds of the time.
+BODY_TOLERANCE_S = 1e-5
 
 
 @contextmanager
 def coarse():
     """Flights are searched on the coarse grids."""
-    with searched_on((LAGS_S, DELAYS_S)):
+    from eivor.motions.rigid_body import regression
+
+    with searched_on((LAGS_S, DELAYS_S)), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(regression, "TOLERANCE_S", BODY_TOLERANCE_S)
         yield
 
 
@@ -43,11 +48,12 @@ def identified_once():
     """The same logs with the same options are identified once; not for tests that change how that is done."""
     from eivor.models.lagged_runs import lag_and_delay
     from eivor.motions import identify
+    from eivor.motions.rigid_body import regression
 
     work, search = identify.identified, inspect.unwrap(lag_and_delay)
 
     def known(logs, motion, options, windows, others, lag_measurements, progress, begun):
-        given = logs, options, windows, lag_measurements, search.__defaults__
+        given = logs, options, windows, lag_measurements, search.__defaults__, regression.TOLERANCE_S
         key = (hashlib.sha256(pickle.dumps(given)).digest(), id(motion), *map(id, others))
         if key not in RESULTS:
             stages = []

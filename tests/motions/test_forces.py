@@ -272,6 +272,12 @@ def problem(log) -> LaggedRuns:
     return MOTION.problem((prepare(log, MOTION, FlightOptions()).shortened,), NoInstruments())
 
 
+@pytest.fixture(scope="module")
+def free(problem):
+    """An estimate of every column by itself."""
+    return identify(problem, METHOD)
+
+
 def told(vehicle=SPINNING) -> dict[str, float]:
     """Gains and couplings of a vehicle."""
     truth = effective_parameters(vehicle)
@@ -305,8 +311,9 @@ def test_columns_are_sums_of_those_that_they_replace(problem):
 
 
 @pytest.mark.thorough
-def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, problem):
-    free, flight = identify(problem, METHOD), identify_flight(log, model=MOTION, method=METHOD.name)
+@pytest.mark.usefixtures("coarse_search")
+def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, free):
+    flight = identify_flight(log, model=MOTION, method=METHOD.name)
     assert rotor_inertia_ratios(flight.fit.problem) is not None
     for item, inertia in zip((*GYROSCOPIC_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
         low, high = flight.quantities[item.name].interval
@@ -319,8 +326,7 @@ def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, proble
 
 
 @pytest.mark.thorough
-def test_couplings_that_are_not_told_leave_three_columns(problem):
-    free = identify(problem, METHOD)
+def test_couplings_that_are_not_told_leave_three_columns(problem, free):
     assert identified_ratios(free) is not None
     blind = replace(problem, columns=tuple(uncoupled(column) for column in problem.columns))
     assert identified_ratios(identify(blind, METHOD)) is None
@@ -630,6 +636,7 @@ def test_of_more_rotors_two_may_be_exchanged():
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
 def test_a_result_refuses_and_says_which(flight):
     result = identify_flight(flight.recording, model=RigidBody(ordered(1, 3, 2, 4)))
     assert result.verdict.status is Status.REFUSED

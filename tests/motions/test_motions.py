@@ -269,7 +269,6 @@ def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, stat
 
 AT = VerdictInputs((), 100.0, 100.0, exogenous=True, direct=False, used_s=60.0)
 
-
 # Turning about the body axes: what flights tell of effectiveness and lag, and what they do not.
 
 TRUTH = Vehicle()

@@ -213,7 +213,8 @@ def test_without_velocity_nothing_is_said_of_the_wind(log_wind):
 
 @pytest.mark.thorough
 def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
-    flight = identify_flight(log_wind, model=WIND_MOTION)
+    delay_known = RigidBody(replace(WIND_MOTION.vehicle, delay=KnownNumber(0.0)))
+    flight = identify_flight(log_wind, model=delay_known)
     reasons = {
         name: [reason.sentence for reason in quantity.reasons] for name, quantity in flight.quantities.items()
     }
@@ -316,7 +317,8 @@ def test_a_filter_that_was_not_passed_is_told(passed):
     (flight,) = simulate_rigid_body_flights([spec])
     rotors = FILTERED_BASE.vehicle.rotors
     positions = tuple((x, y) for x, y, _ in rotors.positions)
-    vehicle = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    options = {"gyro_cutoff_hz": CUTOFF_HZ, "delay": KnownNumber(0.0)}  # its search takes most of the time
+    vehicle = KnownVehicle("simulated", positions, rotors.spins, **options)
     result = identify_flight(flight.recording, model=RigidBody(vehicle))
     reasons = result.verdict.reasons
     reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
@@ -397,6 +399,7 @@ def test_commands_that_the_log_does_not_hold_end_it():
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
 def test_what_comes_back_through_the_controller_cancels_in_it():
     """Torques of the air make the lag of the lower band too short, and that of the whole one hardly."""
     air = OrnsteinUhlenbeck(4.0, 0.3)
@@ -438,6 +441,7 @@ def test_axes_agree_in_calm_air(calm, monkeypatch):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
 def test_a_delay_that_was_given_wrong_is_said():
     late = replace(
         LAGS_SPEC,
@@ -480,9 +484,7 @@ EXACT_SPEC = replace(
 )
 EXACT_ROTORS = EXACT_SPEC.vehicle.rotors
 EXACT_KNOWN = KnownVehicle(
-    "simulated",
-    tuple((x, y) for x, y, _ in EXACT_ROTORS.positions),
-    EXACT_ROTORS.spins,
+    "simulated", tuple((x, y) for x, y, _ in EXACT_ROTORS.positions), EXACT_ROTORS.spins
 )
 EXACT_MOTION = RigidBody(EXACT_KNOWN)
 QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "position"]
@@ -662,10 +664,7 @@ def test_what_cannot_be_validated_is_said(flown_ahead, truth, tmp_path):
 
 def test_a_vehicle_comes_back_from_a_result():
     vehicle = replace(
-        EXACT_KNOWN,
-        mass=KnownNumber(0.03, 0.001),
-        arm_scale=KnownNumber(1.0),
-        thrust_map="linear",
+        EXACT_KNOWN, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear"
     )
     assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
     for wrong in (

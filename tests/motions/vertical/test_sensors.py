@@ -38,7 +38,6 @@ from flights.flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, f
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
-
 VERTICAL = Vertical()
 
 
