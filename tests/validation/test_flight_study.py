@@ -23,10 +23,10 @@ from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR, QUANTITIES, 
 
 BEGIN, END = f"<!-- generated: {PART} -->", f"<!-- end: {PART} -->"
 
-
 pytest.importorskip("rotorpy")
-
-
+#: 85 s of what the full size does with every class: its figures are in `docs/studies/coverage.md`, and
+#: `test_published_pages.py` holds them against what is required.
+pytestmark = pytest.mark.long
 CHANCE = 1e-3
 
 

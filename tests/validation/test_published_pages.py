@@ -12,6 +12,7 @@ from validation.coverage.study import coverage_tables, read_coverage
 from validation.coverage.study import requirements as coverage_requirements
 from validation.efficiency import study as efficiency
 from validation.flight_methods import study as flight_methods
+from validation.flight_recipe.study import requirements as flight_requirements
 from validation.flight_recipe.study import study_tables as flight_tables
 from validation.flight_recipe.trials import published_grid, read_trial_table
 from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
@@ -68,6 +69,7 @@ def test_the_page_of_the_flight_study_has_the_flights_of_the_grid():
     assert part_of("studies/coverage.md", "flight study").strip() == flight_tables(trials)
     seeds = {case.name: case.spec.seed for case in published_grid().cases}
     assert dict(zip(trials.rows["flight"], trials.rows["seed"], strict=True)) == seeds
+    assert all(item.met for item in flight_requirements(trials.rows))
     assert (STUDIES / "flight-recipe.parquet").stat().st_size < 150 * 1024
 
 

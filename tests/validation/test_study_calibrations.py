@@ -120,7 +120,7 @@ def test_intervals_hold_and_those_of_others_do_not(flights, heterogeneity):
     assert pooling_cell(flights, heterogeneity, 1000, (0.01, 0.05)) == reported
 
 
-@pytest.mark.calibration
+@pytest.mark.long  # 21 s; the study flies nine times as many, and `docs/studies/coverage.md` has its figures
 def test_planned_flights_reach_what_was_predicted():
     """Bounds of the study, with room for four flights."""
     keys = [(OWN[1].name, target, number) for target in PLANNED_FOR for number in (0, 1)]
