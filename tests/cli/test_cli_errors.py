@@ -21,7 +21,6 @@ from eivor.logs.read import readable_formats
 COMMAND = typer.main.get_command(app)
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
-
 pytestmark = pytest.mark.usefixtures("coarse_search")
 HOSTILE = "a[red]b[bold]$x_1$\x1b[31m\n@1é.csv"
 

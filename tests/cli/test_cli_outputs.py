@@ -52,7 +52,6 @@ kind = "series"
 values = { file = "drive.csv", column = "u" }
 """
 
-
 #: Parameters with a text that names no file. Every other text declares which files it names.
 WORDS = frozenset(
     (

@@ -75,7 +75,6 @@ class Interrupted:
 sys.meta_path.insert(0, Interrupted())
 """
 
-
 #: The same while arguments are read.
 READING = """
 from eivor.cli.main import Commands

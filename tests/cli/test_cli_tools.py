@@ -23,6 +23,7 @@ from planning.conftest import planned as plan_of
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
+@pytest.mark.thorough  # `test_autopilots.py` has the same files of fewer flights
 def test_parameters_are_written(eivor, tmp_path):
     log, fit, file = (tmp_path / name for name in ("flight.ulg", "fit.json", "vehicle.params"))
     log.write_bytes(px4_log())

@@ -260,7 +260,9 @@ def check_library(seed, fit):
     assert not INTERNAL.search(library), library
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(6), *(pytest.param(n, marks=pytest.mark.thorough) for n in range(6, 20))]
+)
 def test_calls_end_in_a_result_or_a_sentence(good_fit, seed):
     check_library(seed, good_fit)
 

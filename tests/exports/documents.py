@@ -13,7 +13,6 @@ import eivor as ev
 
 UNITS = {"viscous_friction": "1/s", "input_gain": "m/s^2", "actuator_lag": "s", "delay": "s"}
 
-
 #: Value and standard error of a flight of a thrust setpoint.
 NUMBERS = {
     "viscous_friction": (0.3, 0.02),
@@ -23,9 +22,7 @@ NUMBERS = {
     "hover_input": (0.41, 0.002),
 }
 
-
 JOINT = ("viscous_friction", "input_gain", "actuator_lag")
-
 
 CORRELATIONS = np.array([[1.0, 0.3, 0.1], [0.3, 1.0, 0.85], [0.1, 0.85, 1.0]])
 
@@ -116,7 +113,6 @@ COMBINATIONS = {
     "delay": (0.004, 0.0005),
 }
 
-
 #: The vehicle of `VEHICLE`, as a document has it; its torque ratio is what the flight tells.
 OFFSET = 0.043 / 2**0.5
 KNOWN_VEHICLE: dict[str, Any] = {
@@ -156,7 +152,6 @@ arm = {{ value = 0.043, std = 0.0004 }}
 torque_ratio = 0.034
 """
 
-
 #: With them a vertical flight is enough.
 PRIORS = {
     "inertia_xx": (1.43e-5, 1e-6),
@@ -165,10 +160,8 @@ PRIORS = {
     "largest_command": (2500.0, 0.0),
 }
 
-
 #: What the flight of `of_speeds` tells.
 GAIN, LAG, FRICTION, GRAVITY = 3.068e-6, 0.072, 0.3, 9.80665
-
 
 HOVER = (GRAVITY / GAIN) ** 0.5
 

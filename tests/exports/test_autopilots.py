@@ -18,12 +18,9 @@ from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identifie
 
 Document = dict[str, Any]
 
-
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
-
 HOSTILE = "a\n1\t1\tMPC_THR_HOVER\t0.9\t9\r\u2028b\x1b[2J\udcff.ulg"
-
 
 FITTED = {"input": "actuator_output", "input_map": "fit"}
 
@@ -95,7 +92,7 @@ def outputs():
             lambda: px4_log(outputs="actuator_outputs"), FITTED, "behind", marks=pytest.mark.thorough
         ),
         pytest.param(ardupilot_log, {"input_map": "fit"}, "before", marks=pytest.mark.thorough),
-        (ardupilot_log, FITTED, "behind"),
+        pytest.param(ardupilot_log, FITTED, "behind", marks=pytest.mark.thorough),
         pytest.param(lambda: ardupilot_log(in_force=0.9), FITTED, "behind", marks=pytest.mark.thorough),
         pytest.param(
             lambda: px4_log(in_force=0.0), {"input_map": "fit"}, "before", marks=pytest.mark.thorough
@@ -232,9 +229,7 @@ def test_no_name_of_a_log_becomes_a_parameter(to, format_name, setpoint, tmp_pat
 
 PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 
-
 COMMANDS = re.findall(r"^\$ eivor (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-
 
 #: Those of autopilots, which need the two logs alone.
 OF_AUTOPILOTS = [

@@ -101,7 +101,6 @@ def test_what_cannot_be_drawn_is_told(tmp_path):
 
 COUNT = 2000
 
-
 #: Relative standard deviations of what is drawn.
 GAIN_SPREAD, MASS_SPREAD = 8e-9 / GAIN * (8.0 / 6.0) ** 0.5, 0.01
 

@@ -92,13 +92,10 @@ def xml_tree(text):
 
 TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
 
-
 #: Files whose parsers are those of another target, or which hold less.
 OTHERS = ("px4-gazebo", "sitl")
 
-
 XML = ("mujoco", "pybullet", "gazebo", "px4-gazebo")
-
 
 #: Ends comments and strings in every format.
 WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
@@ -315,7 +312,6 @@ CHILDREN = {
     "axis": {"xyz", "limit"},
     "limit": {"lower", "upper"},
 }
-
 
 #: What gz-sim's motor model reads.
 MOTOR = {
