@@ -33,7 +33,6 @@ _CONTEXT = THEIRS("context")
 #: In each test, the first so many calls of a function are checked, and of those that follow one in so many.
 FIRST, ONE_IN = 6, 200
 
-
 #: As the type checker reads annotations: an integer is a number wherever a float is asked for. beartype looks
 #: at one entry of a list, by chance, and would else refuse `[3, 1.5]` in one run of two.
 typechecker = beartype(conf=BeartypeConf(is_pep484_tower=True))

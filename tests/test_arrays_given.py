@@ -15,21 +15,15 @@ from eivor.errors import CorruptLogError, EivorError, did_you_mean
 
 RNG = np.random.default_rng(0)
 
-
 PHI = RNG.standard_normal((60, 2))
-
 
 Y = PHI @ [1.0, 2.0] + 0.1 * RNG.standard_normal(60)
 
-
 PSI = PHI + 0.1 * RNG.standard_normal((60, 2))
-
 
 ROWS = ev.regression(response=Y, regressors=PHI, instruments=PSI)
 
-
 PARAMETERS = ROWS.parameters
-
 
 REGION = ev.anderson_rubin_set(ROWS, ev.methods.extended_iv()).region
 

@@ -180,7 +180,6 @@ NOT_DOORS = {
     *("Frame", "Status"),
 }
 
-
 #: Channels of a scenario in open loop.
 NOISY = ("input", "velocity_z", "acceleration_z")
 

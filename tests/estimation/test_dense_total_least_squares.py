@@ -401,12 +401,7 @@ def test_the_estimate_is_one_like_all_others():
 @pytest.mark.parametrize(
     ("method", "instruments", "error", "text"),
     [
-        (
-            methods.generalized_iv(),
-            FRACTIONAL_LAGS,
-            MissingNoiseError,
-            "a declared noise of channel 'input'",
-        ),
+        (methods.generalized_iv(), FRACTIONAL_LAGS, MissingNoiseError, "a declared noise of channel 'input'"),
         (methods.bias_compensated_least_squares(), (), MissingNoiseError, "a declared noise of channel"),
         (
             methods.generalized_iv(),

@@ -331,12 +331,7 @@ def test_any_split_equals_the_whole(name, masked, cuts):
 def test_merge_is_associative_and_weighted_by_rows(name):
     method, instruments = METHODS[name]
     a, b, c = (
-        ev.moments(
-            [flight_record(seed, count)],
-            model=STREAM_MOTION,
-            method=method,
-            instruments=instruments,
-        )
+        ev.moments([flight_record(seed, count)], model=STREAM_MOTION, method=method, instruments=instruments)
         for seed, count in ((1, 100), (2, 250), (3, 470))
     )
     for item, other in zip(
@@ -350,13 +345,7 @@ def test_merge_is_associative_and_weighted_by_rows(name):
 def test_an_estimate_from_moments_says_that_its_rows_are_gone():
     method, instruments = METHODS["generalized_iv"]
     fit = ev.identify(
-        ev.moments(
-            [flight_record()],
-            model=STREAM_MOTION,
-            method=method,
-            instruments=instruments,
-        ),
-        method,
+        ev.moments([flight_record()], model=STREAM_MOTION, method=method, instruments=instruments), method
     )
     assert set(fit.to_frame().columns) == {"parameter", "value", "unit"}
     assert "from moments" in fit.summary()
@@ -406,8 +395,7 @@ class TestParquet:
         method, instruments = METHODS["generalized_iv"]
         chunks = ev.read_chunks(path, rate_hz=5.0, noise=signals.noise, rows=97)
         streamed = ev.identify(
-            ev.moments(chunks, model=STREAM_MOTION, method=method, instruments=instruments),
-            method,
+            ev.moments(chunks, model=STREAM_MOTION, method=method, instruments=instruments), method
         )
         batch = ev.identify(STREAM_MOTION.regression(signals, instruments), method)
         for name, value in batch.parameters.items():

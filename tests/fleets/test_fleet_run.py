@@ -298,7 +298,6 @@ def test_a_report_that_cannot_be_written_is_no_fault_of_its_log(logs, tmp_path):
 #: Of the plan by which processes are killed.
 SEED = 0
 
-
 #: Begins runs as children of a process that has loaded everything, and kills them, until it was often enough.
 SCRIPT = """
 import os, signal, sys, time
@@ -532,7 +531,6 @@ def test_patterns_that_cannot_be(pattern):
 # Reports of fleets whose truth is known: what is pooled, left out, and told to change.
 
 VERTICAL = motion_by_name("vertical")
-
 
 GAIN, FRICTION, HOVER = "input_gain", "viscous_friction", "hover_input"
 

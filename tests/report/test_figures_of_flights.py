@@ -95,7 +95,6 @@ def test_a_hostile_name_is_drawn_as_it_is(fit, tmp_path, ending):
 
 FLIGHT = ("fit", "residual", "autocorrelation", "profile of actuator_lag", "profile of delay", "excitation")
 
-
 NOISE = np.random.default_rng(0).normal(size=400)
 
 

@@ -13,15 +13,11 @@ import eivor as ev
 
 DOCS = Path(__file__).parents[2] / "docs"
 
-
 VERDICTS = {"identified", "weak", "provisional", "refused"}
-
 
 NUMBER = (float, int, type(None))
 
-
 PAIR = "pair"
-
 
 #: Key to type; a dict is an object with exactly these keys, a list the type of every element.
 QUANTITY: dict[str, Any] = {
@@ -42,9 +38,7 @@ QUANTITY: dict[str, Any] = {
     "lowest": NUMBER,
 }
 
-
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
-
 
 ROW: dict[str, Any] = {
     "verdict": VERDICTS,
@@ -52,7 +46,6 @@ ROW: dict[str, Any] = {
     "parameters": {"viscous_friction": QUANTITY, "input_gain": QUANTITY},
     "derived": {"hover_input": QUANTITY, "effective_lag": QUANTITY},
 }
-
 
 SCHEMA: dict[str, Any] = {
     "schema": {"eivor.identify/1"},

@@ -53,7 +53,6 @@ def provisional(recording: Recording) -> FlightEstimate:
 
 NAMES = ("fit", "pool", "still", "weak", "provisional")
 
-
 RESULTS = [pytest.param(name, marks=pytest.mark.thorough) if name == "pool" else name for name in NAMES]
 
 

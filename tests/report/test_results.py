@@ -268,7 +268,6 @@ def test_choices_are_named_one_by_one(fit):
 
 DOCS = Path(__file__).parents[2] / "docs"
 
-
 KEYS = {
     "schema",
     "log",
@@ -403,12 +402,9 @@ def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monke
 
 ROOT = Path(__file__).resolve().parents[2]
 
-
 SCRIPT = ROOT / "examples" / "draw_example.py"
 
-
 PICTURE = ROOT / "docs" / "images" / "example.png"
-
 
 #: Squares whose mean grey is compared [pixels], and how far it may be off, of 255. Letters that are drawn
 #: a pixel further on change it by 20 at most, a legend or a curve at another place by 50 and more.

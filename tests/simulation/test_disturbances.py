@@ -420,7 +420,6 @@ def test_impossible_excitations_are_refused(make, said):
 #: Relative tolerance of K and of K_u.
 EXACT, SPECTRAL = 1e-6, 0.015
 
-
 # Controlled vehicles against plain loops, a matrix exponential, an integrator, and each other.
 
 K, K_U, T = 0.293, 0.021, 0.2

@@ -478,9 +478,7 @@ def test_sensor_filters_delays_and_errs():
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_logged_rates_can_be_means_that_the_controller_does_not_get():
     mean = replace(
-        QUIET_BODY,
-        duration=0.6,
-        sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(averaged_s=0.01)),
+        QUIET_BODY, duration=0.6, sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(averaged_s=0.01))
     )
     flight = fly_body(mean)
     rates = flight.truth.angular_rate
@@ -598,10 +596,7 @@ def test_parts_are_checked(make, message):
 def test_filters_must_fit_the_rate():
     with pytest.raises(ParameterError, match="below half the simulation's rate"):
         fly_body(
-            replace(
-                QUIET_BODY,
-                sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(cutoff_hz=300.0)),
-            )
+            replace(QUIET_BODY, sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(cutoff_hz=300.0)))
         )
 
 
@@ -615,9 +610,7 @@ def test_rotors_must_reach_every_axis():
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_lost_vehicle_is_told():
     storm = replace(
-        QUIET_BODY,
-        duration=1.0,
-        torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0)),
+        QUIET_BODY, duration=1.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0))
     )
     assert not fly_body(storm).flew
     with pytest.raises(ParameterError, match="stays upright"):

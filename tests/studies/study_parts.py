@@ -29,7 +29,6 @@ EQUATION = DifferenceEquation(
     (0.5,), (2.0,), Coin(), samples=200, noise={"output": WhiteNoise(0.5), "input": WhiteNoise(0.3)}
 )
 
-
 METHODS = (
     MethodChoice("least_squares"),
     MethodChoice("extended_iv", (1, 5)),
@@ -51,9 +50,7 @@ def content(folder):
 #: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
 PATIENCE_S = 600.0
 
-
 ROOT = Path(__file__).parents[2]
-
 
 #: Where processes that are begun here find this checkout and the parts of its tests.
 SOURCES = os.pathsep.join(str(ROOT / folder) for folder in ("src", "tests"))

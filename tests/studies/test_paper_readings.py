@@ -250,7 +250,6 @@ def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatc
 
 FOLDER = Path(__file__).parents[2] / "examples" / "studies"
 
-
 #: Published runs of the dynamic errors-in-variables example.
 PUBLISHED_RUNS = 200
 

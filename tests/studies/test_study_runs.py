@@ -733,11 +733,7 @@ excitation = { kind = "white" }
             '"extended_iv"\nlags = [0, 99999999999]',
             "10000 lags or fewer at methods.1. of mine",
         ),
-        (
-            VERTICAL,
-            FILE_EQUATION + "samples = 99999999999",
-            "50000000 samples or fewer at scenario.samples",
-        ),
+        (VERTICAL, FILE_EQUATION + "samples = 99999999999", "50000000 samples or fewer at scenario.samples"),
     ],
 )
 def test_files_that_are_refused(tmp_path, old, new, message):
