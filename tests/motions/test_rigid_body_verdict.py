@@ -378,9 +378,8 @@ def log_of(spec):
 
 def problem_of(log):
     """The equations of a flight."""
-    return FILTERED_MOTION.problem(
-        (prepare(log, FILTERED_MOTION, FlightOptions()).shortened,), NoInstruments()
-    )
+    flight = prepare(log, FILTERED_MOTION, FlightOptions()).shortened
+    return FILTERED_MOTION.problem((flight,), NoInstruments())
 
 
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():
@@ -399,7 +398,6 @@ def test_commands_that_the_log_does_not_hold_end_it():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
 def test_what_comes_back_through_the_controller_cancels_in_it():
     """Torques of the air make the lag of the lower band too short, and that of the whole one hardly."""
     air = OrnsteinUhlenbeck(4.0, 0.3)
