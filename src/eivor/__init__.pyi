@@ -43,6 +43,7 @@ from eivor.logs.mapping import recording_from_columns as recording_from_columns
 from eivor.logs.read import example_flight as example_flight
 from eivor.logs.read import read_log as read_log
 from eivor.logs.table.delimited import read_chunks as read_chunks
+from eivor.models.frequency_response import frequency_response as frequency_response
 from eivor.models.regression import Column as Column
 from eivor.models.regression import Regression as Regression
 from eivor.models.regression import lags as lags
@@ -50,6 +51,9 @@ from eivor.models.regression import regression as regression
 from eivor.models.separable import Bounds as Bounds
 from eivor.models.separable import Prior as Prior
 from eivor.models.signal_regression import SignalRegression as SignalRegression
+from eivor.models.transfer_functions import loop_margins as loop_margins
+from eivor.models.transfer_functions import proposed_controllers as proposed_controllers
+from eivor.models.transfer_functions import transfer_functions as transfer_functions
 from eivor.motions.declaration import actuator as actuator
 from eivor.motions.declaration import behind as behind
 from eivor.motions.declaration import input as input

@@ -1,4 +1,4 @@
-"""Declarations of identify, report, track and validate, whose work `results.py` does."""
+"""Declarations of identify, report, track, validate and frequency-response, whose work `results.py` does."""
 
 from __future__ import annotations
 
@@ -216,3 +216,40 @@ def validate(
     **given: Any,
 ) -> None:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
+
+
+# -- Frequency response --
+
+FREQUENCY_RESPONSE_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 shown at some frequencies. 3 nothing is shown, or the log has no reference "
+    "and the direct estimate is shown, which is biased in closed loop. 2 wrong usage. 1 a log that cannot "
+    "be read, or without input and output.\n\n"
+    "[bold]JSON[/bold] (schema eivor.frequency-response/1): for each axis the response with bands and "
+    "coherences, models by order, and controllers."
+)
+
+
+@guarded
+@done_in_results
+@with_options(FlightWords, LogWords, only=("logs", "example", "window", "input_channel", "channel_map"))
+def frequency_response(
+    *,
+    axis: Annotated[
+        str,
+        option(
+            "NAME",
+            "roll, pitch, yaw or vertical (default: all that turns).",
+            values=("roll", "pitch", "yaw", "vertical"),
+        ),
+    ] = "",
+    reference: Annotated[
+        str, option("CHANNEL", "What moves the input and does not answer the vehicle (default: by rule).")
+    ] = "",
+    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
+    json: JsonOption = "",
+    **given: Any,
+) -> None:
+    """Estimate the response from torque setpoint to rate, or from thrust to specific force, with bands.
+
+    Also the models of order 1 to 4 that fit it, and controllers to be test-flown, which are never applied.
+    """

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 #: Headings of help, in its order, and their commands.
 PANELS = {
     "Identify": ("identify", "report", "track"),
-    "Look": ("inspect", "serve", "example"),
+    "Look": ("inspect", "frequency-response", "serve", "example"),
     "Use the result": ("export", "validate"),
     "Plan": ("plan", "vehicle", "machine"),
     "Simulate and study": ("simulate", "study", "paper"),
@@ -71,6 +71,10 @@ COMMANDS = {
     "report": ("eivor.cli.identify:report", "Identify logs, and write the result as one page of HTML."),
     "inspect": ("eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
     "track": ("eivor.cli.identify:track", "Follow a parameter over a flight."),
+    "frequency-response": (
+        "eivor.cli.identify:frequency_response",
+        "Bode plot in closed loop with bands, orders and a controller.",
+    ),
     "validate": ("eivor.cli.identify:validate", "Compare a fit with another flight of the vehicle."),
     "export": ("eivor.cli.export:export", "Write a result for an autopilot, a controller or a simulator."),
     "plan": ("eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
@@ -189,7 +193,7 @@ def _add(made: typer.Typer, name: str, target: str) -> None:
     if isinstance(command, typer.Typer):
         made.add_typer(command, rich_help_panel=_panel(name))
     else:
-        epilog = getattr(module, f"{name.upper()}_EXIT_CODES")
+        epilog = getattr(module, f"{name.upper().replace('-', '_')}_EXIT_CODES")
         made.command(epilog=epilog, cls=ReadableCommand, rich_help_panel=_panel(name))(command)
 
 

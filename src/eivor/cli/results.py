@@ -1,4 +1,4 @@
-"""Work of the commands identify, report, track and validate."""
+"""Work of the commands identify, report, track, validate and frequency-response."""
 
 from __future__ import annotations
 
@@ -28,6 +28,13 @@ from eivor.report.figures import save_figure
 from eivor.report.flight import log_documents
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
+from eivor.report.frequency_responses import (
+    log_responses,
+    response_document,
+    response_figure,
+    response_motions,
+    responses_json,
+)
 from eivor.report.json_document import json_text
 from eivor.report.other_results import residual_files, track_document, track_figure, track_json
 from eivor.report.saved_fit import fit_among, load_fits
@@ -165,3 +172,34 @@ def validate(
         *figure_parts(picture, validation.plot),
     )
     return outputs.ExitCode.IDENTIFIED if validation.agrees else outputs.ExitCode.NOT_IDENTIFIED
+
+
+# -- Frequency response --
+
+
+def frequency_response(
+    *,
+    axis: str,
+    reference: str,
+    figure: str,
+    json: str,
+    logs: list[str] | None,
+    example: bool,
+    channel_map: str,
+    **given: Any,
+) -> outputs.ExitCode:
+    """Do what `eivor.cli.identify.frequency_response` declares."""
+    picture = outputs.figure_file(figure)
+    motions = response_motions(axis)
+    options = flight_options(tuple(motions.values()), **given)
+    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    with outputs.step("Estimating the frequency response"):
+        results = log_responses(recordings, options, windows, motions, reference)
+    outputs.deliver_result(
+        lambda: on_terminal(*map(response_document, results)),
+        lambda: json_text(responses_json(results)),
+        json,
+        *figure_parts(picture, lambda: response_figure(results)),
+    )
+    found = any(item.response.shown.any() and not item.response.is_direct for item in results)
+    return outputs.ExitCode.IDENTIFIED if found else outputs.ExitCode.NOT_IDENTIFIED

@@ -135,20 +135,23 @@ LEVELS = ("input", "rotor_command", "rotor_speed")
 FASTEST_RATE = 40.0
 
 
-def selected(log: Recording, options: FlightOptions) -> Selection:
-    """Channels of a log by role."""
+def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) -> Selection:
+    """Channels of a log by role, of one axis alone or of all that are logged."""
     check_vehicle(log, options, HELICOPTER)  # its blades turn it, behind a lag of their own
     remedy = "Log the torque setpoints at 50 Hz or more"
     family, _ = chosen_input(log, INPUTS, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
-    for axis in (ROLL, PITCH):
+    for axis in (ROLL, PITCH) if alone is None else (alone,):
         if axis.torque not in log.channels:
             needed = f"{axis.torque} in {log.name}"
-            remedy = "Log the torque setpoints of roll and pitch."
+            remedy = (
+                f"Log the torque setpoint{'s of roll and pitch' if alone is None else ' of ' + alone.name}."
+            )
             raise MissingChannelError(needed, "a log without it", remedy)
         log.channel(axis.rate)
-    axes = [axis for axis in AXES if axis.torque in log.channels and axis.rate in log.channels]
+    offered = AXES if alone is None else (alone,)
+    axes = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
         refuse_degrees(rate, log)
@@ -160,8 +163,8 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         states=rates,
         responses={},
         band_hz=(BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest)),
-        findings=(Finding("no_yaw", no_yaw),) if len(axes) < len(AXES) else (),
-        issued_within_s=float(np.median(np.diff(log.channel(ROLL.rate).time_s))),  # once a rate, or oftener
+        findings=(Finding("no_yaw", no_yaw),) if len(axes) < len(offered) else (),
+        issued_within_s=float(np.median(np.diff(rates[axes[0].name].time_s))),  # once a rate, or oftener
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
         matched_interpolation_filter=True,
         active=active,
@@ -385,3 +388,14 @@ class Rates(DeclaredMotion):
         """What u is, and the rates of roll and pitch."""
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
         return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH)))
+
+
+@dataclass(frozen=True)
+class OneAxis(Rates):
+    """Turning about one axis, which is all that the log needs to hold."""
+
+    axis: Axis = ROLL
+
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Rate and torque setpoint of the axis."""
+        return selected(log, options, self.axis)

@@ -1,0 +1,737 @@
+"""Transfer functions of order 1 to 4 with a delay, fitted to frequency responses; loops and their margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import scipy
+
+from eivor import checks
+from eivor.errors import EstimationError, UsageError
+from eivor.models.frequency_response import FrequencyResponse, Points, local_polynomials
+from eivor.tools import Complex, Float
+
+#: Local polynomials of the points that models are fitted to: they do not overlap.
+DEGREE, SHARE, LEAST_BINS = 2, 0.1, 10
+#: Band of these points [Hz], and the fewest of them.
+BAND_HZ, FEWEST = (0.4, 20.0), 6
+#: The variances of noise are smoothed over so many neighbours to both sides.
+SMOOTHED = 3
+#: Parameters by name: lowest and highest value, and unit. The gain has a sign and no bounds.
+PARAMETERS = {
+    "gain": (-math.inf, math.inf, ""),
+    "damping": (-3.0, 60.0, "1/s"),
+    "delay": (0.0, 0.25, "s"),
+    "first": (0.0, 0.6, "s"),  # Denominator 1 + first s + second s^2
+    "second": (0.0, 0.04, "s^2"),
+    "third": (0.0, 0.3, "s"),  # And times 1 + third s
+}
+#: Which of them a model of an order has.
+OF_ORDER = {
+    1: ("gain", "damping", "delay"),
+    2: ("gain", "damping", "delay", "first"),
+    3: ("gain", "damping", "delay", "first", "second"),
+    4: ("gain", "damping", "delay", "first", "second", "third"),
+}
+#: Lags from which searches start [s].
+STARTS_S = (0.01, 0.03, 0.06, 0.12)
+BEGINNING = {"delay": 0.005, "third": 0.01}
+#: Orders whose AICc is within this of the least are joined.
+UNION = 4.0
+#: Steps of a search, and the relative change of the criterion that ends it.
+STEPS, ENOUGH = 40, 1e-8
+#: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
+DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
+
+#: A response at complex frequencies s = 2 pi j f.
+Response: TypeAlias = Callable[[Complex[np.ndarray, " f"]], Complex[np.ndarray, " f"]]
+
+
+def _no_filter(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+    return np.ones_like(s)
+
+
+@dataclass(frozen=True)
+class _Criterion:
+    """Limited-information likelihood of points: sum |a - G b|^2 / var(e_y - G e_u)."""
+
+    points: Points
+    s: Complex[np.ndarray, " f"]
+    known: Complex[np.ndarray, " f"]  # Response of hold and sensor filter
+
+    def response(
+        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Response and its derivatives, columns as the names."""
+        value, s = dict(zip(names, theta.tolist(), strict=True)), self.s
+        first, second, third = (value.get(name, 0.0) for name in ("first", "second", "third"))
+        slow, lagged, later = s + value["damping"], 1.0 + first * s + second * s * s, 1.0 + third * s
+        unit = np.exp(-value["delay"] * s) * self.known / (slow * lagged * later)
+        G = value["gain"] * unit
+        by_name = {
+            "gain": unit,
+            "damping": -G / slow,
+            "delay": -s * G,
+            "first": -s * G / lagged,
+            "second": -s * s * G / lagged,
+            "third": -s * G / later,
+        }
+        return G, np.column_stack([by_name[name] for name in names])
+
+    def residuals(
+        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows n"]]:
+        """Weighted residuals, real and imaginary, and their derivatives."""
+        G, slope = self.response(names, theta)
+        p = self.points
+        power = p.output_variance - 2.0 * (G.conj() * p.covariance).real + np.abs(G) ** 2 * p.input_variance
+        weight = 1.0 / np.sqrt(power)
+        left = (p.output - G * p.input) * weight
+        change = 2.0 * (slope.conj() * (G * p.input_variance - p.covariance)[:, None]).real
+        J = -(p.input * weight)[:, None] * slope - (0.5 * left / power)[:, None] * change
+        return np.concatenate([left.real, left.imag]), np.concatenate([J.real, J.imag])
+
+    def fitted(
+        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"], fixed: str = ""
+    ) -> tuple[Float[np.ndarray, " n"], float]:
+        """Minimum within the bounds from a start (Levenberg and Marquardt), and its value."""
+        low, high, _ = (
+            np.array(column) for column in zip(*(PARAMETERS[name] for name in names), strict=True)
+        )
+        low, high = low.astype(float), high.astype(float)
+        free = np.array([name != fixed for name in names])
+        residual, J = self.residuals(names, theta)
+        value, damping = float(residual @ residual), 1e-3
+        for _ in range(STEPS):
+            slope = J.T @ residual
+            moving = free & ~((theta <= low) & (slope > 0.0)) & ~((theta >= high) & (slope < 0.0))
+            if not moving.any():
+                break
+            H = (J.T @ J)[np.ix_(moving, moving)]
+            scale = np.maximum(H.diagonal(), 1e-300)
+            step = np.zeros(theta.size)
+            step[moving] = -np.linalg.solve(H + damping * np.diag(scale), slope[moving])
+            tried = np.clip(theta + step, low, high)
+            new, new_J = self.residuals(names, tried)
+            new_value = float(new @ new)
+            if new_value < value:
+                change = value - new_value
+                theta, residual, J, value = tried, new, new_J, new_value
+                damping = max(damping / 5.0, 1e-10)
+                if change < ENOUGH * max(value, 1.0):
+                    break
+            elif damping > 1e8:
+                break
+            else:
+                damping *= 6.0
+        return theta, value
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """A model of one order: gain e^(-delay s) / ((s + damping)(1 + first s + second s^2)(1 + third s)).
+
+    Attributes
+    ----------
+    order : int
+        Number of poles, without those of the filter that is known.
+    parameters : mapping
+        By name: gain, damping [1/s], delay [s], first and third [s], second [s^2].
+    covariance : ndarray, shape (n, n)
+        Of the parameters, in their order.
+    chi_square, dof : float
+        What is left over, and the degrees of freedom of it.
+    aicc : float
+        Chi-square with the price of the parameters, for small samples.
+    intervals : mapping
+        Of the parameters, of "lag" (first and third together [s]) and of the poles' quantities.
+    """
+
+    order: int
+    parameters: Mapping[str, float]
+    covariance: Float[np.ndarray, "n n"] = field(repr=False)
+    chi_square: float = 0.0
+    dof: float = 0.0
+    p_value: float = 1.0
+    aicc: float = 0.0
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    known: Response = field(default=_no_filter, repr=False)
+
+    @property
+    def lag_s(self) -> float:
+        """Sum of the time constants of the actuators [s]."""
+        return self.parameters.get("first", 0.0) + self.parameters.get("third", 0.0)
+
+    @property
+    def poles(self) -> Complex[np.ndarray, " n"]:
+        """Poles [rad/s]."""
+        value = self.parameters
+        denominator = np.polymul([1.0, value["damping"]], self._lags)
+        if value.get("third", 0.0) > 0.0:
+            denominator = np.polymul(denominator, [value["third"], 1.0])
+        return np.roots(denominator).astype(np.complex128)
+
+    @property
+    def _lags(self) -> list[float]:
+        parts = [self.parameters.get(name, 0.0) for name in ("second", "first")]
+        return [*(parts if parts[0] > 0.0 else parts[1:] if parts[1] > 0.0 else []), 1.0]
+
+    @property
+    def natural_frequency_hz(self) -> float:
+        """Natural frequency of both poles of the actuators [Hz]; NaN below order 3."""
+        return (
+            1.0 / (2.0 * math.pi * math.sqrt(second))
+            if (second := self.parameters.get("second", 0.0))
+            else math.nan
+        )
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio of both poles of the actuators [-]; NaN below order 3."""
+        second = self.parameters.get("second", 0.0)
+        return self.parameters["first"] / (2.0 * math.sqrt(second)) if second else math.nan
+
+    def response(self, frequency_hz: Float[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+        """Response with hold and sensor filter at frequencies [Hz]."""
+        names, s = tuple(self.parameters), 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        criterion = _Criterion(_NO_POINTS, s, self.known(s))
+        return np.asarray(criterion.response(names, np.array(list(self.parameters.values())))[0])
+
+    def draws(self, count: int, rng: np.random.Generator) -> list[TransferFunction]:
+        """Models with parameters drawn from their distribution, within their bounds."""
+        names, mean = tuple(self.parameters), np.array(list(self.parameters.values()))
+        low, high = (np.array([PARAMETERS[name][k] for name in names], dtype=float) for k in (0, 1))
+        scale = np.sqrt(np.maximum(self.covariance.diagonal(), 1e-300))
+        root = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        half = root[1] * np.sqrt(np.maximum(root[0], 0.0)) * scale[:, None]
+        drawn = np.clip(mean + rng.standard_normal((count, mean.size)) @ half.T, low, high)
+        return [
+            TransferFunction(
+                self.order, dict(zip(names, row, strict=True)), self.covariance, known=self.known
+            )
+            for row in drawn.tolist()
+        ]
+
+
+_NO_POINTS = Points(*(np.empty(0, dtype=np.complex128 if k in (1, 2, 5) else np.float64) for k in range(11)))
+
+
+@dataclass(frozen=True)
+class TransferFunctions:
+    """Models of several orders, and what all that the data allow have in common.
+
+    Attributes
+    ----------
+    by_order : mapping
+        Model of each order, in order.
+    level : float
+        Probability of the intervals.
+    """
+
+    by_order: Mapping[int, TransferFunction]
+    level: float
+
+    @property
+    def chosen(self) -> TransferFunction:
+        """Model of the least AICc."""
+        return min(self.by_order.values(), key=lambda model: model.aicc)
+
+    @property
+    def allowed(self) -> tuple[TransferFunction, ...]:
+        """Models within 4 of the least AICc."""
+        best = self.chosen.aicc
+        return tuple(model for model in self.by_order.values() if model.aicc - best <= UNION)
+
+    @cached_property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """Union over the orders that the data allow, of lag, delay, damping and gain."""
+        ends = {name: [model.intervals[name] for model in self.allowed] for name in SHARED}
+        return {name: (min(low for low, _ in of), max(high for _, high in of)) for name, of in ends.items()}
+
+
+#: What models of every order have.
+SHARED = ("gain", "damping", "delay", "lag")
+
+
+def transfer_functions(
+    response: FrequencyResponse,
+    *,
+    orders: tuple[int, ...] = (1, 2, 3, 4),
+    band_hz: tuple[float, float] = BAND_HZ,
+    hold_s: float | None = None,
+    sensor_filter: Response = _no_filter,
+    level: float = 0.9,
+) -> TransferFunctions:
+    """Models of several orders with a delay, by limited information.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        From `frequency_response`; of a direct one the models hold in open loop only.
+    orders : tuple of int
+        Out of 1 to 4: turning; and a lag; and a second one, which may oscillate; and a third one.
+    band_hz : (float, float)
+        Frequencies to fit [Hz].
+    hold_s : float, optional
+        Time for which the input is held [s]; default: a sample. Zero for an input that is not held.
+    sensor_filter : callable
+        Response of a known filter of the output at s = 2 pi j f. Default: none, so that its delay is in
+        that of the model.
+    level : float
+        Probability of the intervals.
+
+    Returns
+    -------
+    TransferFunctions
+        Of each order; `chosen` has the least AICc.
+
+    Raises
+    ------
+    UsageError
+        For orders that are none.
+    EstimationError
+        When the reference reaches too few frequencies.
+
+    Notes
+    -----
+    Minimises sum |a - G b|^2 / (S_aa - 2 Re(conj(G) S_ab) + |G|^2 S_bb) over points that do not overlap,
+    with variances of noise smoothed over frequency. Intervals of gain, lag and delay are Wald's, that of the
+    damping is of the profile.
+    """
+    checks.kind("orders", orders, tuple, "a tuple of orders")
+    if not orders or any(order not in OF_ORDER for order in orders):
+        raise UsageError("orders out of 1, 2, 3 and 4", f"{orders}", "Leave out the others.")
+    hold = 1.0 / response.rate_hz if hold_s is None else hold_s
+
+    def known(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+        half = 0.5 * hold * s
+        return np.asarray(np.exp(-half) * np.sinc(half.imag / np.pi) * sensor_filter(s))
+
+    points, raw = _independent(response, band_hz)
+    s = 2j * np.pi * points.frequency_hz
+    criterion = _Criterion(points, s, known(s))
+    unsmoothed = _Criterion(raw, s, known(s))
+    made: dict[int, TransferFunction] = {}
+    for order in sorted(orders):
+        made[order] = _of_order(order, criterion, unsmoothed, made.get(order - 1), level, known)
+    return TransferFunctions(made, level)
+
+
+def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> tuple[Points, Points]:
+    """Points that do not overlap, with smoothed variances of noise, and as they are."""
+    if response.is_periodic:
+        raw = response.points
+        kept = (raw.frequency_hz >= band_hz[0]) & (raw.frequency_hz <= band_hz[1])
+    else:
+        longest = max(run.length_s for run in response.runs)
+        resolution, grid = 1.0 / longest, []
+        f = max(band_hz[0], (LEAST_BINS + 1) * resolution)
+        top = min(band_hz[1], 0.4 * response.rate_hz)
+        while f + max(LEAST_BINS * resolution, SHARE * f) <= top * (1.0 + SHARE):
+            grid.append(round(f * longest) * resolution)
+            half = max(LEAST_BINS * resolution, SHARE * f)
+            f = max((f + half + resolution) / (1.0 - SHARE), f + half + (LEAST_BINS + 1) * resolution)
+        raw = local_polynomials(
+            response.runs,
+            np.array(grid),
+            driver=int(response.is_direct),
+            degree=DEGREE,
+            share=SHARE,
+            least_bins=LEAST_BINS,
+        )
+        if response.is_direct:
+            raw = raw.with_known_input()
+        kept = np.isfinite(raw.output_variance)
+    if kept.sum() < FEWEST or raw.significance[kept].min() > 1e-3:
+        raise EstimationError(
+            f"a reference that reaches {FEWEST} frequencies between {band_hz[0]:g} and {band_hz[1]:g} Hz",
+            f"{int(kept.sum())} frequencies, hardly moved by it",
+            "Fly a sweep over the band, or use a longer record.",
+        )
+    raw = raw.kept(kept)
+    return raw.smoothed(SMOOTHED), raw
+
+
+def _of_order(
+    order: int,
+    criterion: _Criterion,
+    unsmoothed: _Criterion,
+    simpler: TransferFunction | None,
+    level: float,
+    known: Response,
+) -> TransferFunction:
+    names = OF_ORDER[order]
+    best, value = _search(criterion, names, simpler)
+    points = criterion.points
+    _, J = criterion.residuals(names, best)
+    dof = float(np.mean(points.dof))
+    # the variance of residuals that are divided by estimated ones, in real and imaginary parts of one half
+    spread = 0.5 * (dof + 1.0) / (dof - 1.0)
+    scale = np.sqrt(np.maximum(np.sum(J * J, axis=0), 1e-300))
+    covariance = spread * np.linalg.pinv((J / scale).T @ (J / scale), rcond=1e-12) / np.outer(scale, scale)
+    n, p = 2 * points.frequency_hz.size, len(names)
+    chi_square = 2.0 * value * (dof - 1.0) / dof
+    raw, _ = unsmoothed.fitted(names, best)
+    left, _ = unsmoothed.residuals(names, raw)
+    of_raw = float(np.mean(unsmoothed.points.dof))
+    test = 2.0 * float(left @ left) * (of_raw - 1.0) / of_raw
+    return TransferFunction(
+        order,
+        dict(zip(names, best.tolist(), strict=True)),
+        covariance,
+        chi_square,
+        float(n - p),
+        float(scipy.special.chdtrc(n - p, test)),
+        chi_square + 2.0 * p * n / max(n - p - 1, 1),
+        _intervals(criterion, names, best, value, covariance, spread, level),
+        known,
+    )
+
+
+def _search(
+    criterion: _Criterion, names: tuple[str, ...], simpler: TransferFunction | None
+) -> tuple[Float[np.ndarray, " n"], float]:
+    """Best of several starts, that of the next lower order among them."""
+    p = criterion.points
+    found = []
+    starts = []
+    if simpler is not None:
+        old = dict(simpler.parameters)
+        lag = old.get("first", 0.02)
+        starts.append(
+            old | {"first": 1.1 * lag, "second": old.get("second", 0.2 * lag * lag), "third": 0.005}
+        )
+        starts.append(old | {"first": lag, "second": old.get("second", 0.0) or 1e-6, "third": 1e-4})
+    lags = STARTS_S if simpler is None or len(names) == 4 else STARTS_S[1:3]
+    starts += [{"damping": 1.0, "first": lag, "second": 0.2 * lag * lag} | BEGINNING for lag in lags]
+    for start in starts:
+        theta = np.array([start.get(name, 1.0) for name in names])
+        if "gain" not in start:
+            G, _ = criterion.response(names, theta)
+            model, weight = G * p.input, 1.0 / p.output_variance
+            theta[0] = float(
+                np.sum(weight * (model.conj() * p.output).real) / np.sum(weight * np.abs(model) ** 2)
+            )
+        found.append(criterion.fitted(names, theta))
+    return min(found, key=lambda pair: pair[1])
+
+
+def _intervals(
+    criterion: _Criterion,
+    names: tuple[str, ...],
+    best: Float[np.ndarray, " n"],
+    value: float,
+    covariance: Float[np.ndarray, "n n"],
+    spread: float,
+    level: float,
+) -> dict[str, tuple[float, float]]:
+    t = float(scipy.special.ndtri(0.5 + 0.5 * level))
+    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    ends = {
+        name: (float(at - t * error), float(at + t * error))
+        for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
+    }
+    profiled = ("damping", "delay") if len(names) > 4 else ("damping",)
+    for name in profiled:
+        k = names.index(name)
+        ends[name] = _profile(criterion, names, best, value + spread * t * t, k, covariance)
+    lags = np.array([name in ("first", "third") for name in names], dtype=float)
+    middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
+    ends["lag"] = (max(middle - t * error, 0.0), middle + t * error)
+    ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
+    if len(names) > 4 and best[4] > 0.0:
+        second, first = float(best[4]), float(best[3])
+        slopes = {
+            "natural_frequency_hz": (0.0, -0.5 / second),
+            "damping_ratio": (1.0 / max(first, 1e-9), -0.5 / second),
+        }
+        centres = {
+            "natural_frequency_hz": 0.5 / math.pi / math.sqrt(second),
+            "damping_ratio": 0.5 * first / math.sqrt(second),
+        }
+        for name, slope in slopes.items():  # of logarithms, since both are above zero
+            error = math.sqrt(max(float(np.array(slope) @ covariance[3:5, 3:5] @ np.array(slope)), 0.0))
+            factor = math.exp(min(t * error, 50.0))
+            ends[name] = (centres[name] / factor, centres[name] * factor)
+    return ends
+
+
+def _profile(
+    criterion: _Criterion,
+    names: tuple[str, ...],
+    best: Float[np.ndarray, " n"],
+    limit: float,
+    k: int,
+    covariance: Float[np.ndarray, "n n"],
+) -> tuple[float, float]:
+    """Where the criterion with a parameter fixed, and the others fitted, reaches a limit."""
+    low, high, _ = PARAMETERS[names[k]]
+    error = math.sqrt(max(float(covariance[k, k]), 1e-20))
+    ends = []
+    for side, bound in ((-1.0, low), (1.0, high)):
+        inside, outside, theta, value = float(best[k]), math.nan, best, 0.0
+        step = max(1.6 * error, 1e-5)
+        for _ in range(12):
+            trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
+            trial = min(max(trial, low), high)
+            moved = theta + covariance[:, k] / covariance[k, k] * (trial - theta[k])
+            moved[k] = trial
+            lows = np.array([PARAMETERS[name][0] for name in names], dtype=float)
+            highs = np.array([PARAMETERS[name][1] for name in names], dtype=float)
+            refitted, value = criterion.fitted(names, np.clip(moved, lows, highs), names[k])
+            if value > limit:
+                outside = trial
+            else:
+                inside, theta = trial, refitted
+                if trial == bound:
+                    break
+            if math.isfinite(outside) and abs(outside - inside) < 0.05 * abs(outside - best[k]):
+                break
+        ends.append(0.5 * (inside + outside) if math.isfinite(outside) else inside)
+    return ends[0], ends[1]
+
+
+# -- Loops --
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a loop; NaN where it does not cross.
+
+    Attributes
+    ----------
+    crossover_hz : float
+        Where the broken-loop response falls below one [Hz].
+    phase_margin_deg : float
+        Its phase there, over -180 degrees.
+    phase_crossover_hz : float
+        Where its phase falls below -180 degrees [Hz].
+    gain_margin_db : float
+        Attenuation there.
+    bandwidth_hz : float
+        Where the closed-loop response's phase falls below -90 degrees [Hz].
+    phase_delay_s : float
+        Of the closed loop, between the frequency of -180 degrees and twice it (ADS-33) [s].
+    disturbance_bandwidth_hz : float
+        Where the sensitivity 1 / (1 + L) rises above -3 dB [Hz].
+    """
+
+    crossover_hz: float
+    phase_margin_deg: float
+    phase_crossover_hz: float
+    gain_margin_db: float
+    bandwidth_hz: float
+    phase_delay_s: float
+    disturbance_bandwidth_hz: float
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A proportional and integral controller of a rate, and what its loop reaches.
+
+    Attributes
+    ----------
+    name : str
+        How it was found.
+    proportional : float
+        Setpoint of torque for each rad/s of error.
+    integral_s : float
+        Time of the integral [s].
+    margins : Margins
+        With the chosen model.
+    intervals : mapping
+        Lowest and highest of each margin over draws of the models that the data allow.
+    """
+
+    name: str
+    proportional: float
+    integral_s: float
+    margins: Margins
+    intervals: Mapping[str, tuple[float, float]]
+
+    def response(self, s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+        """Response at s = 2 pi j f."""
+        return np.asarray(self.proportional * (1.0 + 1.0 / (self.integral_s * s)))
+
+    def autopilot_parameters(self, axis: str) -> dict[str, dict[str, float]]:
+        """Parameters of PX4 and ArduPilot for torque setpoints from -1 to 1; a proposal to be tried."""
+        integral = self.proportional / self.integral_s
+        px4, ardupilot = f"MC_{axis.upper()}RATE_", f"ATC_RAT_{ARDUPILOT_AXES[axis]}_"
+        return {
+            "px4": {f"{px4}K": 1.0, f"{px4}P": self.proportional, f"{px4}I": integral, f"{px4}D": 0.0},
+            "ardupilot": {
+                f"{ardupilot}P": self.proportional,
+                f"{ardupilot}I": integral,
+                f"{ardupilot}D": 0.0,
+            },
+        }
+
+
+#: Names of the axes in ArduPilot's parameters.
+ARDUPILOT_AXES = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
+
+
+def loop_margins(loop: Response) -> Margins:
+    """Margins of a broken-loop response.
+
+    Parameters
+    ----------
+    loop : callable
+        Response L at s = 2 pi j f: an array of complex numbers for one of them.
+
+    Returns
+    -------
+    Margins
+        Of the first crossing of each kind between 0.05 and 60 Hz.
+    """
+    return _margins(loop, None)
+
+
+def _margins(loop: Response, values: Complex[np.ndarray, " f"] | None) -> Margins:
+    """Margins refined on the loop, or by lines between its values."""
+    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    exact = values is None
+    L = loop(2j * np.pi * f) if values is None else values
+
+    def at(frequency: float) -> complex:
+        if exact:
+            return complex(loop(np.array([2j * np.pi * frequency]))[0])
+        k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
+        share = (frequency - f[k - 1]) / (f[k] - f[k - 1])
+        return complex(L[k - 1] * (L[k] / L[k - 1]) ** share)
+
+    def crossing(of: Response) -> float:
+        return _crossing(lambda x: float(of(np.array([at(x)]))[0].real), f, of(L).real)
+
+    def phase_falls(of: Response, angle: float) -> float:
+        turned = np.exp(-1j * angle)
+        phase = np.unwrap(np.angle(of(L)))
+        phase -= 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))  # begins below 90 degrees
+        return _crossing(lambda x: float(np.angle(of(np.array([at(x)]))[0] * turned)), f, phase - angle)
+
+    crossover = crossing(lambda L: np.abs(L) - 1.0)
+    phase_crossover = phase_falls(lambda L: L, -np.pi)
+    half_turn = phase_falls(lambda L: L / (1.0 + L), -np.pi)
+    delay = math.nan
+    if half_turn < LOOKED_HZ[1] / 2.0:
+        later = at(2.0 * half_turn)
+        delay = -float(np.angle(-later / (1.0 + later))) / (4.0 * math.pi * half_turn)
+    return Margins(
+        crossover,
+        math.degrees(float(np.angle(-at(crossover)))) if crossover > 0.0 else math.nan,
+        phase_crossover,
+        -20.0 * math.log10(abs(at(phase_crossover))) if phase_crossover > 0.0 else math.nan,
+        phase_falls(lambda L: L / (1.0 + L), -0.5 * np.pi),
+        delay,
+        crossing(lambda L: np.abs(1.0 + L) - math.sqrt(2.0)),
+    )
+
+
+def _crossing(function: Callable[[float], float], at: np.ndarray, values: np.ndarray) -> float:
+    """First place at which values fall below zero, found on the function itself."""
+    fallen = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if not fallen.size:
+        return math.nan
+    low, high = float(at[fallen[0]]), float(at[fallen[0] + 1])
+    if function(low) * function(high) > 0.0:
+        return math.nan
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-12, rtol=1e-13))
+
+
+def margin_intervals(
+    models: TransferFunctions, controller: Response, *, seed: int = 0
+) -> dict[str, tuple[float, float]]:
+    """Lowest and highest of each margin, by draws of the models that the data allow.
+
+    Parameters
+    ----------
+    models : TransferFunctions
+        From `transfer_functions`.
+    controller : callable
+        Response at s = 2 pi j f.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    dict
+        Interval of each field of `Margins`; NaN where fewer than three draws in four have a crossing.
+    """
+    rng = np.random.default_rng(seed)
+    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    control = controller(2j * np.pi * f)
+    weights = np.array([math.exp(0.5 * (models.chosen.aicc - model.aicc)) for model in models.allowed])
+    counts = np.round(DRAWS * weights / weights.sum()).astype(int)
+    drawn = [
+        _margins(controller, model.response(f) * control)
+        for allowed, count in zip(models.allowed, counts.tolist(), strict=True)
+        for model in allowed.draws(count, rng)
+    ]
+    tails = [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
+    ends = {}
+    for name in Margins.__dataclass_fields__:
+        values = np.array([getattr(margins, name) for margins in drawn])
+        known = values[np.isfinite(values)]
+        enough = known.size >= 0.75 * values.size
+        low, high = np.quantile(known, tails).tolist() if enough else (math.nan, math.nan)
+        ends[name] = (low, high)
+    return ends
+
+
+def proposed_controllers(
+    models: TransferFunctions, *, phase_margin_deg: float = 60.0, seed: int = 0
+) -> tuple[Controller, ...]:
+    """Controllers of the rate: by SIMC, and for a phase margin. Proposals to be test-flown, never applied.
+
+    Parameters
+    ----------
+    models : TransferFunctions
+        From `transfer_functions`.
+    phase_margin_deg : float
+        Phase margin of the second one [deg].
+    seed : int
+        Of the draws of the margins.
+
+    Returns
+    -------
+    tuple of Controller
+        Both, or none where the delays and lags add up to nothing.
+
+    Notes
+    -----
+    Skogestad (2003): with theta the sum of delays, lags, filter and half a sample, the gain is
+    1 / (2 K theta) and the integral's time 8 theta.
+    """
+    checks.number("phase_margin_deg", phase_margin_deg)
+    sound = 0.0 < phase_margin_deg < 85.0
+    checks.require(sound, "a phase margin between 0 and 85 degrees", f"{phase_margin_deg:g}")
+    model = models.chosen
+    slow = 2j * np.pi * np.array([0.1])
+    late = model.parameters["delay"] + model.lag_s - float(np.angle(model.known(slow))[0] / slow.imag[0])
+    if late <= 0.0:
+        return ()
+    gain, integral = 0.5 / (model.parameters["gain"] * late), 8.0 * late
+    found = [("SIMC", gain)]
+    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
+    phase = np.unwrap(np.angle(loop))
+    phase -= 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))
+    over = phase + np.pi - math.radians(phase_margin_deg)
+    if (over > 0.0).any():  # the highest frequency that leaves so much
+        last = int(np.flatnonzero(over > 0.0)[-1])
+        found.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
+    made = []
+    for name, size in found:
+        tried = Controller(name, size, integral, Margins(*[math.nan] * 7), {})
+
+        def whole(s: Complex[np.ndarray, " f"], tried: Controller = tried) -> Complex[np.ndarray, " f"]:
+            return np.asarray(model.response(s.imag / (2.0 * np.pi)) * tried.response(s))
+
+        intervals = margin_intervals(models, tried.response, seed=seed)
+        made.append(Controller(name, size, integral, loop_margins(whole), intervals))
+    return tuple(made)

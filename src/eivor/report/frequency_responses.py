@@ -1,0 +1,533 @@
+"""Frequency responses of logs: axes and references, and documents, JSON and figures of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eivor.errors import EstimationError, InstrumentError, MissingChannelError, TooFewSamplesError, UsageError
+from eivor.flights.grid import on_grid
+from eivor.flights.motion import Motion
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.references import exogenous
+from eivor.models.frequency_response import (
+    FIRST_CYCLES,
+    FREQUENCIES,
+    FrequencyResponse,
+    frequency_response,
+)
+from eivor.models.transfer_functions import (
+    BAND_HZ,
+    SHARED,
+    Controller,
+    TransferFunctions,
+    proposed_controllers,
+    transfer_functions,
+)
+from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis
+from eivor.motions.table import motion_by_name
+from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, table
+from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, mosaic, page
+from eivor.report.json_document import Json, document
+from eivor.signals.recording import Recording
+from eivor.tools import Complex, Float, printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: What a response can be of.
+VERTICAL = "vertical"
+_VERTICAL = motion_by_name(VERTICAL)
+RESPONSE_AXES = (*(axis.name for axis in AXES), VERTICAL)
+#: Parameters that hold the cut-off of the gyroscope's low pass of second order [Hz].
+FILTERS = ("IMU_GYRO_CUTOFF", "INS_GYRO_FILTER")
+#: An input that stands at its largest or least value for this share of the time is saturated.
+SATURATED = 0.02
+#: A model is no explanation of the response below this p-value.
+UNLIKELY = 1e-3
+#: Rows of the table of frequencies.
+ROWS = 14
+#: References by which a pilot, who sees the vehicle, answers it slowly.
+STICKS = "pilot_"
+
+
+@dataclass(frozen=True)
+class LogResponse:
+    """Response of one axis of one log, or of several flights together."""
+
+    name: str  # Of the log
+    axis: str
+    input: str
+    output: str
+    reference: str  # Empty for none
+    response: FrequencyResponse
+    models: TransferFunctions | None = None
+    controllers: tuple[Controller, ...] = ()
+    loop: FrequencyResponse | None = field(default=None, repr=False)  # Broken at the error of the rate
+    findings: tuple[str, ...] = ()
+
+
+def response_motions(axis: str) -> dict[str, Motion[Any]]:
+    """Motion that selects the channels of each axis: of one, or of all that turn."""
+    turning: dict[str, Motion[Any]] = {item.name: OneAxis(item) for item in AXES}
+    if not axis:
+        return turning
+    if axis not in RESPONSE_AXES:
+        raise UsageError(f"an axis out of {', '.join(RESPONSE_AXES)}", f"'{axis}'", "Name one of them.")
+    return {axis: _VERTICAL if axis == VERTICAL else turning[axis]}
+
+
+def log_responses(
+    recordings: Sequence[Recording],
+    options: FlightOptions,
+    windows: Sequence[tuple[float, float] | None],
+    motions: Mapping[str, Motion[Any]],
+    reference: str = "",
+) -> list[LogResponse]:
+    """Responses of the axes that the logs have, flights together; refused when there is none."""
+    results, errors = [], []
+    for axis, motion in motions.items():
+        try:
+            flights = [
+                prepare(log, motion, options if window is None else replace(options, window=window))
+                for log, window in zip(recordings, windows, strict=True)
+            ]
+            results.append(_of_axis(axis, flights, reference))
+        except (MissingChannelError, TooFewSamplesError) as error:
+            errors.append(error)
+    if not results:
+        raise errors[0]
+    return results
+
+
+def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogResponse:
+    turning = next((item for item in AXES if item.name == axis), None)
+    first = flights[0]
+    output = turning.rate if turning else "specific_force_z"
+    source = turning.torque if turning else first.input.name
+    for flight in flights:
+        if not flight.runs:
+            raise TooFewSamplesError(
+                f"flight in {flight.recording.name} that can be used",
+                f"none: {flight.active.rule}",
+                "Use a log of a flight, or another window.",
+            )
+        if output not in flight.signals.channels:
+            raise MissingChannelError(
+                f"{output} in {flight.recording.name}", "a log without it", "Log the accelerometer."
+            )
+    reference, findings = _reference(flights, axis if turning else "", named)
+    step_s = max(flight.signals.step_s for flight in flights)
+    if any(abs(flight.signals.step_s - step_s) > 1e-9 for flight in flights):
+        raise UsageError("flights that are logged at one rate", "several rates", "Look at them one by one.")
+
+    def runs(channel: str) -> list[Float[np.ndarray, " n"]]:
+        return [values for flight in flights for values in _runs(flight, channel)]
+
+    channels = [output, *first.driving] if not turning else [output, source]
+    slowest = min(flight.recording.channel(name).rate_hz for flight in flights for name in channels)
+    grid = _grid(flights, slowest)
+    u = [np.asarray(values) for values in runs(source)]
+    y = runs(output)
+    given: dict[str, Any] = {"rate_hz": 1.0 / step_s, "frequency_hz": grid}
+    r = runs(reference) if reference else None
+    response = frequency_response(u, y, reference=r, **given)
+    findings += [*response.findings, *_saturation(u, source)]
+    models: TransferFunctions | None = None
+    controllers: tuple[Controller, ...] = ()
+    try:
+        top = min(BAND_HZ[1], float(grid[-1]))
+        models = transfer_functions(
+            response, band_hz=(BAND_HZ[0], top), sensor_filter=_filter(first, turning)
+        )
+    except EstimationError as error:
+        findings.append(f"No model: {error.received}. {error.remedy}")
+    if models is not None:
+        findings += _model_findings(models, response)
+        is_sound = not response.is_direct and models.chosen.p_value >= UNLIKELY and response.shown.any()
+        if turning and is_sound and models.chosen.parameters["gain"] > 0.0:
+            controllers = proposed_controllers(models)
+    loop = None
+    asked_for = {f"reference_{output}", f"feedback_reference_{output}"}
+    setpoint = next((name for name in sorted(asked_for) if name in first.recording.channels), "")
+    is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
+    if is_attitude and setpoint and all(setpoint in flight.recording.channels for flight in flights):
+        off = [asked - got for asked, got in zip(runs(setpoint), y, strict=True)]
+        loop = frequency_response(off, y, reference=r, **given)
+    names = ", ".join(flight.recording.name for flight in flights)
+    return LogResponse(
+        names, axis, source, output, reference, response, models, controllers, loop, tuple(findings)
+    )
+
+
+def _runs(flight: PreparedFlight, name: str) -> Iterator[Float[np.ndarray, " n"]]:
+    """A channel, or the mean of a family, over each run; NaN where samples do not count."""
+    if name in flight.signals.channels:
+        values = flight.signals.channel(name)
+    elif name == flight.input.name:
+        values = flight.signals.family(name).mean(axis=1)
+    else:
+        values = on_grid(flight.recording.channel(name), flight.grid)[0]
+    for run in flight.runs:
+        yield np.where(flight.usable[run], values[run], np.nan)
+
+
+def _reference(flights: list[PreparedFlight], axis: str, named: str) -> tuple[str, list[str]]:
+    """Channel that serves as reference, and what is to be said of it; empty for none."""
+    sources = (*(item for known in AXES for item in known.references), *_VERTICAL.channels.references)
+    logged = {item.name for item in flights[0].references}
+    offered = dict.fromkeys(
+        item.channel for item in sources if item.channel in logged and (not axis or item.axis == axis)
+    )
+    if named:
+        if named not in flights[0].recording.channels:
+            known = ", ".join(sorted(flights[0].recording.channels))
+            raise UsageError(f"a channel out of {known}", f"'{named}'", "Name one of them.")
+        if not exogenous(named):
+            raise InstrumentError(
+                "a reference that does not answer the vehicle",
+                f"{named}, which a loop makes of what is measured",
+                "Name an attitude setpoint or an injected sweep.",
+            )
+        return named, []
+    usable = [name for name in offered if all(name in flight.usable_references for flight in flights)]
+    clean = [name for name in usable if exogenous(name)]
+    if clean:
+        slow = "A pilot answers the vehicle at low frequencies: provisional there."
+        return clean[0], [slow] if clean[0].startswith(STICKS) else []
+    if usable:
+        return "", [f"{usable[0]} is made by a loop of what is measured: refused as reference."]
+    remarks = [f"{item.name}: {item.remark}." for item in flights[0].references if item.name in offered]
+    return "", remarks
+
+
+def _grid(flights: list[PreparedFlight], slowest_hz: float) -> Float[np.ndarray, " f"]:
+    """Frequencies from fifteen cycles of the longest run to what is sampled fast enough."""
+    longest = max((run.stop - run.start) * flight.signals.step_s for flight in flights for run in flight.runs)
+    low = FIRST_CYCLES / longest
+    top = min(BAND_SHARE * slowest_hz, 0.25 / flights[0].signals.step_s)
+    if top < 2.0 * low:
+        raise TooFewSamplesError(
+            f"samples at {10.0 * low:.0f} Hz or more, or a run longer than {longest:.0f} s",
+            f"{slowest_hz:.3g} Hz",
+            "Log faster, or fly longer.",
+        )
+    return np.geomspace(low, top, FREQUENCIES)
+
+
+def _saturation(u: list[Float[np.ndarray, " n"]], name: str) -> list[str]:
+    values = np.concatenate(u)
+    values = values[np.isfinite(values)]
+    ends = (values == values.max()) | (values == values.min())
+    share = float(ends.mean())
+    if share < SATURATED:
+        return []
+    return [f"{name} stands at its limits for {share:.0%} of the time: the response is of what is left."]
+
+
+def _filter(flight: PreparedFlight, turning: object) -> Any:
+    """Low pass of the gyroscope that the log declares; none else."""
+    known = flight.recording.parameters
+    cutoff = next((float(known[name]) for name in FILTERS if known.get(name)), 0.0) if turning else 0.0
+
+    def low_pass(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+        if cutoff <= 0.0:
+            return np.ones_like(s)
+        x = s / (2.0 * np.pi * cutoff)
+        return np.asarray(1.0 / (x * x + math.sqrt(2.0) * x + 1.0))
+
+    return low_pass
+
+
+def _model_findings(models: TransferFunctions, response: FrequencyResponse) -> list[str]:
+    p_value = models.chosen.p_value
+    if p_value < UNLIKELY:
+        why = " of the direct estimate" if response.is_direct else ""
+        return [
+            f"No order up to 4 explains the response{why} (p = {p_value:.1g}): its intervals are too narrow."
+        ]
+    return []
+
+
+# -- Document --
+
+
+def response_document(item: LogResponse) -> Document:
+    """Document of the response of one axis."""
+    response = item.response
+    ranges = ", ".join(f"{low:.2g} to {high:.2g} Hz" for low, high in response.shown_ranges)
+    kind = "direct estimate" if response.is_direct else "response"
+    about = f"{item.axis}: {kind} shown from {ranges}" if ranges else f"{item.axis}: nothing is shown"
+    facts = Facts(
+        (
+            ("from", item.input),
+            ("to", item.output),
+            ("reference", item.reference or "none"),
+            ("bands", f"{response.level:.0%} at each frequency by itself"),
+        )
+    )
+    parts: list[Any] = [facts]
+    if response.shown.any():
+        parts.append(_frequencies(response))
+    sections = [Section("", tuple(parts))]
+    if item.models is not None:
+        sections.append(Section("Models by order", (_orders(item.models),)))
+        sections.append(Section("What the orders within 4 AICc allow", (_shared(item.models),)))
+    if item.controllers:
+        sections.append(Section("Controllers, to be test-flown; none is applied", _controllers(item)))
+    if item.findings:
+        sections.append(Section("Findings", (Bullets(item.findings),)))
+    return Document(item.name, about, tuple(sections))
+
+
+def _frequencies(response: FrequencyResponse) -> Any:
+    """Magnitudes in dB, phases in degrees, coherences, and how far the direct estimate is off."""
+    shown = np.flatnonzero(response.shown)
+    picked = shown[np.unique(np.linspace(0, shown.size - 1, min(ROWS, shown.size)).round().astype(int))]
+    bands = np.maximum(response.bands[0], 1e-12)
+    decibels = 20.0 * np.log10(np.column_stack([np.abs(response.response), bands]))
+    phase, (early, late) = np.rad2deg(np.angle(response.response)), np.rad2deg(response.bands[1].T)
+    columns = {
+        "f [Hz]": [f"{value:.3g}" for value in response.frequency_hz],
+        "|G| [dB]": [f"{value:.1f}" for value in decibels[:, 0]],
+        "low": [f"{value:.1f}" for value in decibels[:, 1]],
+        "high": [f"{value:.1f}" for value in decibels[:, 2]],
+        "phase [°]": [f"{value:.0f}" for value in phase],
+        "±": ["" if math.isnan(value) else f"{value:.1f}" for value in 0.5 * (late - early)],
+        "u, y": [f"{value:.2f}" for value in response.direct_coherence],
+    }
+    if not response.is_direct:
+        columns["r, u"] = [f"{value:.2f}" for value in response.points.coherence]
+        columns["partial"] = [f"{value:.2f}" for value in response.points.partial]
+        off = 20.0 * np.log10(np.abs(response.direct / response.response))
+        columns["direct [dB]"] = [f"{value:+.1f}" for value in off]
+    titles = [TableColumn(title, right=True, whole=True) for title in columns]
+    return table(titles, ([cells[k] for cells in columns.values()] for k in picked.tolist()))
+
+
+def _ends(interval: tuple[float, float], scale: float = 1.0) -> str:
+    return f"{scale * interval[0]:.3g} .. {scale * interval[1]:.3g}"
+
+
+def _orders(models: TransferFunctions) -> Any:
+    rows = []
+    for order, model in models.by_order.items():
+        value = model.parameters
+        rows.append(
+            (
+                f"{order}{' *' if model is models.chosen else ''}",
+                f"{model.aicc - models.chosen.aicc:.1f}",
+                f"{model.p_value:.2g}",
+                f"{value['gain']:.4g}",
+                f"{1e3 * model.lag_s:.1f}",
+                f"{1e3 * value['delay']:.1f}",
+                f"{value['damping']:.2f}",
+                "" if math.isnan(model.natural_frequency_hz) else f"{model.natural_frequency_hz:.2g}",
+                "" if math.isnan(model.damping_ratio) else f"{model.damping_ratio:.2g}",
+            )
+        )
+    titles = ("order", "ΔAICc", "p", "gain", "lag [ms]", "delay [ms]", "damping [1/s]", "f₀ [Hz]", "ζ")
+    return table([TableColumn(title, right=True) for title in titles], rows)
+
+
+def _shared(models: TransferFunctions) -> Any:
+    scales = {"lag": ("lag [ms]", 1e3), "delay": ("delay [ms]", 1e3), "damping": ("damping [1/s]", 1.0)}
+    rows = []
+    for name in SHARED:
+        words, scale = scales.get(name, (name, 1.0))
+        rows.append(
+            (words, _ends(models.intervals[name], scale), _ends(models.chosen.intervals[name], scale))
+        )
+    columns = (
+        "",
+        TableColumn(f"{models.level:.0%}, all orders", whole=True),
+        TableColumn("chosen order", whole=True),
+    )
+    return table(columns, rows)
+
+
+def _controllers(item: LogResponse) -> tuple[Any, ...]:
+    rows, bullets = [], []
+    for controller in item.controllers:
+        margins, ends = controller.margins, controller.intervals
+        rows.append(
+            (
+                controller.name,
+                f"{controller.proportional:.3g}",
+                f"{controller.integral_s:.2f}",
+                f"{margins.crossover_hz:.2f} ({_ends(ends['crossover_hz'])})",
+                f"{margins.phase_margin_deg:.0f} ({_ends(ends['phase_margin_deg'])})",
+                f"{margins.gain_margin_db:.1f} ({_ends(ends['gain_margin_db'])})",
+            )
+        )
+        written = controller.autopilot_parameters(item.axis).values()
+        bullets += [
+            f"{controller.name}: " + ", ".join(f"{key} {x:.4g}" for key, x in values.items())
+            for values in written
+        ]
+    titles = ("", "P", "Ti [s]", "crossover [Hz]", "phase margin [°]", "gain margin [dB]")
+    return table(titles, rows), Bullets(tuple(bullets))
+
+
+def responses_json(results: Sequence[LogResponse]) -> dict[str, Json]:
+    """Document of schema ``eivor.frequency-response/1``: numbers in SI units, null where unbounded."""
+    return document("eivor.frequency-response/1", axes=[_axis_json(item) for item in results])
+
+
+def _axis_json(item: LogResponse) -> dict[str, object]:
+    models = item.models
+    orders = {} if models is None else models.by_order
+    return {
+        "log": item.name,
+        "axis": item.axis,
+        "input": item.input,
+        "output": item.output,
+        "reference": item.reference or None,
+        "direct_only": item.response.is_direct,
+        "level": item.response.level,
+        "shown_hz": item.response.shown_ranges,
+        "response": item.response.columns(),
+        "models": {
+            str(order): {
+                "parameters": model.parameters,
+                "intervals": model.intervals,
+                "poles": [(pole.real, pole.imag) for pole in model.poles.tolist()],
+                "aicc": model.aicc,
+                "chi_square": model.chi_square,
+                "dof": model.dof,
+                "p_value": model.p_value,
+            }
+            for order, model in orders.items()
+        },
+        "order": None if models is None else models.chosen.order,
+        "intervals": None if models is None else models.intervals,
+        "controllers": [
+            {
+                "name": controller.name,
+                "proportional": controller.proportional,
+                "integral_s": controller.integral_s,
+                "margins": asdict(controller.margins),
+                "intervals": controller.intervals,
+                "parameters": controller.autopilot_parameters(item.axis),
+            }
+            for controller in item.controllers
+        ],
+        "loop": None if item.loop is None else item.loop.columns(),
+        "findings": item.findings,
+    }
+
+
+# -- Figure --
+
+
+def response_figure(results: Sequence[LogResponse]) -> Figure:
+    """Bode plot with bands and models, coherences, and loops on a Nichols chart; a column for each axis."""
+    count = len(results)
+    title = f"{printable(results[0].name)}: frequency responses"
+    rows = [[f"{row}{k}" for k in range(count)] for row in ("magnitude", "phase", "coherence", "nichols")]
+    panels = mosaic(page(max(5.2 * count, 7.0), 11.0, title), rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
+    for k, item in enumerate(results):
+        of = {row: panels[f"{row}{k}"] for row in ("magnitude", "phase", "coherence", "nichols")}
+        _draw_bode(item, of["magnitude"], of["phase"])
+        _draw_coherences(item, of["coherence"])
+        _draw_nichols(item, of["nichols"])
+    return panels["magnitude0"].figure  # type: ignore[return-value]
+
+
+def _unwrapped(values: Complex[np.ndarray, " f"], shown: Any) -> Float[np.ndarray, " f"]:
+    phase = np.full(values.size, np.nan)
+    if shown.any():
+        phase[shown] = np.unwrap(np.angle(values[shown]))
+        phase -= 2.0 * np.pi * np.ceil((phase[shown][0] - 0.75 * np.pi) / (2.0 * np.pi))
+    return np.asarray(np.rad2deg(phase))
+
+
+def _draw_bode(item: LogResponse, magnitude: Axes, phase: Axes) -> None:
+    response, shown, f = item.response, item.response.shown, item.response.frequency_hz
+    magnitude.set_title(f"{item.axis}: {item.input} to {item.output}", fontsize=9, parse_math=False)
+    name = "direct, biased in closed loop" if response.is_direct else "on the reference"
+    angle = _unwrapped(response.response, shown)
+    turn = angle - np.rad2deg(np.angle(response.response))
+    for bands, alpha, words in (
+        (response.simultaneous_bands, 0.12, f"{response.level:.0%} all together"),
+        (response.bands, 0.3, f"{response.level:.0%} each"),
+    ):
+        low, high = np.where(shown[:, None], np.maximum(bands[0], 1e-12), np.nan).T
+        early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
+        magnitude.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
+        phase.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
+    size = np.abs(response.response)
+    magnitude.plot(f, np.where(shown, size, np.nan), color=BLUE, lw=1.4, label=name)
+    phase.plot(f, angle, color=BLUE, lw=1.4)
+    if not response.is_direct:
+        magnitude.plot(f, np.abs(response.direct), ":", color=RED, lw=1.1, label="direct, biased")
+        phase.plot(f, _unwrapped(response.direct, np.isfinite(response.direct)), ":", color=RED, lw=1.1)
+    if item.models is not None:
+        model = item.models.chosen.response(f)
+        words = f"model of order {item.models.chosen.order}"
+        magnitude.plot(f, np.abs(model), "--", color=DARK, lw=1.0, label=words)
+        phase.plot(f, _unwrapped(model, np.ones(f.size, dtype=np.bool_)), "--", color=DARK, lw=1.0)
+    magnitude.set(xscale="log", yscale="log")
+    phase.set(xscale="log")
+    if shown.any():
+        middle = size[shown]
+        magnitude.set_ylim(0.2 * middle.min(), 5.0 * middle.max())
+    for axes, words in ((magnitude, "magnitude"), (phase, "phase [°]")):
+        axes.grid(alpha=0.25, which="both")
+        labelled(axes, y=words, size=9.0)
+    legend(magnitude, size=7, place="lower left")
+
+
+def _draw_coherences(item: LogResponse, axes: Axes) -> None:
+    response, f = item.response, item.response.frequency_hz
+    lines = [(response.direct_coherence, RED, "input, output")]
+    if not response.is_direct:
+        lines.append((response.points.coherence, BLUE, "reference, input"))
+        lines.append((response.points.partial, GREY, "input, output without the reference"))
+    for values, colour, words in lines:
+        axes.plot(f, values, color=colour, lw=1.2, label=words)
+    axes.set(xscale="log", ylim=(0.0, 1.05))
+    axes.grid(alpha=0.25, which="both")
+    labelled(axes, x="frequency [Hz]", y="coherence", size=9.0)
+    legend(axes, size=7, place="lower left")
+
+
+def _draw_nichols(item: LogResponse, axes: Axes) -> None:
+    """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
+    f = np.geomspace(0.1, 20.0, 300)
+    drawn = False
+    if item.loop is not None and item.loop.shown.any():
+        shown = item.loop.shown
+        size = 20.0 * np.log10(np.abs(item.loop.response))
+        axes.plot(
+            _unwrapped(item.loop.response, shown), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
+        )
+        drawn = True
+    for controller, colour in zip(item.controllers, (RED, DARK), strict=False):
+        loop = item.models.chosen.response(f) * controller.response(2j * np.pi * f) if item.models else f + 0j
+        angle = _unwrapped(loop, np.ones(f.size, dtype=np.bool_))
+        axes.plot(angle, 20.0 * np.log10(np.abs(loop)), color=colour, lw=1.1, label=controller.name)
+        margins = controller.margins
+        axes.plot(
+            [margins.phase_margin_deg - 180.0, -180.0],
+            [0.0, -margins.gain_margin_db],
+            "s",
+            color=colour,
+            ms=4,
+        )
+        drawn = True
+    axes.plot([-180.0], [0.0], "+", color=DARK, ms=10)
+    axes.set(xlim=(-300.0, -30.0), ylim=(-30.0, 30.0))
+    axes.grid(alpha=0.25)
+    labelled(axes, x="phase of the broken loop [°]", y="magnitude [dB]", size=9.0)
+    if drawn:
+        legend(axes, size=7, place="upper left")
+    else:
+        axes.text(-165.0, 10.0, "no loop is known", fontsize=8, ha="center", color=GREY)

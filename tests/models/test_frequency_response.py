@@ -1,0 +1,255 @@
+"""Frequency responses in closed loop: bands, models, margins, and what the command says of logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import eivor as ev
+from eivor.errors import (
+    DataError,
+    EstimationError,
+    InstrumentError,
+    ParameterError,
+    TooFewSamplesError,
+    UsageError,
+)
+from eivor.logs.mapping import recording_from_columns
+from eivor.models.frequency_response import frequency_response
+from eivor.models.transfer_functions import loop_margins, proposed_controllers, transfer_functions
+from eivor.report.frequency_responses import log_responses, response_figure, response_motions
+from validation.frequency_responses import FILTER_HZ, flights, truth
+
+RATE_HZ = 400.0
+
+
+def low_pass(s):
+    x = s / (2.0 * np.pi * FILTER_HZ)
+    return 1.0 / (x * x + np.sqrt(2.0) * x + 1.0)
+
+
+@pytest.fixture(scope="module")
+def swept():
+    """Eight flights with a sweep in wind, actuators of order two; columns are flights."""
+    return flights(2, "chirp", 4.0, 8, 100)
+
+
+@pytest.fixture(scope="module")
+def first(swept):
+    _, r, u, y = swept
+    grid = np.geomspace(0.5, 18.0, 24)
+    return frequency_response(u[:, 0], y[:, 0], reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
+
+
+def inside(band, values):
+    return np.isnan(band[:, 1]) | ((band[:, 0] <= values) & (values <= band[:, 1]))
+
+
+def test_bands_hold_in_closed_loop_and_the_direct_ones_do_not(swept):
+    made, r, u, y = swept
+    grid = np.geomspace(0.5, 18.0, 16)
+    G, _ = truth(made, grid)
+    held, direct = [], []
+    for k in range(made.runs):
+        result = frequency_response(u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ, frequency_hz=grid)
+        held.append(inside(result.bands[0], np.abs(G[k])))
+        alone = frequency_response(u[:, k], y[:, k], reference=None, rate_hz=RATE_HZ, frequency_hz=grid)
+        direct.append(inside(alone.bands[0], np.abs(G[k])))
+        assert result.shown.mean() > 0.5
+    # 128 bands of 90 %, which neighbours share: four standard errors below
+    assert np.mean(held) > 0.79
+    assert np.mean(direct) < np.mean(held) - 0.15
+
+
+def test_several_runs_and_gaps_are_combined(swept, first):
+    _, r, u, y = swept
+    grid = first.frequency_hz
+    broken = y[:, 0].copy()
+    broken[9000:9100] = np.nan
+    two = frequency_response(u[:, 0], broken, reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
+    assert len(two.runs) == 2
+    distance = np.abs(two.response / first.response - 1.0)
+    assert np.median(distance[two.shown]) < 0.2
+    parts = [slice(0, 12000), slice(12000, 24000)]
+    lists = [[values[part, 0] for part in parts] for values in (u, y, r)]
+    joined = frequency_response(*lists[:2], reference=lists[2], rate_hz=RATE_HZ, frequency_hz=grid)
+    assert len(joined.runs) == 2
+    assert joined.frequency_hz.tolist() == grid.tolist()
+
+
+def test_a_periodic_multisine_without_noise_gives_the_exact_response():
+    _, r, _, _ = flights(2, "multisine", 0.0, 1, 3)
+    r = r[:, 0]
+    response = lfilter([0.0, 0.02, 0.01], [1.0, -1.6, 0.68], r)
+    steady = slice(9600, None)  # six periods of 6 s, after the transient
+    result = frequency_response(
+        r[steady], response[steady], reference=r[steady], rate_hz=RATE_HZ, period_s=6.0
+    )
+    z = np.exp(2j * np.pi * result.frequency_hz / RATE_HZ)
+    exact = (0.02 * z + 0.01) / (z * z - 1.6 * z + 0.68)
+    assert result.frequency_hz.size > 20
+    assert np.abs(result.response / exact - 1.0).max() < 1e-6
+
+
+def test_shown_only_where_the_reference_reaches(first):
+    rng = np.random.default_rng(0)
+    u, y, r = rng.standard_normal((3, 8000))
+    nothing = frequency_response(u, y, reference=r, rate_hz=100.0)
+    assert not nothing.shown.any()
+    assert nothing.findings[0].endswith(
+        "at no three neighbouring frequencies: nothing is shown. Fly a sweep."
+    )
+    assert np.isnan(nothing.bands[0][:, 1]).mean() > 0.5
+    with pytest.raises(EstimationError, match="a reference that reaches 6 frequencies"):
+        transfer_functions(nothing)
+    assert first.shown_ranges
+    frame = first.to_frame()
+    assert frame.height == 24
+    assert "direct" not in first.summary()
+    assert np.isfinite(frame["magnitude"].to_numpy()).all()
+
+
+def test_the_simultaneous_band_is_wider(first):
+    each, together = first.bands[0], first.simultaneous_bands[0]
+    shown = first.shown & np.isfinite(together[:, 1])
+    assert (together[shown, 1] - together[shown, 0] > each[shown, 1] - each[shown, 0]).all()
+
+
+def test_without_a_reference_it_is_the_direct_estimate_and_says_so(swept):
+    _, _, u, y = swept
+    result = ev.frequency_response(u[:, 0], y[:, 0], reference=None, rate_hz=RATE_HZ)
+    assert result.is_direct
+    assert "biased where the input answers" in result.summary()
+    assert np.allclose(result.response, result.direct, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"y": np.ones(99)}, DataError, "arrays of the same lengths"),
+        ({"u": np.ones(4000)}, DataError, "a u that changes"),
+        ({"rate_hz": 0.0}, ParameterError, "rate_hz above zero"),
+        ({"rate_hz": 2000.0}, TooFewSamplesError, "a run of 5 s or more"),
+        ({"level": 1.0}, ParameterError, "a level between 0 and 1"),
+        ({"frequency_hz": [1.0, 60.0]}, ParameterError, "frequencies between 0 and 50 Hz"),
+        ({"period_s": 0.0123}, ParameterError, "a whole number of samples"),
+        ({"period_s": 30.0}, TooFewSamplesError, "a run of two periods"),
+    ],
+)
+def test_wrong_input_is_refused(change, error, words):
+    u, y, r = np.random.default_rng(1).standard_normal((3, 4000))
+    given = {"u": u, "y": y, "reference": r, "rate_hz": 100.0} | change
+    with pytest.raises(error, match=words):
+        ev.frequency_response(**given)
+
+
+def test_models_find_order_lag_and_delay(swept):
+    made, r, u, y = swept
+    held, orders = [], []
+    for k in range(made.runs):
+        result = frequency_response(u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ)
+        models = transfer_functions(result, sensor_filter=low_pass)
+        orders.append(models.chosen.order)
+        exact = {"gain": made.K[k], "delay": made.delay[k], "lag": made.lag[k]}
+        held += [
+            models.intervals[name][0] <= value <= models.intervals[name][1] for name, value in exact.items()
+        ]
+        assert models.intervals["delay"][1] > models.intervals["delay"][0]
+    assert orders.count(2) >= 6
+    assert np.mean(held) > 0.75
+    poles = models.by_order[4].poles
+    assert poles.size == 4
+    with pytest.raises(UsageError, match="orders out of 1, 2, 3 and 4"):
+        transfer_functions(result, orders=(5,))
+
+
+def test_margins_agree_with_python_control():
+    control = pytest.importorskip("control")
+    s = control.tf("s")
+    system = 40.0 * (1.0 + 1.0 / (0.5 * s)) / ((s + 1.0) * (0.05 * s + 1.0) * (0.02 * s + 1.0))
+    gain_margin, phase_margin, at_phase, at_gain = control.margin(system)
+    margins = loop_margins(system)
+    assert margins.phase_margin_deg == pytest.approx(phase_margin, rel=1e-6)
+    assert margins.gain_margin_db == pytest.approx(20.0 * np.log10(gain_margin), rel=1e-6)
+    assert 2.0 * np.pi * margins.crossover_hz == pytest.approx(at_gain, rel=1e-6)
+    assert 2.0 * np.pi * margins.phase_crossover_hz == pytest.approx(at_phase, rel=1e-6)
+    closed = control.feedback(system, 1)
+    assert np.degrees(np.angle(closed(2j * np.pi * margins.bandwidth_hz))) == pytest.approx(-90.0)
+    sensitivity = abs(1.0 - closed(2j * np.pi * margins.disturbance_bandwidth_hz))
+    assert sensitivity == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
+def test_proposals_reach_their_phase_margin_on_the_vehicle(swept):
+    made, r, u, y = swept
+    result = frequency_response(u[:, 1], y[:, 1], reference=r[:, 1], rate_hz=RATE_HZ)
+    models = transfer_functions(result, sensor_filter=low_pass)
+    simc, *others = proposed_controllers(models)
+    grid = np.geomspace(0.2, 20.0, 400)
+    G = truth(made, grid)[0][1] * simc.response(2j * np.pi * grid)
+    crossing = np.flatnonzero(np.abs(G) < 1.0)[0]
+    assert np.degrees(np.angle(-G[crossing])) > 45.0
+    assert all(item.margins.phase_margin_deg == pytest.approx(60.0, abs=1.0) for item in others)
+    low, high = simc.intervals["phase_margin_deg"]
+    assert low < simc.margins.phase_margin_deg < high
+    written = simc.autopilot_parameters("roll")
+    assert written["px4"]["MC_ROLLRATE_P"] == simc.proportional
+    assert written["ardupilot"]["ATC_RAT_RLL_I"] == simc.proportional / simc.integral_s
+
+
+# -- Logs --
+
+
+@pytest.fixture(scope="module")
+def log(swept):
+    _, r, u, y = swept
+    time = np.arange(len(u)) / RATE_HZ
+    columns = {"torque_setpoint_x": u[:, 0], "angular_rate_x": y[:, 0], "injected_torque_x": r[:, 0]}
+    return recording_from_columns({"time": time, **columns}, name="sweep")
+
+
+def responses(log, reference="", axis="roll"):
+    return log_responses([log], ev.FlightOptions(), [None], response_motions(axis), reference)
+
+
+def test_one_axis_of_a_log_suffices(log):
+    (item,) = responses(log, axis="")
+    assert (item.axis, item.reference) == ("roll", "injected_torque_x")
+    assert item.models.chosen.order in (2, 3)
+    assert item.controllers
+    assert len(response_figure([item]).axes) == 4
+
+
+def test_references_of_the_loop_are_refused(log):
+    with pytest.raises(UsageError, match="an axis out of"):
+        response_motions("wing")
+    with pytest.raises(UsageError, match="a channel out of"):
+        responses(log, "nothing")
+    channel = log.channels["injected_torque_x"]
+    name = "feedback_reference_angular_rate_x"
+    made = replace(log, channels={**log.channels, name: replace(channel, name=name)})
+    with pytest.raises(InstrumentError, match="a loop makes"):
+        responses(made, name)
+    bare = {key: value for key, value in log.channels.items() if not key.startswith("injected")}
+    (item,) = responses(replace(log, channels=bare))
+    assert item.response.is_direct
+    assert not item.controllers
+
+
+@pytest.mark.recordings
+def test_a_crazyflie_has_a_lag_of_58_ms(recordings):
+    log = ev.read_log(recordings / "arpl-crazyflie" / "log15")
+    rotors = np.stack([log.channel(f"rotor_command_{k}").values for k in (1, 2, 3, 4)])
+    roll = (rotors[2] + rotors[3] - rotors[0] - rotors[1]) / 4.0
+    rate = log.channel("angular_rate_x").values
+    part = slice(16000, 51000)
+    result = ev.frequency_response(roll[part], rate[part], reference=None, rate_hz=1000.0)
+    models = ev.transfer_functions(result, band_hz=(1.5, 20.0))  # below, the loop answers
+    assert result.is_direct
+    assert models.chosen.order == 2
+    assert models.chosen.p_value > 0.01
+    # a prototype of another hand, with local lines for quadratics: 58 and 4.2 ms, or 62 in all
+    assert models.chosen.lag_s == pytest.approx(0.058, abs=0.005)
+    assert models.chosen.lag_s + models.chosen.parameters["delay"] == pytest.approx(0.062, abs=0.003)
