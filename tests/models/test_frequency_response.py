@@ -19,7 +19,12 @@ from eivor.errors import (
 )
 from eivor.logs.mapping import recording_from_columns
 from eivor.models.frequency_response import frequency_response
-from eivor.models.transfer_functions import loop_margins, proposed_controllers, transfer_functions
+from eivor.models.transfer_functions import (
+    TransferFunction,
+    loop_margins,
+    proposed_controllers,
+    transfer_functions,
+)
 from eivor.report.frequency_responses import log_responses, response_figure, response_motions
 from validation.frequency_responses import FILTER_HZ, flights, truth
 
@@ -180,6 +185,20 @@ def test_margins_agree_with_python_control():
     assert np.degrees(np.angle(closed(2j * np.pi * margins.bandwidth_hz))) == pytest.approx(-90.0)
     sensitivity = abs(1.0 - closed(2j * np.pi * margins.disturbance_bandwidth_hz))
     assert sensitivity == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
+def test_responses_and_models_go_to_python_control(first):
+    pytest.importorskip("control")
+    model = TransferFunction(
+        4,
+        {"gain": 150.0, "damping": 2.0, "delay": 0.01, "first": 0.04, "second": 5e-4, "third": 0.005},
+        np.eye(6),
+    )
+    s = 2j * np.pi * 3.0
+    exact = 150.0 * np.exp(-0.01 * s) / ((s + 2.0) * (1.0 + 0.04 * s + 5e-4 * s * s) * (1.0 + 0.005 * s))
+    assert model.to_control()(s) == pytest.approx(exact, rel=1e-6)
+    shown = first.to_control()
+    assert shown.omega / (2.0 * np.pi) == pytest.approx(first.frequency_hz[first.shown])
 
 
 def test_proposals_reach_their_phase_margin_on_the_vehicle(swept):

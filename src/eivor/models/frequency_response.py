@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from importlib import import_module
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +13,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from eivor import checks
-from eivor.errors import DataError, TooFewSamplesError
+from eivor.errors import DataError, EstimationError, TooFewSamplesError, UsageError
 from eivor.signals.filters import fast_length
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Complex, Float, Int
@@ -42,6 +43,17 @@ NOT_REACHED = (
 
 #: One array, or one for each run or flight.
 Arrays: TypeAlias = ArrayLike | Sequence[ArrayLike]
+
+
+def python_control() -> Any:
+    """The package `control`, which is an extra."""
+    try:
+        return import_module("control")
+    except ImportError as error:
+        remedy = "Install it: pip install 'eivor[control]'."
+        raise UsageError(
+            "the package control, for its models", "an installation without it", remedy
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -366,6 +378,21 @@ class FrequencyResponse:
         import polars
 
         return polars.DataFrame(self.columns()).with_columns(polars.col("shown") > 0.5)
+
+    def to_control(self) -> Any:
+        """FRD of python-control, of the frequencies that are shown.
+
+        Raises
+        ------
+        EstimationError
+            When none is shown.
+        UsageError
+            Without python-control.
+        """
+        shown = self.shown
+        if not shown.any():
+            raise EstimationError("a response that is shown somewhere", "none", "Fly a sweep.")
+        return python_control().FRD(self.response[shown], 2.0 * np.pi * self.frequency_hz[shown])
 
     def summary(self) -> str:
         """Table of the frequencies that are shown, and the findings."""

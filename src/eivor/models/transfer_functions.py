@@ -6,14 +6,19 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.models.frequency_response import FrequencyResponse, Points, local_polynomials
+from eivor.models.frequency_response import (
+    FrequencyResponse,
+    Points,
+    local_polynomials,
+    python_control,
+)
 from eivor.tools import Complex, Float
 
 #: Local polynomials of the points that models are fitted to: they do not overlap.
@@ -201,6 +206,15 @@ class TransferFunction:
         names, s = tuple(self.parameters), 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         criterion = _Criterion(_NO_POINTS, s, self.known(s))
         return np.asarray(criterion.response(names, np.array(list(self.parameters.values())))[0])
+
+    def to_control(self, delay_order: int = 3) -> Any:
+        """State space of python-control, without hold and filter; its delay is Padé's of that order."""
+        control, value = python_control(), self.parameters
+        model = control.tf([value["gain"]], np.poly(self.poles).tolist())
+        model *= np.prod([part for part in (self._lags[0], value.get("third", 0.0)) if part > 0.0]) ** -1.0
+        if value["delay"] > 0.0:
+            model *= control.tf(*control.pade(value["delay"], delay_order))
+        return control.ss(model)
 
     def draws(self, count: int, rng: np.random.Generator) -> list[TransferFunction]:
         """Models with parameters drawn from their distribution, within their bounds."""
