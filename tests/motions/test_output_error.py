@@ -85,7 +85,7 @@ def test_references_that_are_too_few_leave_least_squares_and_it_is_said(recordin
 def test_only_motions_that_predict_their_states_have_an_output_error(flight):
     assert by_name("total_least_squares+output_error").of_flights.name == "total_least_squares"
     with pytest.raises(
-        UsageError, match=r"received 'output_error' with 'rates'\. Name it with --model rigid"
+        UsageError, match=r"output_error with a motion that predicts its states; received it with 'rates'\."
     ):
         ev.identify_flight(flight.recording, model="rates", method="output_error")
     rows = ev.regression(np.arange(9.0) ** 2, np.arange(9.0))

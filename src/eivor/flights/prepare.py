@@ -278,9 +278,9 @@ def check_options(motion: Motion[Any], options: FlightOptions) -> None:
         raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
     if isinstance(by_name(options.method), OutputError) and not predicts_states(motion):
         raise UsageError(
-            "a method whose parameters no window of states gives",
-            f"'{OUTPUT_ERROR}' with '{motion.name}'",
-            "Name it with --model rigid-body, or leave it out.",
+            f"{OUTPUT_ERROR} with a motion that predicts its states",
+            f"it with '{motion.name}'",
+            "Identify the rigid body (--model rigid-body), or use another method.",
         )
     if support is not None:
         support.check(options)

@@ -41,6 +41,7 @@ from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
 from eivor.exports.vehicle import BODY, describe, flown
+from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
 from eivor.lab.figures import (
     by_reading,
     figure_files,
@@ -313,6 +314,10 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
         raise UsageError(expected, "another scenario", "Name quadrotor or crazyflie.")
     result = fit_among(load_fits(fit), preferred=("rigid-body",))
     fitted = replace(result.fitted, accepted=accepted_verdicts(accept))
+    if fitted.model != RIGID_BODY_MODEL:
+        expected = "a result of the rigid body for --from"
+        remedy = "Identify the log with --model rigid-body --vehicle FILE.toml."
+        raise UsageError(expected, f"one of {fitted.model}", remedy)
     made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
     if made.omitted:
         complain(*made.omitted)
