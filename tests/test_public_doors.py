@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.errors import EivorError
@@ -109,6 +110,14 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "HeavyTailedNoise": {"degrees": {"whole"}, "std": NUMBER},
     "RoundingNoise": {"std": NUMBER},
     "WhiteNoise": {"std": NUMBER},
+    "frequency_response": {
+        "reference": {"none"},
+        "rate_hz": NUMBER,
+        "frequency_hz": {"none", *NUMBER},
+        "period_s": {"none", *NUMBER},
+    },
+    "transfer_functions": {"hold_s": {"none"}},
+    "proposed_controllers": {"phase_margin_deg": NUMBER, "seed": {"whole"}},
     "iv": {"names": {"none", "texts"}, "Z": {"none"}},
     "regression": {"names": {"none", "texts"}, "noise_covariance instrument_noise_covariance": {"none"}},
     "Regression": {"regressor_noise instrument_noise": {"none"}},
@@ -232,6 +241,9 @@ def doors(folder):
     name, std = {"name": "theta_1"}, {"std": 1.0}
     region, of_fraction = m.found.region, {"parameters": FRACTIONAL}
     columns = {"time": np.arange(60.0), "velocity_z": m.y}
+    u = np.random.default_rng(1).standard_normal(900)
+    turned = lfilter([0.0, 0.2], [1.0, -0.9], u)
+    response = {"u": u, "y": turned, "reference": u, "rate_hz": 20.0}
     return {
         "AutocorrelatedErrors": (ev.AutocorrelatedErrors, {}),
         "ChangeDetector": (ev.ChangeDetector, {}),
@@ -281,6 +293,13 @@ def doors(folder):
         "iv": (
             ev.iv,
             {"y": m.rows.response, "X": m.rows.regressors, "Z": m.rows.instruments, "names": ("a", "b")},
+        ),
+        "frequency_response": (ev.frequency_response, response),
+        "transfer_functions": (ev.transfer_functions, {"response": ev.frequency_response(**response)}),
+        "loop_margins": (ev.loop_margins, {"loop": lambda s: 9.0 / (s * (0.1 * s + 1.0))}),
+        "proposed_controllers": (
+            ev.proposed_controllers,
+            {"models": ev.transfer_functions(ev.frequency_response(**response), orders=(1,))},
         ),
         "anderson_rubin_set": (ev.anderson_rubin_set, {"problem": m.rows, "method": m.iv}),
         "bootstrap": (ev.bootstrap, {"problem": m.rows, "method": m.iv, "runs": 3, "block_length": 2}),

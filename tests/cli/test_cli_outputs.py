@@ -56,6 +56,8 @@ values = { file = "drive.csv", column = "u" }
 WORDS = frozenset(
     (
         "--window",
+        "--axis",
+        "--reference",
         "--input",
         "--input-map",
         "--instruments",

@@ -495,6 +495,8 @@ def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> F
     if given is None:
         low = FIRST_CYCLES / longest_s
         return np.geomspace(low, max(LAST_SHARE * rate_hz, 2.0 * low), FREQUENCIES)
+    if np.ndim(given) == 0:
+        checks.number("frequency_hz", given)
     grid = np.atleast_1d(checks.real_array("frequency_hz", given))
     sound = grid.ndim == 1 and grid.size > 0 and bool(np.isfinite(grid).all())
     sound = sound and bool((np.diff(grid, prepend=0.0) > 0.0).all() and grid[-1] < rate_hz / 2.0)

@@ -317,7 +317,19 @@ def transfer_functions(
     with variances of noise smoothed over frequency. Intervals of gain, lag and delay are Wald's, that of the
     damping is of the profile.
     """
-    checks.kind("orders", orders, tuple, "a tuple of orders")
+    remedy = "Make one by ev.frequency_response(u, y, reference=..., rate_hz=...)."
+    checks.kind("response", response, FrequencyResponse, "a frequency response", remedy)
+    checks.items("orders", orders, int, "orders")
+    checks.items("band_hz", band_hz, (int, float), "two frequencies")
+    ends = [0.0, *band_hz, math.inf]
+    sound = len(ends) == 4 and 0.0 <= ends[1] < ends[2] < ends[3]
+    checks.require(sound, "a band of two increasing frequencies", f"{band_hz}")
+    if hold_s is not None:
+        checks.number("hold_s", hold_s)
+        checks.require(0.0 <= hold_s <= 1.0, "a hold between 0 and 1 s", f"hold_s={hold_s}")
+    checked_response("sensor_filter", sensor_filter)
+    checks.number("level", level)
+    checks.require(0.0 < level < 1.0, "a level between 0 and 1", f"level={level}")
     if not orders or any(order not in OF_ORDER for order in orders):
         raise UsageError("orders out of 1, 2, 3 and 4", f"{orders}", "Leave out the others.")
     hold = 1.0 / response.rate_hz if hold_s is None else hold_s
@@ -602,8 +614,28 @@ def loop_margins(loop: Response) -> Margins:
     -------
     Margins
         Of the first crossing of each kind between 0.05 and 60 Hz.
+
+    Raises
+    ------
+    UsageError
+        When the loop is no function that gives complex numbers.
     """
+    checked_response("loop", loop)
     return _margins(loop, None)
+
+
+def checked_response(name: str, given: object) -> None:
+    """Refuse what is no function from s to complex numbers."""
+    remedy = "Give lambda s: 1.0 / (0.05 * s + 1.0), for example."
+    if not callable(given):
+        raise UsageError(f"a function of s for {name}", checks.described(given), remedy)
+    s = 2j * np.pi * np.array([1.0, 2.0])
+    try:
+        values = np.asarray(given(s), dtype=np.complex128)
+    except (TypeError, ValueError, ArithmeticError) as error:
+        raise UsageError(f"a function of s for {name}", f"one that fails: {error}", remedy) from error
+    if values.shape != s.shape:
+        raise UsageError(f"a number for each s from {name}", f"the shape {values.shape}", remedy)
 
 
 def _margins(loop: Response, values: Complex[np.ndarray, " f"] | None) -> Margins:
@@ -721,7 +753,11 @@ def proposed_controllers(
     Skogestad (2003): with theta the sum of delays, lags, filter and half a sample, the gain is
     1 / (2 K theta) and the integral's time 8 theta.
     """
+    remedy = "Make some by ev.transfer_functions(response)."
+    checks.kind("models", models, TransferFunctions, "models of a response", remedy)
     checks.number("phase_margin_deg", phase_margin_deg)
+    checks.whole("seed", seed)
+    checks.non_negative("seed", seed)
     sound = 0.0 < phase_margin_deg < 85.0
     checks.require(sound, "a phase margin between 0 and 85 degrees", f"{phase_margin_deg:g}")
     model = models.chosen
