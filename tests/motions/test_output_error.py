@@ -105,7 +105,7 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
         if name.startswith("angular_rate")
     }
     wrong["angular_rate_x"] = replace(wrong["angular_rate_x"], values=1.04 * rate.values + 0.03)
-    made = comparisons(replace(log, channels={**log.channels, **wrong}), [(1.0, 26.0)])
+    made = list(comparisons(replace(log, channels={**log.channels, **wrong}), [(1.0, 26.0)]))
     rows = {row.what: row for item in made for row in item.table()}
     for what, true, near in (
         ("gyroscope behind the attitude", 12.0, 0.5),

@@ -5,12 +5,11 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import asdict, dataclass, field, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from eivor.errors import EstimationError, MissingReaderError, NotIdentifiedError, UsageError
+from eivor.errors import EstimationError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
 from eivor.exports.vehicle import (
     BODY,
@@ -26,6 +25,7 @@ from eivor.exports.vehicle import (
     manoeuvre,
     turns,
 )
+from eivor.models.frequency_response import python_control
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
@@ -58,14 +58,7 @@ class StateSpace:
 
     def to_control(self) -> Any:
         """The same as a ``control.StateSpace`` of python-control, without the delay."""
-        try:
-            control = import_module("control")
-        except ImportError as error:
-            raise MissingReaderError(
-                "python-control, which to_control makes its model with",
-                "a Python without it",
-                "Install it: pip install control. The arrays A, B, C and D are there without it.",
-            ) from error
+        control = python_control(" The arrays A, B, C and D are there without it.")
         names = {name: list(getattr(self, name)) for name in ("states", "inputs", "outputs")}
         return control.ss(self.A, self.B, self.C, self.D, **names)
 

@@ -264,12 +264,11 @@ def apply_lag_prior(state: FlightState) -> FlightState:
 def minimise_output_error(state: FlightState) -> FlightState:
     """The estimate whose predictions leave least, where it was requested, with the rows at its values."""
     prediction = state.motion.abilities.prediction
-    if not isinstance(by_name(state.options.method), OutputError) or prediction is None:
-        return state
-    if prediction.output_error is None or state.estimate is None:
+    refined = None if prediction is None else prediction.output_error
+    if refined is None or not isinstance(by_name(state.options.method), OutputError):
         return state
     first, problem = state.estimate, state.problem
-    result, findings = prediction.output_error(first, state.flying)
+    result, findings = refined(first, state.flying)
     known = tuple(item.known_at(result.nuisances[item.name]) for item in problem.nuisances)
     start = WarmStart(result.theta, result.nuisances)
     rows = identify(replace(cast("Any", problem), nuisances=known, warm_start=start), state.method.of_flights)

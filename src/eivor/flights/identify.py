@@ -20,7 +20,7 @@ from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
 from eivor.flights.quantity import CoupledAxis, Quantity
 from eivor.flights.result import FlightEstimate, FlightRow
-from eivor.inference.distributions import chi_square_tail
+from eivor.inference.random_effects import homogeneity_p_value
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
 
@@ -106,8 +106,7 @@ def differences(pool: FlightEstimate, alone: Sequence[FlightEstimate]) -> Iterat
         values, errors = numbers[np.isfinite(numbers).all(axis=1) & (numbers[:, 1] > 0.0)].T
         if values.size < 2:
             continue
-        mean = np.average(values, weights=errors**-2)
-        p_value = chi_square_tail(float((((values - mean) / errors) ** 2).sum()), values.size - 1)
+        p_value = homogeneity_p_value(values, errors**2)
         if p_value <= DIFFERS:
             low, high = (spec.scale * end for end in (values.min(), values.max()))
             yield Finding(

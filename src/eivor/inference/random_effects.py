@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from eivor.inference.distributions import normal_quantile
+from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.tools import Float, Int
 
 
@@ -69,6 +69,15 @@ def weighted(
     squares *= squares
     squares *= weights
     return Weighted(weights, total, mean, squares)
+
+
+def homogeneity_p_value(
+    estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
+) -> float:
+    """Of estimates of one number, that all have it: Cochran's test."""
+    rows = estimates.size
+    squares = weighted(one_group(rows), estimates, variances, np.zeros(1)).squares
+    return chi_square_tail(float(squares.sum()), rows - 1)
 
 
 def weights_of(

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from eivor import checks
-from eivor.errors import DataError, EstimationError, TooFewSamplesError, UsageError
+from eivor.errors import DataError, EstimationError, MissingReaderError, TooFewSamplesError
 from eivor.signals.filters import fast_length
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Complex, Float, Int
@@ -45,15 +45,14 @@ NOT_REACHED = (
 Arrays: TypeAlias = ArrayLike | Sequence[ArrayLike]
 
 
-def python_control() -> Any:
+def python_control(instead: str = "") -> Any:
     """The package `control`, which is an extra."""
     try:
         return import_module("control")
     except ImportError as error:
-        remedy = "Install it: pip install 'eivor[control]'."
-        raise UsageError(
-            "the package control, for its models", "an installation without it", remedy
-        ) from error
+        expected = "python-control, which to_control makes its model with"
+        remedy = f"Install it: pip install control.{instead}"
+        raise MissingReaderError(expected, "a Python without it", remedy) from error
 
 
 @dataclass(frozen=True)
@@ -77,10 +76,7 @@ class Points:
     def response(self) -> Complex[np.ndarray, " f"]:
         """Ratio of both; NaN where there is none."""
         known = np.isfinite(self.input) & (self.input != 0.0)
-        ratio: Complex[np.ndarray, " f"] = np.where(known, self.output, np.nan) / np.where(
-            known, self.input, 1.0
-        )
-        return ratio
+        return np.asarray(np.where(known, self.output, np.nan) / np.where(known, self.input, 1.0))
 
     def kept(self, mask: Bool[np.ndarray, " f"]) -> Points:
         """Some of the points."""
@@ -386,7 +382,7 @@ class FrequencyResponse:
         ------
         EstimationError
             When none is shown.
-        UsageError
+        MissingReaderError
             Without python-control.
         """
         shown = self.shown

@@ -189,11 +189,8 @@ class TransferFunction:
     @property
     def natural_frequency_hz(self) -> float:
         """Natural frequency of both poles of the actuators [Hz]; NaN below order 3."""
-        return (
-            1.0 / (2.0 * math.pi * math.sqrt(second))
-            if (second := self.parameters.get("second", 0.0))
-            else math.nan
-        )
+        second = self.parameters.get("second", 0.0)
+        return 1.0 / (2.0 * math.pi * math.sqrt(second)) if second else math.nan
 
     @property
     def damping_ratio(self) -> float:
@@ -224,12 +221,8 @@ class TransferFunction:
         root = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         half = root[1] * np.sqrt(np.maximum(root[0], 0.0)) * scale[:, None]
         drawn = np.clip(mean + rng.standard_normal((count, mean.size)) @ half.T, low, high)
-        return [
-            TransferFunction(
-                self.order, dict(zip(names, row, strict=True)), self.covariance, known=self.known
-            )
-            for row in drawn.tolist()
-        ]
+        values = (dict(zip(names, row, strict=True)) for row in drawn.tolist())
+        return [TransferFunction(self.order, item, self.covariance, known=self.known) for item in values]
 
 
 _NO_POINTS = Points(*(np.empty(0, dtype=np.complex128 if k in (1, 2, 5) else np.float64) for k in range(11)))
@@ -496,7 +489,8 @@ def _profile(
     covariance: Float[np.ndarray, "n n"],
 ) -> tuple[float, float]:
     """Where the criterion with a parameter fixed, and the others fitted, reaches a limit."""
-    low, high, _ = PARAMETERS[names[k]]
+    lows, highs = (np.array([PARAMETERS[name][end] for name in names], dtype=float) for end in (0, 1))
+    low, high = float(lows[k]), float(highs[k])
     error = math.sqrt(max(float(covariance[k, k]), 1e-20))
     ends = []
     for side, bound in ((-1.0, low), (1.0, high)):
@@ -507,8 +501,6 @@ def _profile(
             trial = min(max(trial, low), high)
             moved = theta + covariance[:, k] / covariance[k, k] * (trial - theta[k])
             moved[k] = trial
-            lows = np.array([PARAMETERS[name][0] for name in names], dtype=float)
-            highs = np.array([PARAMETERS[name][1] for name in names], dtype=float)
             refitted, value = criterion.fitted(names, np.clip(moved, lows, highs), names[k])
             if value > limit:
                 outside = trial
@@ -656,9 +648,8 @@ def _margins(loop: Response, values: Complex[np.ndarray, " f"] | None) -> Margin
 
     def phase_falls(of: Response, angle: float) -> float:
         turned = np.exp(-1j * angle)
-        phase = np.unwrap(np.angle(of(L)))
-        phase -= 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))  # begins below 90 degrees
-        return _crossing(lambda x: float(np.angle(of(np.array([at(x)]))[0] * turned)), f, phase - angle)
+        values = _phase(of(L)) - angle
+        return _crossing(lambda x: float(np.angle(of(np.array([at(x)]))[0] * turned)), f, values)
 
     crossover = crossing(lambda L: np.abs(L) - 1.0)
     phase_crossover = phase_falls(lambda L: L, -np.pi)
@@ -676,6 +667,12 @@ def _margins(loop: Response, values: Complex[np.ndarray, " f"] | None) -> Margin
         delay,
         crossing(lambda L: np.abs(1.0 + L) - math.sqrt(2.0)),
     )
+
+
+def _phase(values: Complex[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
+    """Phase without jumps, which begins below 90 degrees [rad]."""
+    phase: Float[np.ndarray, " f"] = np.unwrap(np.angle(values))
+    return phase - 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))
 
 
 def _crossing(function: Callable[[float], float], at: np.ndarray, values: np.ndarray) -> float:
@@ -769,9 +766,7 @@ def proposed_controllers(
     found = [("SIMC", gain)]
     f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
     loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
-    phase = np.unwrap(np.angle(loop))
-    phase -= 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))
-    over = phase + np.pi - math.radians(phase_margin_deg)
+    over = _phase(loop) + np.pi - math.radians(phase_margin_deg)
     if (over > 0.0).any():  # the highest frequency that leaves so much
         last = int(np.flatnonzero(over > 0.0)[-1])
         found.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))

@@ -6,7 +6,7 @@ drives it: see Klein and Morelli, Aircraft System Identification, chapter 10.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,14 +14,21 @@ import numpy as np
 
 from eivor.flights.grid import common_grid, on_grid
 from eivor.inference.distributions import t_quantile
-from eivor.motions.rigid_body.dynamics import into_body, rotation
+from eivor.motions.rigid_body.dynamics import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    continuous,
+    into_body,
+    rotation,
+    vector_part,
+)
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import GRAVITY, Channel, Recording
 from eivor.tools import Bool, Complex, Float
 
-ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
-VELOCITY, RATES, FORCES = (
-    tuple(f"{name}_{axis}" for axis in "xyz") for name in ("velocity", "angular_rate", "specific_force_body")
+RATES, FORCES = (
+    tuple(f"{name}_{axis}" for axis in "xyz") for name in ("angular_rate", "specific_force_body")
 )
 #: Band in which sensors are compared [Hz]: above drift, below most vibration.
 BAND_HZ = (0.2, 6.0)
@@ -152,10 +159,9 @@ class Comparison:
                 yield number(what, 10 + axis, "deg", float(np.rad2deg(1.0)))
 
 
-def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple[Comparison, ...]:
+def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Comparison]:
     """Gyroscope against attitude, and accelerometer against velocity, in the air; those that are logged."""
     known = log.channels
-    results = []
     for sensor, kinematic, names, others, unit in (
         ("gyroscope", "attitude", RATES, (), "rad/s"),
         ("accelerometer", "velocity", FORCES, VELOCITY, "m/s²"),
@@ -165,8 +171,7 @@ def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> tuple
             continue
         made = _comparison(sensor, kinematic, unit, [known[name] for name in needed], spans_s)
         if made is not None:
-            results.append(made)
-    return tuple(results)
+            yield made
 
 
 def _comparison(
@@ -184,9 +189,7 @@ def _comparison(
     pairs = [on_grid(channel, grid) for channel in channels]
     series, good = np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
     measured, attitude, others = series[:3], series[3:7], series[7:]
-    attitude = attitude * np.cumprod(
-        np.where((attitude * np.roll(attitude, 1, axis=1)).sum(axis=0) < 0.0, -1.0, 1.0)
-    )
+    attitude = continuous(attitude)
     size = np.sqrt((attitude**2).sum(axis=0))
     attitude = attitude / np.where(size > 0.0, size, 1.0)
     if len(others):
@@ -194,7 +197,8 @@ def _comparison(
         change[2] += GRAVITY
         derived = np.stack(into_body(rotation(*attitude), *change))
     else:
-        derived = _turning(attitude, grid.step_s)
+        change = np.stack([time_derivative(part, grid.step_s) for part in attitude])
+        derived = 2.0 * vector_part(attitude, change)
     length = round(STRETCH_S / grid.step_s)
     taper = np.hanning(length)
     frequency = np.fft.rfftfreq(length, grid.step_s)
@@ -216,22 +220,13 @@ def _comparison(
     return Comparison(sensor, kinematic, unit, frequency[band], both[:, 0], both[:, 1], np.stack(means))
 
 
-def _turning(attitude: Float[np.ndarray, "4 n"], step_s: float) -> Float[np.ndarray, "3 n"]:
-    """Rates on body axes at which an attitude turns."""
-    w, x, y, z = attitude
-    a, b, c, d = (time_derivative(part, step_s) for part in attitude)
-    return 2.0 * np.stack(
-        [w * b - x * a - y * d + z * c, w * c - y * a - z * b + x * d, w * d - z * a - x * c + y * b]
-    )
-
-
-def with_one_clock(log: Recording, made: Sequence[Comparison]) -> tuple[Recording, tuple[str, ...]]:
+def with_one_clock(log: Recording, made: Iterable[Comparison]) -> tuple[Recording, tuple[str, ...]]:
     """The log with attitude, velocity and position on the gyroscope's clock where they are surely off it."""
     offset = next((item.offset_s for item in made if item.sensor == "gyroscope"), 0.0)
     if not offset:
         return log, ()
     behind = "ahead of" if offset > 0.0 else "behind"
-    names = (*ATTITUDE, *VELOCITY, *(f"position_{axis}" for axis in "xyz"))
+    names = (*ATTITUDE, *VELOCITY, *POSITION)
     channels = {
         name: replace(channel, time_s=channel.time_s + offset) if name in names else channel
         for name, channel in log.channels.items()

@@ -167,6 +167,10 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     )
 
 
+#: Channels of a body's state.
+ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
+VELOCITY, POSITION = (tuple(f"{name}_{axis}" for axis in "xyz") for name in ("velocity", "position"))
+
 Triple: TypeAlias = tuple[Value, Value, Value]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).
 Body: TypeAlias = list[Value] | Float[np.ndarray, "13 ..."]
@@ -252,6 +256,26 @@ def turned(attitude: Components, x: Value, y: Value, z: Value) -> list[Value]:
     )
     short = (w * w + x * x + y * y + z * z) ** -0.5
     return [w * short, x * short, y * short, z * short]
+
+
+def vector_part(
+    first: Float[np.ndarray, "4 *shape"], second: Float[np.ndarray, "4 *shape"]
+) -> Float[np.ndarray, "3 *shape"]:
+    """Vector part of the inverse of an attitude times a quaternion: half of a small turn between them."""
+    (a, b, c, d), (w, x, y, z) = first, second
+    return np.stack(
+        [a * x - b * w - c * z + d * y, a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w]
+    )
+
+
+def continuous(parts: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "4 n"]:
+    """The same attitudes without jumps to the opposite quaternion, which is the same attitude."""
+    known = np.flatnonzero(np.isfinite(parts).all(axis=0))
+    result = parts.copy()
+    if known.size > 1:
+        along = (parts[:, known[1:]] * parts[:, known[:-1]]).sum(axis=0)
+        result[:, known[1:]] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))
+    return result
 
 
 def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value) -> Triple:

@@ -44,6 +44,7 @@ from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, Warm
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
 from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
+from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import (
     Combinations,
@@ -167,16 +168,6 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
         )
 
 
-def continuous(parts: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "4 n"]:
-    """The same attitudes without jumps to the opposite quaternion, which is the same attitude."""
-    known = np.flatnonzero(np.isfinite(parts).all(axis=0))
-    result = parts.copy()
-    if known.size > 1:
-        along = (parts[:, known[1:]] * parts[:, known[:-1]]).sum(axis=0)
-        result[:, known[1:]] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))
-    return result
-
-
 def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Angle by which a rate has turned at times, from some time on [rad]."""
     known = np.isfinite(rate.values)
@@ -187,10 +178,7 @@ def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray,
 
 def _rates_of(parts: Float[np.ndarray, "4 n"], separated: int) -> Float[np.ndarray, "3 m"]:
     """Small turns on the body's axes between attitudes so many samples apart [rad]."""
-    (a, b, c, d), (w, x, y, z) = parts[:, :-separated], parts[:, separated:]
-    return 2.0 * np.stack(
-        [a * x - b * w - c * z + d * y, a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w]
-    )
+    return 2.0 * vector_part(parts[:, :-separated], parts[:, separated:])
 
 
 # -- Select --
@@ -208,7 +196,6 @@ REFERENCES = (
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
 #: All that any of the equations uses [Hz].
 BAND_HZ = (0.05, 20.0)
-ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
 #: Rotors that never differ by more than this share of their largest command turn nothing.
 NO_DIFFERENCE = 1e-9
 #: Quaternions that are further from one in length are none.

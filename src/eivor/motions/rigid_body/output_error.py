@@ -16,7 +16,7 @@ from eivor.flights.quantity import SimpleModel
 from eivor.inference.covariance import CovariancePart, JointCovariance
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
-from eivor.motions.rigid_body.dynamics import turned
+from eivor.motions.rigid_body.dynamics import turned, vector_part
 from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
 from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
 from eivor.motions.rigid_body.vehicle import KnownVehicle
@@ -51,12 +51,10 @@ def difference(
     states: Float[np.ndarray, "... 13 starts"], measured: Float[np.ndarray, "... 13 starts"]
 ) -> Float[np.ndarray, "... 12 starts"]:
     """States less measured ones: position, velocity, the small turn between them on body axes, rates."""
-    (w, x, y, z), (a, b, c, d) = (np.moveaxis(item[..., 6:10, :], -2, 0) for item in (states, measured))
-    turn = np.stack(
-        [a * x - b * w - c * z + d * y, a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w], -2
-    )
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    turn *= 2.0 * (np.sign(a * w + b * x + c * y + d * z) / size)[..., None, :]
+    after, before = (np.moveaxis(item[..., 6:10, :], -2, 0) for item in (states, measured))
+    size = np.sqrt((after**2).sum(axis=0))
+    turn = 2.0 * np.sign((before * after).sum(axis=0)) / size * vector_part(before, after)
+    turn = np.moveaxis(turn, 0, -2)
     left = states - measured
     return np.concatenate([left[..., :6, :], turn, left[..., 10:, :]], axis=-2)
 
@@ -206,7 +204,6 @@ class Minimum:
     errors: OutputErrors
     weights: tuple[Weights, ...]
     point: Float[np.ndarray, " n"]
-    cost: float
 
     def whitened(self, points: Sequence[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "points all"]:
         """Residuals of variance 1 at points."""
@@ -287,7 +284,7 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             by_state = windows.by_initial_state(errors.models([point], number)[0])
             weights, noises[number] = Weights.of(left[0], by_state, noises[number])
             made.append(weights)
-        best = Minimum(errors, tuple(made), point, 0.0)
+        best = Minimum(errors, tuple(made), point)
 
         def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " clocks"]:
             offsets = point[len(errors.free) :]
@@ -312,8 +309,8 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             ftol=1e-4,
             xtol=1e-5,
         )
-        point, cost = found.x, float(found.cost)
-    return replace(best, point=point, cost=cost)
+        point = found.x
+    return replace(best, point=point)
 
 
 def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ...]:

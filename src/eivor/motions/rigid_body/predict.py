@@ -25,7 +25,15 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
 from eivor.motions.rates.motion import AXES
-from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
+from eivor.motions.rigid_body.dynamics import (
+    ATTITUDE,
+    BODY,
+    POSITION,
+    VELOCITY,
+    Triple,
+    into_body,
+    rotation,
+)
 from eivor.motions.rigid_body.regression import RotorStates, usual_state
 from eivor.motions.rigid_body.terms import (
     DRAG,
@@ -45,10 +53,6 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
 from eivor.tools import Float, Int
 
-_ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
-_VELOCITY = tuple(f"velocity_{axis}" for axis in "xyz")
-_POSITION = tuple(f"position_{axis}" for axis in "xyz")
-
 
 @dataclass(frozen=True)
 class LoggedState:
@@ -59,17 +63,17 @@ class LoggedState:
     @property
     def turns(self) -> bool:
         """Whether the attitude is logged."""
-        return self._has(_ATTITUDE)
+        return self._has(ATTITUDE)
 
     @property
     def moves(self) -> bool:
         """Whether velocity and attitude are."""
-        return self.turns and self._has(_VELOCITY)
+        return self.turns and self._has(VELOCITY)
 
     @property
     def placed(self) -> tuple[int, ...]:
         """Axes along which the position is logged, from 0."""
-        return tuple(axis for axis, name in enumerate(_POSITION) if self._has((name,)))
+        return tuple(axis for axis, name in enumerate(POSITION) if self._has((name,)))
 
     @cached_property
     def body(self) -> Float[np.ndarray, "13 n"]:
@@ -77,11 +81,11 @@ class LoggedState:
         body = np.zeros((BODY, self.flight.signals.sample_count))
         body[6] = 1.0
         for axis in self.placed:
-            body[axis] = self._channel(_POSITION[axis])
+            body[axis] = self._channel(POSITION[axis])
         if self.moves:
-            body[3:6] = [self._channel(name) for name in _VELOCITY]
+            body[3:6] = [self._channel(name) for name in VELOCITY]
         if self.turns:
-            body[6:10] = [self._channel(name) for name in _ATTITUDE]
+            body[6:10] = [self._channel(name) for name in ATTITUDE]
             length = np.sqrt((body[6:10] ** 2).sum(axis=0))
             body[6:10] /= np.where(length > 0.0, length, 1.0)
         body[10:13] = [self.flight.signals.channel(axis.rate) for axis in AXES]

@@ -31,7 +31,7 @@ from eivor.models.separable import (
 )
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
-from eivor.motions.rigid_body.dynamics import into_body, rotation
+from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, into_body, rotation
 from eivor.motions.rigid_body.terms import (
     ALL_DRAG_MOMENTS,
     ALONG,
@@ -58,7 +58,7 @@ from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
 
-NEEDED = (*(f"velocity_{axis}" for axis in "xyz"), *(f"attitude_{part}" for part in "wxyz"))
+NEEDED = (*VELOCITY, *ATTITUDE)
 
 
 def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:

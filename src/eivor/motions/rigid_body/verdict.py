@@ -30,7 +30,7 @@ from eivor.flights.verdict import (
     record_rules,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
-from eivor.inference.distributions import chi_square_tail
+from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
@@ -366,8 +366,7 @@ def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     if len(results) < 2:
         return None
     changes, variances = np.array(list(results.values())).T
-    mean = float(np.average(changes, weights=1.0 / variances))
-    p_value = chi_square_tail(float(np.sum((changes - mean) ** 2 / variances)), len(results) - 1)
+    p_value = homogeneity_p_value(changes, variances)
     if not p_value < BEYOND_DOUBT:
         return None
     lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
