@@ -340,10 +340,10 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
         weights = method.row_weighting.first_pass(problem)
-    minimum = _minimum(method, problem, weights)
+    minimum = _minimum(method, problem, weights, None if start is None else start.nuisances)
     while weights.renewal is not None:
         weights = weights.renewal(minimum.solution.theta, minimum.nuisances)
-        minimum = _minimum(method, problem, weights)
+        minimum = _minimum(method, problem, weights, minimum.nuisances)
     solved = method.solve(weights.rows(minimum.nuisances))
     searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
     columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in searched]
@@ -374,7 +374,9 @@ def known_misfits(
     return tuple(item.misfit(values) for item in ordered if item.prior is not None), np.concatenate(rows)
 
 
-def _minimum(method: LinearMethod, problem: SeparableProblem, weights: WeightedRows) -> Minimum:
+def _minimum(
+    method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, start: Values | None
+) -> Minimum:
     """Best nuisances with weights of one pass; roughly, where another pass follows."""
     unknown = tuple(nuisance for nuisance in problem.nuisances if nuisance.searched)
     rows = weights.rows(problem.first_values)
@@ -406,6 +408,8 @@ def _minimum(method: LinearMethod, problem: SeparableProblem, weights: WeightedR
         objectives,
         lambda values: solve(values).objective_unit(),
         coarse=weights.renewal is not None,
+        costly=problem.interpolation is None,
+        start=start,
     )
 
 

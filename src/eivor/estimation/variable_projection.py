@@ -120,8 +120,14 @@ def minimised(
     unit: Callable[[Values], float] = lambda _: 0.0,
     *,
     coarse: bool = False,
+    costly: bool = False,
+    start: Values | None = None,
 ) -> Minimum:
-    """Minimise the objective over all nuisances; where `coarse` to make weights only."""
+    """Minimise the objective over all nuisances; where `coarse` to make weights only.
+
+    Where a trial is `costly` a quadratic model saves trials. A `start` that is better than the whole grid
+    is where the search begins.
+    """
     unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
     names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
     fixed = {nuisance.name: nuisance.first for nuisance in nuisances}
@@ -143,14 +149,18 @@ def minimised(
             return Trial(point, solution.objective + scale * misfit(point), solution)
 
         objective = left + scale * misfits
-        starts = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
-        tried = (_refined(trial, points[start], unknown, grids, coarse) for start in starts)
+        lowest = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
+        starts = [points[number] for number in lowest]
+        if begun is not None and len(unknown) > 1 and trial(begun).objective <= objective.min():
+            starts = [begun]
+        tried = (_refined(trial, item, unknown, grids, coarse, costly) for item in starts)
         best = min(tried, key=lambda item: item.objective)
         if len(unknown) > 1 and not coarse:
             steps = np.array([COARSE * nuisance.tolerance for nuisance in unknown])
-            best = bounded_search(trial, best, unknown, steps, 1.0)
+            best = bounded_search(trial, best, unknown, steps, 1.0, costly)
         return best, objective
 
+    begun = None if start is None else tuple(start[name] for name in names)
     scale = 0.0
     if any(nuisance.prior for nuisance in unknown):
         # In units of the best fit to the data alone, and then of where that has led.
@@ -175,12 +185,13 @@ def _refined(
     unknown: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
     coarse: bool,
+    costly: bool,
 ) -> Trial:
     if not unknown:
         return trial(start)
     if len(unknown) > 1:
         steps = np.array([_step(grid, value) for grid, value in zip(grids, start, strict=True)])
-        return bounded_search(trial, trial(start), unknown, steps, COARSE)
+        return bounded_search(trial, trial(start), unknown, steps, COARSE, costly)
     (nuisance,), (grid,), (value,) = unknown, grids, start
     position = int(np.searchsorted(grid, value))
     bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
@@ -237,39 +248,52 @@ def bounded_search(
     unknown: tuple[Nuisance, ...],
     steps: Float[np.ndarray, " q"],
     tolerance: float,
+    costly: bool,
 ) -> Trial:
     """Least trial of several nuisances within their grids, from a good one; never worse than that."""
-    # simplices, since the objective has a kink where a delay is a whole sample
-    from scipy.optimize import minimize
+    # no derivatives, since the objective has a kink where a delay is a whole sample
+    from scipy.optimize import Bounds, OptimizeResult, minimize
 
     low, high = (np.array([nuisance.grid[end] for nuisance in unknown]) for end in (0, -1))
     names = [nuisance.name for nuisance in unknown]
-    to_sums = np.eye(len(unknown))
-    for number, nuisance in enumerate(unknown):
-        if nuisance.part_of in names:
-            to_sums[names.index(nuisance.part_of), number] = 1.0
-    to_values, units = np.linalg.inv(to_sums), tolerance * np.array([item.tolerance for item in unknown])
+    units = tolerance * np.array([item.tolerance for item in unknown])
+    most = MOST_EVALUATIONS * len(unknown)
     least = best
 
-    def left_at(position: Float[np.ndarray, " q"]) -> float:
+    def left_at(values: Float[np.ndarray, " q"]) -> float:
         nonlocal least
-        tried = trial(tuple(np.clip(to_values @ (position * units), low, high).tolist()))
+        tried = trial(tuple(np.clip(values, low, high).tolist()))
         least = min(least, tried, key=lambda item: item.objective)
         return tried.objective
 
-    first = to_sums @ np.array(best.point)
-    simplex = np.vstack([first, first + np.diag(steps)]) / units
-    result = minimize(
-        left_at,
-        simplex[0],
-        method="Nelder-Mead",
-        options={
-            "initial_simplex": simplex,
-            "xatol": 1.0,
-            "fatol": tolerance * LEAST_GAIN * abs(best.objective),
-            "maxfev": MOST_EVALUATIONS * len(unknown),
-        },
-    )
+    def by_simplices() -> OptimizeResult:
+        to_sums = np.eye(len(unknown))
+        for number, nuisance in enumerate(unknown):
+            if nuisance.part_of in names:
+                to_sums[names.index(nuisance.part_of), number] = 1.0
+        to_values, first = np.linalg.inv(to_sums), to_sums @ np.array(best.point)
+        simplex = np.vstack([first, first + np.diag(steps)]) / units
+        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * abs(best.objective), "maxfev": most}
+        options = {"initial_simplex": simplex, **limits}
+        return minimize(
+            lambda sums: left_at(to_values @ (sums * units)),
+            simplex[0],
+            method="Nelder-Mead",
+            options=options,
+        )
+
+    def by_quadratic_models() -> OptimizeResult:
+        sizes, scale = np.abs(steps), abs(best.objective) or 1.0
+        ends = float(min(0.1 * (units / sizes).min(), 1.0))
+        return minimize(
+            lambda position: left_at(position * sizes) / scale,
+            np.clip(best.point, low, high) / sizes,
+            method="COBYQA",
+            bounds=Bounds(low / sizes, high / sizes),
+            options={"initial_tr_radius": 1.0, "final_tr_radius": ends, "maxfev": most},
+        )
+
+    result = by_quadratic_models() if costly else by_simplices()
     if result.success:
         return least
     expected = f"a search of {', '.join(names)} that settles"

@@ -20,8 +20,8 @@ from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem, Values
-from eivor.models.spectral import SpectralRegression
-from eivor.tools import Complex, Float
+from eivor.models.spectral import BinRows, SpectralRegression
+from eivor.tools import Complex, Float, Int
 
 #: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L; None without a weight.
 Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"] | None]
@@ -296,13 +296,19 @@ class WhitenedRows(WeightedRows):
         E[:, :, own] = (X @ functions).transpose(0, 2, 1)
         return E
 
+    @cached_property
+    def _known(self) -> tuple[BinRows, Complex[np.ndarray, "f_plus_1 bins"], Int[np.ndarray, " f_plus_1"]]:
+        """Whitened bins of the columns that stay and of the response, and their places."""
+        bins, still = self.problem.bins(self.problem.first_values), self.problem.still
+        response = (1.0 - self.blend) * bins.responses[:, 0] + self.blend * bins.responses[:, -1]
+        fixed = np.column_stack([bins.regressors[:, :still], response]).T / np.sqrt(self.power)
+        return bins.layout, fixed, np.append(np.arange(still), bins.regressors.shape[1])
+
     def _runs(self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]) -> Iterator[Any]:
         """Of each run rows of Q, columns that stay and their places, places of those that move, and these."""
-        first, still, start = self.problem.bins(points[0]), self.problem.still, 0
-        response = (1.0 - self.blend) * first.responses[:, 0] + self.blend * first.responses[:, -1]
-        fixed = np.column_stack([first.regressors[:, :still], response]).T / np.sqrt(self.power)
-        at = np.append(np.arange(still), first.regressors.shape[1])
-        for run, (own, X) in zip(first.layout.runs, self.problem.moved_runs(points), strict=True):
+        layout, fixed, at = self._known
+        start = 0
+        for run, (own, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
             here = slice(start, start + run.count)
             known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
             rows = slice(2 * here.start, 2 * here.stop)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
@@ -13,7 +13,7 @@ from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, detrended, trend
-from eivor.tools import Bool, Complex, Float
+from eivor.tools import Bool, Complex, Float, Int
 
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")
@@ -222,11 +222,13 @@ class LaggedRuns(SeparableProblem):
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
         """See `SeparableProblem.moved_runs`."""
         between = self.interpolation
-        return (
-            super().moved_runs(points)
-            if between is None or points is not between.points
-            else iter(self._moved)
-        )
+        if between is not None and points is between.points:
+            yield from self._moved
+            return
+        every = [self._moving_bins(point) for point in points]
+        for number, (item, _) in enumerate(self._cut()):
+            X = np.stack([blocks[number].T for blocks in every])
+            yield self._places(item), np.concatenate([X.real, X.imag], axis=2)
 
     @cached_property
     def _moved(self) -> list[MovedRun]:
@@ -241,7 +243,7 @@ class LaggedRuns(SeparableProblem):
         inputs = [{**point, ACTUATOR_LAG.name: NO_LAG_S} for point in between.points[: between.delays - 1]]
         for item in self.columns:
             made = [item.moving(point) for point in (*inputs, *last)]
-            own = self.still + np.array(self._positions(item), dtype=np.int64)
+            own = self._places(item)
             for run in item.runs:
                 spectra = next(runs).spectrum(np.concatenate([part[run].T for part in made]).T).T
                 seen = np.concatenate([spectra.real, spectra.imag], axis=1).reshape(len(made), own.size, -1)
@@ -265,7 +267,12 @@ class LaggedRuns(SeparableProblem):
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
         parameters = (*fixed, *moving)
         result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
-        result._moving_bins.update((key, item @ combination) for key, item in self._moving_bins.items())
+        parts = [
+            combination[np.ix_(self._positions(before), result._positions(after))]
+            for (before, _), (after, _) in zip(self._cut(), result._cut(), strict=True)
+        ]
+        for key, blocks in self._memo.items():
+            result._memo[key] = [block @ part for block, part in zip(blocks, parts, strict=True)]
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
@@ -294,6 +301,10 @@ class LaggedRuns(SeparableProblem):
         """Places of the columns that move in an axis' equation, among all that move."""
         every = range(len(self.parameters) - axis_columns.fixed.shape[1])
         return every if axis_columns.moved is None else axis_columns.moved
+
+    def _places(self, axis_columns: AxisColumns) -> Int[np.ndarray, " m"]:
+        """Places of the same columns among all."""
+        return self.still + np.array(self._positions(axis_columns), dtype=np.int64)
 
     def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
@@ -383,24 +394,27 @@ class LaggedRuns(SeparableProblem):
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
     @cached_property
-    def _moving_bins(self) -> dict[tuple[float, ...], Complex[np.ndarray, "bins m"]]:
-        """Memo of the moving columns: every pass of a weighting visits the same grid again."""
+    def _memo(self) -> dict[tuple[float, ...], list[Complex[np.ndarray, "_ k"]]]:
+        """Bins of the moving columns: every pass of a weighting visits the same grid again."""
         return {}
+
+    def _moving_bins(self, nuisance_values: Values) -> list[Complex[np.ndarray, "_ k"]]:
+        """Bins of the moving columns of every run, of the parameters that move in its equation."""
+        key = tuple(nuisance_values[nuisance.name] for nuisance in self.nuisances)
+        result = self._memo.get(key)
+        if result is None:
+            result = self._spectra(self._moving(nuisance_values))
+            if (len(self._memo) + 1) * sum(block.size for block in result) <= MEMO_NUMBERS:
+                self._memo[key] = result
+        return result
 
     def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows in frequency, run after run."""
         responses, fixed, instruments = self._fixed_bins
-        key = self._key(nuisance_values)
-        result = self._moving_bins.get(key)
-        if result is None:
-            result = np.concatenate(self._among_all(self._spectra(self._moving(nuisance_values))))
-            if (len(self._moving_bins) + 1) * result.size <= MEMO_NUMBERS:
-                self._moving_bins[key] = result
-        regressors = np.concatenate([fixed, result], axis=1)
-        noisier = None if self.noisier is None else self.noisier.bins(nuisance_values)
-        return SpectralRegression(
-            responses, regressors, instruments, self.parameters, self._bin_layout, noisier
-        )
+        moving = np.concatenate(self._among_all(self._moving_bins(nuisance_values)))
+        more = None if self.noisier is None else partial(self.noisier.bins, nuisance_values)
+        regressors = np.concatenate([fixed, moving], axis=1)
+        return SpectralRegression(responses, regressors, instruments, self.parameters, self._bin_layout, more)
 
     def series_in_band(
         self, nuisance_values: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
@@ -417,6 +431,3 @@ class LaggedRuns(SeparableProblem):
                 series = run.series(columns[end - run.count : end])
                 results.append(series if run.counted is None else series[run.counted])
         return np.concatenate(results)
-
-    def _key(self, nuisances: Values) -> tuple[float, ...]:
-        return tuple(nuisances[nuisance.name] for nuisance in self.nuisances)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -211,7 +212,8 @@ class SpectralRegression:
     instruments: Complex[np.ndarray, "bins p"]
     parameters: tuple[Parameter, ...]
     layout: BinRows = field(repr=False)
-    noisier: SpectralRegression | None = field(default=None, repr=False)
+    #: Makes the same with more of every noise that is known.
+    noisier: Callable[[], SpectralRegression] | None = field(default=None, repr=False)
 
     def whitened(
         self,
@@ -224,7 +226,7 @@ class SpectralRegression:
         regression = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
         if self.noisier is None:
             return regression
-        more = self.noisier.whitened(blend, power, instruments)
+        more = self.noisier().whitened(blend, power, instruments)
         return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
 
     def whitened_rows(
