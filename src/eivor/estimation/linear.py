@@ -408,7 +408,7 @@ def _minimum(
         objectives,
         lambda values: solve(values).objective_unit(),
         coarse=weights.renewal is not None,
-        costly=problem.interpolation is None,
+        costly=problem.costly,
         start=start,
     )
 

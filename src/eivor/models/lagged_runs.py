@@ -100,6 +100,8 @@ def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
 INTERPOLATION_ERROR = 1e-9
 #: A lag that leaves the held input as it is [s].
 NO_LAG_S = 1e-9
+#: Samples of all axes and runs whose columns take a few milliseconds.
+COSTLY_SAMPLES = 50_000
 #: Most lags times delays of them: more take longer than a search.
 MOST_INTERPOLATED = 400
 
@@ -204,6 +206,12 @@ class LaggedRuns(SeparableProblem):
     def still(self) -> int:
         """Number of fixed columns."""
         return self.columns[0].fixed.shape[1]
+
+    @property
+    def costly(self) -> bool:
+        """See `SeparableProblem.costly`."""
+        samples = sum(run.stop - run.start for _, run in self._cut())
+        return self.interpolation is None and samples >= COSTLY_SAMPLES
 
     @cached_property
     def interpolation(self) -> LagsAndDelays | None:

@@ -322,6 +322,11 @@ class SeparableProblem(ABC):
         return 0
 
     @property
+    def costly(self) -> bool:
+        """Whether columns at other values take longer to make than an elaborate search to choose them."""
+        return False
+
+    @property
     def interpolation(self) -> Interpolation | None:
         """How columns at all values follow from those at some; by default they do not."""
         return None
