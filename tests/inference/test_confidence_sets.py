@@ -23,7 +23,7 @@ from eivor.inference.anderson_rubin import (
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import cosine_averages, cosine_covariance
 from eivor.inference.distributions import chi_square_quantile, conditional_ratio_quantile
-from eivor.inference.regions import ConfidenceRegion, Ellipse, joint_ellipse, scanned_shadow
+from eivor.inference.regions import ConfidenceRegion, Ellipse, scanned_shadow
 
 LEVEL = 0.95
 
@@ -386,17 +386,6 @@ def test_full_correlation_leaves_a_line() -> None:
     assert ellipse.contains(np.array([[1.0, -2.0], [1.0, 2.0]])).tolist() == [True, False]
 
 
-def test_a_pair_of_a_longer_vector_and_two_combinations_of_it() -> None:
-    random = np.random.default_rng(1)
-    root = random.normal(size=(3, 3))
-    C, values = root @ root.T, np.array([1.0, 2.0, 3.0])
-    pair = joint_ellipse(values, C, np.eye(3)[[0, 2]], degrees=8.0)
-    assert pair.centre == pytest.approx([1.0, 3.0])
-    assert pair.covariance == pytest.approx(C[np.ix_([0, 2], [0, 2])])
-    sums = joint_ellipse(values, C, np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]), degrees=8.0)
-    assert sums.centre == pytest.approx([3.0, 5.0])
-    assert sums.covariance[0, 0] == pytest.approx(C[0, 0] + 2 * C[0, 1] + C[1, 1])
+def test_an_ellipse_is_of_a_pair() -> None:
     with pytest.raises(ShapeError):
-        joint_ellipse(values, C, np.eye(2))
-    with pytest.raises(ShapeError):
-        Ellipse(values, C)
+        Ellipse(np.array([1.0, 2.0, 3.0]), np.eye(3))

@@ -27,7 +27,7 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.distributions import check_level, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
-from eivor.inference.regions import Ellipse, joint_ellipse
+from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.linalg.system import (
     COPIED_ROWS,
@@ -298,26 +298,14 @@ class Estimate:
         return self.solution.condition
 
     def direction(self, name: str) -> Float[np.ndarray, " n"]:
-        """Unit vector of a parameter.
-
-        Raises
-        ------
-        UsageError
-            When there is no parameter of that name.
-        """
+        """Unit vector of a parameter; a `UsageError`, here and below, when there is none of that name."""
         checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
         return np.eye(len(self.names))[self.names.index(name)]
 
     def with_covariance(self, estimator: CovarianceEstimator) -> Estimate:
-        """Same estimates, with intervals from another covariance.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate whose rows are not at hand.
-        """
+        """Same estimates, with intervals from another covariance; an `EstimationError` without the rows."""
         check_covariance_estimator(estimator)
         if not self.has_rows:
             expected = "an estimate with its rows available, for another covariance"
@@ -326,25 +314,17 @@ class Estimate:
         return replace(self, covariance_estimator=estimator)
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
-        """Joint confidence region of two parameters .
-
-        Of several covariances, the one whose region is largest.
-
-        Raises
-        ------
-        UsageError
-            When a name is unknown, the two are one, or the level is not between 0 and 1.
-        """
+        """Joint confidence region of two parameters; of several covariances, that whose region is largest."""
         check_level(level)
         checks.text("name", name)
         checks.text("other", other)
         if name == other:
             raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
         pair = np.stack([self.direction(name), self.direction(other)])
-        ellipses = [
-            joint_ellipse(self.values, part.matrix / part.share, pair, level=level, degrees=part.degrees)
-            for part in self.joint_covariance.parts
-        ]
+        ellipses = []
+        for part in self.joint_covariance.parts:
+            C = pair @ (part.matrix / part.share) @ pair.T
+            ellipses.append(Ellipse(pair @ self.values, 0.5 * (C + C.T), level, part.degrees))
         return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
@@ -352,26 +332,14 @@ class Estimate:
         return self.joint_covariance.std_error(self.direction(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a parameter.
-
-        Raises
-        ------
-        UsageError
-            When there is no parameter of that name, or the level is not between 0 and 1.
-        """
+        """Confidence interval of a parameter."""
         check_level(level)
         direction = self.direction(name)
         value, half = float(direction @ self.values), self.joint_covariance.half_width(direction, level)
         return value - half, value + half
 
     def p_value(self, name: str) -> float:
-        """Of the hypothesis that a parameter is zero, two-sided: its interval of level 1 - p ends at zero.
-
-        Raises
-        ------
-        UsageError
-            When there is no parameter of that name.
-        """
+        """Of the hypothesis that a parameter is zero, two-sided: its interval of level 1 - p ends at zero."""
         direction = self.direction(name)
         return self.joint_covariance.p_value(direction, float(direction @ self.values))
 
@@ -395,14 +363,7 @@ class Estimate:
         return {name: self.interval(name, level) for name in self.names}
 
     def to_frame(self) -> pl.DataFrame:
-        """Table of the parameters.
-
-        Returns
-        -------
-        polars.DataFrame
-            Columns `parameter`, `value`, `unit`; with the rows available also `std_error`, `low`, `high`
-            (95 %).
-        """
+        """Table of `parameter`, `value`, `unit`; and, with a covariance, `std_error`, `low`, `high`."""
         import polars as pl
 
         columns: dict[str, list[str] | list[float]] = {

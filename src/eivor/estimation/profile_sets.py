@@ -18,7 +18,7 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
 from eivor.estimation.weighting import WeightedRows, WhitenedRows
-from eivor.inference.anderson_rubin import Allowed, allowed, least_ratio
+from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import (
     check_level,
@@ -332,11 +332,10 @@ class Criterion:
         if not rows.size:
             return [ConfidenceSet.empty() for _ in self.members]
         pieces: list[list[tuple[float, float]]] = [[] for _ in self.members]
-        order = [0, 1 + position, *(1 + j for j in range(self.size) if j != position)]
         N, D = self._forms_at(rows, places)
-        left, zeros = (bound - self._misfit_at(rows, places)).ravel()[:, None, None], np.zeros(places.size)
+        left = (bound - self._misfit_at(rows, places)).ravel()[:, None, None]
         for number, (Q, free) in enumerate(self._others_free(N - left * D)):
-            fitting = allowed(Q[:, order][:, :, order], np.zeros(Q.shape), zeros)
+            fitting = allowed(Q, 1 + position)
             parts = (fitting.low, fitting.high, fitting.outside, free)
             scale = self._scales[0] / self._scales[1 + position]
             centre = self.members[number].centre[position]
@@ -351,14 +350,8 @@ class Criterion:
 
     def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "m c c"], Bool[np.ndarray, " m"]]]:
         """For each flight the form of its parameters, those of the other flights where the form is least."""
-        selected, kept = [1 + item for item in self.flight_specific], [0, *(1 + item for item in self.shared)]
-        rest = Q[:, :, kept][:, :, :, kept]
-        free = np.zeros(Q.shape[:2], dtype=np.bool_)
-        if selected:
-            inner, cross = Q[:, :, selected][:, :, :, selected], Q[:, :, selected][:, :, :, kept]
-            free = np.linalg.eigvalsh(inner)[:, :, 0] <= 0.0
-            inner = np.where(free[:, :, None, None], np.eye(len(selected)), inner)
-            rest = rest - np.swapaxes(cross, 2, 3) @ np.linalg.solve(inner, cross)
+        kept = [0, *(1 + item for item in self.shared)]
+        rest, free = concentrated(Q, kept)
         total, some = rest.sum(axis=0), free.sum(axis=0)
         results = []
         for number, block in enumerate(Q):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -128,17 +129,9 @@ class HomoskedasticShape(RegionShape):
 
     def shadow(self, axis: int) -> ConfidenceSet:
         """Values that some x of the other parameters passes the test with, in closed form."""
-        Q = self.explained - self.shadow_critical * self.unexplained
-        others = [i for i in range(1, Q.shape[0]) if i != axis]
-        kept = [0, axis]
-        S = Q[np.ix_(kept, kept)]
-        if others:
-            inner = Q[np.ix_(others, others)]
-            if np.linalg.eigvalsh(inner)[0] <= 0.0:
-                # The others can go to infinity at no cost, whatever this one is.
-                return ConfidenceSet.whole_line()
-            cross = Q[np.ix_(others, kept)]
-            S = S - cross.T @ np.linalg.solve(inner, cross)
+        S, free = concentrated(self.explained - self.shadow_critical * self.unexplained, [0, axis])
+        if free:
+            return ConfidenceSet.whole_line()
         return ConfidenceSet.from_quadratic(float(S[1, 1]), float(2.0 * S[0, 1]), float(S[0, 0]))
 
 
@@ -281,6 +274,20 @@ def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) ->
     return np.asarray(np.linalg.eigvalsh(np.linalg.solve(root, half.transpose(0, 2, 1)))[:, 0])
 
 
+def concentrated(
+    Q: Float[np.ndarray, "*k m m"], kept: Sequence[int]
+) -> tuple[Float[np.ndarray, "*k c c"], Bool[np.ndarray, "*k"]]:
+    """Quadratic forms of some variables, least over the others; and where these go to infinity at no cost."""
+    others = [i for i in range(Q.shape[-1]) if i not in kept]
+    S = Q[..., kept, :][..., kept]
+    if not others:
+        return S, np.zeros(Q.shape[:-2], dtype=np.bool_)
+    inner, cross = Q[..., others, :][..., others], Q[..., others, :][..., kept]
+    free = np.asarray(np.linalg.eigvalsh(inner)[..., 0] <= 0.0)
+    inner = np.where(free[..., None, None], np.eye(len(others)), inner)
+    return S - np.swapaxes(cross, -1, -2) @ np.linalg.solve(inner, cross), free
+
+
 @dataclass(frozen=True)
 class Allowed:
     """For each pair of forms the values that stay below its bound."""
@@ -315,19 +322,9 @@ class Allowed:
         return np.isfinite(self.low) & np.isfinite(self.high) & ~self.outside
 
 
-def allowed(
-    N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"], bound: Float[np.ndarray, " k"]
-) -> Allowed:
-    """Values of the first delta at which the least J over the others is at most a bound."""
-    Q = N - bound[:, None, None] * D
-    S = Q[:, :2, :2]
-    free = np.zeros(bound.size, dtype=np.bool_)
-    if Q.shape[1] > 2:
-        inner, cross = Q[:, 2:, 2:], Q[:, 2:, :2]
-        # The others can go to infinity at no cost, whatever this one is.
-        free = np.linalg.eigvalsh(inner)[:, 0] <= 0.0
-        inner = np.where(free[:, None, None], np.eye(inner.shape[1]), inner)
-        S = S - cross.transpose(0, 2, 1) @ np.linalg.solve(inner, cross)
+def allowed(Q: Float[np.ndarray, "k m m"], position: int) -> Allowed:
+    """Values of one variable, the first being one, at which a form is at most zero, least over the others."""
+    S, free = concentrated(Q, [0, position])
     a, half, c = S[:, 1, 1], S[:, 0, 1], S[:, 0, 0]
     square = half**2 - a * c
     free |= (a <= 0.0) & (square <= 0.0)

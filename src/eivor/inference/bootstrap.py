@@ -171,45 +171,21 @@ class IntervalKind(StrEnum):
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Replicates of an estimate.
+    """Replicates of an estimate, of which at least two are needed.
 
-    Parameters
-    ----------
-    names, units : tuple of str, length n
-        Of the quantities.
-    values : ndarray, shape (n,)
-        The estimate that the replicates are replicates of.
-    replicates : ndarray, shape (runs, n)
-        Of those runs that gave an estimate.
-    failed : int
-        Runs that did not.
-    pieces : int
-        Blocks, or flights, that a replicate is put together from.
-    block_length : float
-        Rows of a block; NaN when whole flights are drawn.
-    seed : int or None
-        What the generator was made of; None when a generator was given.
-    std_errors : ndarray, shape (n,), optional
-        Standard error of each value, computed as those of the replicates.
-    studentised : ndarray, shape (runs, n), optional
-        (v* - v) / s* of each replicate.
-
-    Raises
-    ------
-    UsageError
-        When fewer than two replicates gave an estimate.
+    Of a name that is no quantity's, methods raise a `UsageError`.
     """
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Of the quantities
     units: tuple[str, ...]
-    values: Float[np.ndarray, " n"]
-    replicates: Float[np.ndarray, "runs n"]
-    failed: int
-    pieces: int
-    block_length: float
-    seed: int | None
-    std_errors: Float[np.ndarray, " n"] | None = None
-    studentised: Float[np.ndarray, "runs n"] | None = None
+    values: Float[np.ndarray, " n"]  # The estimate that the replicates are replicates of
+    replicates: Float[np.ndarray, "runs n"]  # Of those runs that gave an estimate
+    failed: int  # Runs that did not
+    pieces: int  # Blocks, or flights, that a replicate is put together from
+    block_length: float  # Rows of a block; NaN when whole flights are drawn
+    seed: int | None  # What the generator was made of; None when a generator was given
+    std_errors: Float[np.ndarray, " n"] | None = None  # Of the values, computed as those of the replicates
+    studentised: Float[np.ndarray, "runs n"] | None = None  # (v* - v) / s* of each replicate
 
     def __post_init__(self) -> None:
         if self.replicates.shape[0] < 2:
@@ -225,47 +201,25 @@ class Bootstrap:
         return np.asarray(spread.T @ spread / (spread.shape[0] - 1) * few)
 
     def std_error(self, name: str) -> float:
-        """Root of the quantity's variance, see `covariance`.
-
-        Raises
-        ------
-        UsageError
-            When there is no quantity of that name.
-        """
+        """Root of the quantity's variance, see `covariance`."""
         position = self._position(name)
         return math.sqrt(float(self.covariance[position, position]))
 
     def bias(self, name: str) -> float:
-        """Mean of the replicates minus the value.
-
-        Raises
-        ------
-        UsageError
-            When there is no quantity of that name.
-        """
+        """Mean of the replicates minus the value."""
         position = self._position(name)
         return float(self.replicates[:, position].mean() - self.values[position])
 
     def interval(
         self, name: str, level: float = 0.95, kind: IntervalKind = IntervalKind.EXPANDED
     ) -> tuple[float, float]:
-        """Confidence interval of a quantity.
-
-        Parameters
-        ----------
-        name : str
-            The quantity.
-        level : float
-            Confidence level.
-        kind : IntervalKind
-            How it is read from the replicates.
+        """Confidence interval of a quantity, read from the replicates in one of some ways.
 
         Raises
         ------
         UsageError
-            When there is no quantity of that name, the level is not between 0 and 1 or needs more
-            replicates than there are, or a studentised interval is asked of replicates without standard
-            errors.
+            When the level is not between 0 and 1 or needs more replicates than there are, or a studentised
+            interval is asked of replicates without standard errors.
         """
         position = self._position(name)
         check_level(level)

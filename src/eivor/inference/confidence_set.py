@@ -20,13 +20,7 @@ ROOT_BITS = 80
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceSet:
-    """Union of disjoint closed intervals of the real line.
-
-    Parameters
-    ----------
-    intervals : tuple of (float, float)
-        Lower and upper end of each piece, in ascending order and apart from each other; -inf and inf are
-        allowed as outermost ends. No piece is the empty set.
+    """Union of disjoint closed intervals of the real line; no interval is the empty set.
 
     Raises
     ------
@@ -34,6 +28,7 @@ class ConfidenceSet:
         When an end is NaN, or the pieces are not in order.
     """
 
+    #: Lower and upper end of each piece, in ascending order and apart; outermost ends may be -inf and inf
     intervals: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -74,29 +69,20 @@ class ConfidenceSet:
 
     @classmethod
     def from_quadratic(cls, a: float, b: float, c: float) -> ConfidenceSet:
-        """Solutions of ``a x^2 + b x + c <= 0``.
+        """Solutions of ``a x^2 + b x + c <= 0``, of finite coefficients (else a `ParameterError`).
 
-        Parameters
-        ----------
-        a, b, c : float
-            Finite coefficients. They are taken as they are: a coefficient is zero when it is exactly zero.
-
-        Notes
-        -----
         Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
         two: nothing cancels, overflows or underflows on the way, and whether there are roots is decided
         by the sign of the exact discriminant. Roots beyond the range of numbers count as infinite.
-
-        Raises
-        ------
-        ParameterError
-            When a coefficient is not finite.
         """
         if not (isfinite(a) and isfinite(b) and isfinite(c)):
             remedy = "Check the data for overflow."
             raise ParameterError("finite coefficients of a quadratic", f"{a}, {b}, {c}", remedy)
         if a == 0.0:
-            return cls._from_line(b, c)
+            root = _nearest(-Fraction(c) / Fraction(b)) if b else inf
+            if not isfinite(root):
+                return cls.whole_line() if c <= 0.0 else cls.empty()
+            return cls(((-inf, root),)) if b > 0.0 else cls(((root, inf),))
         roots = _roots(a, b, c)
         if roots is None:
             return cls.empty() if a > 0.0 else cls.whole_line()
@@ -107,29 +93,13 @@ class ConfidenceSet:
         return cls.union((lower, upper) for lower, upper in outside if lower < upper)
 
     @classmethod
-    def _from_line(cls, b: float, c: float) -> ConfidenceSet:
-        """Solutions of b x + c <= 0."""
-        if b == 0.0:
-            return cls.whole_line() if c <= 0.0 else cls.empty()
-        root = _nearest(-Fraction(c) / Fraction(b))
-        if not isfinite(root):
-            return cls.whole_line() if c <= 0.0 else cls.empty()
-        return cls(((-inf, root),)) if b > 0.0 else cls(((root, inf),))
-
-    @classmethod
     def from_membership(
         cls, contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]], roots: Iterable[float]
     ) -> ConfidenceSet:
-        """Set whose membership can change at `roots` only.
+        """Set whose membership can change at `roots` only, which are in any order, finite or not.
 
-        Parameters
-        ----------
-        contains : callable
-            Which of several values belong to the set; asked once, for all roots, one value between each two
-            neighbouring ones, and one beyond each outermost one. Roots belong to the set where a neighbouring
-            stretch does, since the set is closed, or where `contains` says so.
-        roots : iterable of float
-            In any order; values that are not finite are left out.
+        What it contains is asked once, for all roots, a value between each two neighbours and one beyond each
+        outermost. Roots belong to it where a neighbouring stretch does, since it is closed, or by themselves.
         """
         ends = sorted({float(root) for root in roots if isfinite(root)})
         if not ends:
@@ -175,13 +145,7 @@ class ConfidenceSet:
         return any(low <= value <= high for low, high in self.intervals)
 
     def scaled(self, factor: float) -> ConfidenceSet:
-        """Set of the values times `factor`, as of a parameter in another unit.
-
-        Raises
-        ------
-        ParameterError
-            When the factor is zero or not finite.
-        """
+        """Set of the values times a finite `factor` other than zero, as of a parameter in another unit."""
         if factor == 0.0 or not isfinite(factor):
             remedy = "Give the ratio of the units."
             raise ParameterError("a finite factor other than zero", f"{factor}", remedy)

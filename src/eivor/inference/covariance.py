@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from operator import methodcaller
 from typing import final
 
 import numpy as np
@@ -28,6 +29,7 @@ from eivor.inference.kernel import (
     SquareRootRule,
     kernel_sum_covariance,
 )
+from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.tools import Float
 
 # -- Covariance --
@@ -69,11 +71,6 @@ class JointCovariance:
     """Covariances of one vector of estimates; intervals are the widest that one of them asks for."""
 
     parts: tuple[CovariancePart, ...]
-
-    def with_bias(self, bias: Float[np.ndarray, " n"]) -> JointCovariance:
-        """Mean square errors of estimates that have a bias as well."""
-        square = np.outer(bias, bias)
-        return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in self.parts))
 
     def part(self, name: str) -> CovariancePart:
         """Part of that name."""
@@ -142,58 +139,29 @@ class JointEstimate:
 
 #: Number of cosine averages of the autocorrelation-robust covariance.
 COSINE_AVERAGES = 8
-#: Largest angle from the middle of a group: x^6/720 and x^7/5040 are below the rounding of sums.
-LARGEST_ANGLE = 1e-2
-#: Signs and factorials of the series, cosine and sine in turns.
-SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
-#: Groups of fewer scores save nothing.
-SHORTEST_GROUP = 8
 
 
 def cosine_covariance(
     scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int = COSINE_AVERAGES
 ) -> Float[np.ndarray, "n n"]:
     """Covariance of the sum of autocorrelated scores. Performs no checks."""
-    sums = cosine_sums(scores, count, averages)
-    return np.asarray((2.0 / averages) * sums.T @ sums)
-
-
-def cosine_sums(
-    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int
-) -> Float[np.ndarray, "averages n"]:
-    """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
-    moments, middles, sums, start = [], [], [], 0
-    step = np.pi * np.arange(1, averages + 1)[:, None] / count
+    step, start, sums = np.pi * np.arange(1, averages + 1)[:, None] / count, 0, []
     for block in scores:
-        samples = block.shape[0]
-        longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
-        length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
-        groups = samples // length if length >= SHORTEST_GROUP else 0
-        grouped = groups * length
-        if groups:
-            moments.append(block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length))
-            middles.append(start + 0.5 * length + length * np.arange(groups))
-        if grouped < samples:
-            sums.append(np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:])
-        start += samples
-    if moments:
-        sums.append(_sums_of_groups(np.concatenate(moments, axis=1), step * np.concatenate(middles)))
-    if not sums:
-        raise ValueError("no block of scores")
-    return np.asarray(sum(sums))
+        for first, stop in row_blocks(0, block.shape[0], PASSED_ROWS):
+            # every stretch has the cosines and sines of the first, turned by the angle where it begins
+            cosine, sine = _waves(count, averages, stop - first)
+            angle, part = step * (start + first), block[first:stop]
+            sums.append(np.cos(angle) * (cosine @ part) - np.sin(angle) * (sine @ part))
+        start += block.shape[0]
+    total = np.sum(sums, axis=0)
+    return np.asarray((2.0 / averages) * total.T @ total)
 
 
-def _sums_of_groups(
-    moments: Float[np.ndarray, "n groups powers"], middles: Float[np.ndarray, "averages groups"]
-) -> Float[np.ndarray, "averages n"]:
-    """Sums of the scores times each cosine, from moments of groups around their middle angles."""
-    cosine, sine = np.cos(middles), np.sin(middles)
-    order = np.arange(1, middles.shape[0] + 1)[:, None]
-    terms = (
-        sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
-        for power, sign in enumerate(SIGNS)
-    )
-    return np.asarray(sum(terms))
+@lru_cache(maxsize=4)
+def _waves(count: int, averages: int, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of each average at the first samples of a record."""
+    angles = np.pi * np.arange(1, averages + 1)[:, None] / count * (0.5 + np.arange(length))
+    return np.cos(angles), np.sin(angles)
 
 
 def cosine_averages(
@@ -211,13 +179,6 @@ def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:
     return float(cosine_covariance([series[:, None]], series.size)[0, 0]) / series.size**2
 
 
-@lru_cache(maxsize=8)
-def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
-    """x^k / k! at the samples of a group, for angles x from its middle."""
-    offset = np.arange(length) - 0.5 * (length - 1)
-    return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS
-
-
 # -- Estimators --
 
 #: Pools of at least so many flights have their covariance clustered by flight as well.
@@ -229,28 +190,17 @@ class CovarianceEstimator(ABC):
 
     @abstractmethod
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """Covariances of the estimates, the leading one first; none when the rows cannot identify.
-
-        Raises
-        ------
-        CollinearError
-            When the sensitivity is singular.
-        """
+        """Covariances of the estimates, the leading one first; none when the rows cannot identify."""
 
     def joint(self, equation: EstimatingEquation) -> JointCovariance:
-        """Covariance of the joint vector.
-
-        Raises
-        ------
-        UsageError
-            When the rows cannot identify, as a single flight cannot be clustered.
-        """
+        """Covariance of the joint vector; a `UsageError` where too few flights are to be clustered."""
         parts = self.parts(equation)
         if not parts:
             remedy = "Choose another covariance."
             raise UsageError(f"rows that {type(self).__name__} can use", "too few flights", remedy)
-        joint_covariance = JointCovariance(parts)
-        return joint_covariance if equation.move is None else joint_covariance.with_bias(equation.move)
+        # estimates that were moved have a bias as well: mean square errors
+        square = 0.0 if equation.move is None else np.outer(equation.move, equation.move)
+        return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in parts))
 
 
 def _part(
@@ -306,17 +256,9 @@ class HeteroskedasticityRobust(CovarianceEstimator):
 class EqualWeightedCosines(CovarianceEstimator):
     """V from equal-weighted cosine averages of the scores (Lazarus, Lewis, Stock and Watson 2018).
 
-    Parameters
-    ----------
-    averages : int
-        B, number of averages and degrees of freedom. The default of 8 sees correlation up to about an
-        eighth of the record's length; more give shorter intervals that see less. A record has no more of
-        them than scores beyond its unknowns; without any of those, intervals have no bound.
-
-    Raises
-    ------
-    UsageError
-        When there is less than one average.
+    The number of averages B, one at least, is that of degrees of freedom. The default of 8 sees correlation
+    up to about an eighth of the record's length; more give shorter intervals that see less. A record has no
+    more of them than scores beyond its unknowns; without any of those, intervals have no bound.
     """
 
     averages: int = COSINE_AVERAGES
@@ -338,15 +280,9 @@ class EqualWeightedCosines(CovarianceEstimator):
 
 @dataclass(frozen=True, slots=True)
 class ClusteredByFlight(CovarianceEstimator):
-    """V from the sums of each flight: any dependence within a flight, none between flights.
+    """V from the sums of each flight: any dependence within a flight, none between flights."""
 
-    Parameters
-    ----------
-    least_flights : int
-        With fewer flights there is no part.
-    """
-
-    least_flights: int = CLUSTERED_FROM
+    least_flights: int = CLUSTERED_FROM  # With fewer flights there is no part
 
     def __post_init__(self) -> None:
         checks.whole("least_flights", self.least_flights)
@@ -372,13 +308,7 @@ class ClusteredByFlight(CovarianceEstimator):
 
 @dataclass(frozen=True, slots=True)
 class Widest(CovarianceEstimator):
-    """Several covariances; an interval is the widest that one of them asks for.
-
-    Parameters
-    ----------
-    estimators : tuple of CovarianceEstimator
-        The leading one first: correlations are its.
-    """
+    """Several covariances; an interval is the widest that one asks for. Correlations are the first's."""
 
     estimators: tuple[CovarianceEstimator, ...]
 
@@ -486,19 +416,12 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
 class KernelRobust(CovarianceEstimator):
     """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Weights of the lags.
-    bandwidth : Bandwidth
-        How many lags.
-    fixed_b : bool
-        Take critical values that allow for the bandwidth (Kiefer and Vogelsang 2005); normal ones, which
-        are too short unless the bandwidth is a small share of the record, when False.
+    Critical values allow for the bandwidth (Kiefer and Vogelsang 2005) where `fixed_b`; else they are normal
+    ones, which are too short unless the bandwidth is a small share of the record.
     """
 
-    kernel: Kernel = field(default_factory=Bartlett)
-    bandwidth: Bandwidth = field(default_factory=NeweyWestRule)
+    kernel: Kernel = field(default_factory=Bartlett)  # Weights of the lags
+    bandwidth: Bandwidth = field(default_factory=NeweyWestRule)  # How many lags
     fixed_b: bool = True
 
     def __post_init__(self) -> None:
@@ -510,16 +433,13 @@ class KernelRobust(CovarianceEstimator):
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; see `kernel_sum_covariance` for its cost."""
 
-        def blocks() -> Iterator[Float[np.ndarray, "_ n"]]:
-            return (rows.scores for rows in equation.blocks())
-
         def own() -> Iterator[Float[np.ndarray, "_ n"]]:
-            return (scores @ equation.root for scores in blocks())
+            return (rows.scores @ equation.root for rows in equation.blocks())
 
         count = equation.sample_count
         # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
         lags = min(self.bandwidth.lags(own, count, self.kernel), count - 1.0)
-        meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
+        meat = kernel_sum_covariance((rows.scores for rows in equation.blocks()), count, self.kernel, lags)
         reference = (math.inf, 1.0)
         if self.fixed_b and lags > 0.0:
             reference = fixed_b_reference(self.kernel, self.kernel.span(lags) / count)
@@ -538,9 +458,11 @@ def joint_draws(
     values: Float[np.ndarray, " n"], covariance: JointCovariance, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "count n"]:
     """Draw vectors around the estimates."""
-    laws = [_law(covariance, direction) for direction in np.eye(values.size)]
-    degrees = np.array([item for item, _ in laws])
-    scales = np.array([scale for _, scale in laws])
+    laws = []
+    for direction in np.eye(values.size):  # of each estimate the part whose interval is the widest
+        part = max(covariance.parts, key=methodcaller("half_width", direction, JOINT_DRAWS_LEVEL))
+        laws.append((part.degrees, math.sqrt(part.variance(direction) / part.share)))
+    degrees, scales = np.array(laws).T
     if not np.all(np.isfinite(scales)) or np.any(degrees <= FEWEST_DEGREES):
         raise EstimationError(
             f"estimates with finite variances, of more than {FEWEST_DEGREES:g} degrees of freedom",
@@ -561,12 +483,6 @@ def joint_draws(
         for column, degree in zip(shares.T, degrees, strict=True)
     ]
     return values + scales * np.stack(quantiles, axis=1)
-
-
-def _law(covariance: JointCovariance, direction: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Degrees of freedom and scale of the part whose interval is the widest."""
-    part = max(covariance.parts, key=lambda item: item.half_width(direction, JOINT_DRAWS_LEVEL))
-    return part.degrees, math.sqrt(part.variance(direction) / part.share)
 
 
 def _score_correlations(

@@ -74,40 +74,33 @@ def kernel_sum_covariance(
     blocks: Iterable[Float[np.ndarray, "_ n"]], count: int, kernel: Kernel, bandwidth: float
 ) -> Float[np.ndarray, "n n"]:
     """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'."""
+    span = kernel.span(bandwidth)
     if kernel.ends:
-        span = kernel.span(bandwidth)
         return _from_blocks(blocks, kernel, min(int(np.ceil(span)) - 1, count - 1), span)
-    return _from_spectrum(np.concatenate(list(blocks)), kernel, kernel.span(bandwidth))
+    return _from_spectrum(np.concatenate(list(blocks)), kernel, span)
 
 
 def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Float[np.ndarray, "p p"]:
     """Mean long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987)."""
-    count = scores.shape[0]
-    covariance: Float[np.ndarray, "p p"] = kernel_sum_covariance(
-        [scores], count, Bartlett(), float(bandwidth)
-    )
-    return covariance / count
+    return kernel_sum_covariance([scores], len(scores), Bartlett(), float(bandwidth)) / len(scores)
 
 
 def _from_blocks(
     blocks: Iterable[Float[np.ndarray, "_ n"]], kernel: Kernel, lags: int, span: float
 ) -> Float[np.ndarray, "n n"]:
     weights = kernel.weights(np.arange(lags + 1) / span)
-    total, before = None, None
+    total, before = np.zeros(()), None
     for block in blocks:
-        unknowns = block.shape[1]
-        if total is None or before is None:
-            total, before = np.zeros((unknowns, unknowns)), np.empty((0, unknowns))
-        joined = np.concatenate([before, block])
-        known = before.shape[0]
-        total += block.T @ block
+        before = block[:0] if before is None else before
+        joined, known = np.concatenate([before, block]), before.shape[0]
+        total = total + block.T @ block
         for lag in range(1, min(lags, joined.shape[0] - 1) + 1):
             # Pairs whose later score is in this block and whose earlier one has been seen.
             first = max(known, lag)
             cross = joined[first:].T @ joined[first - lag : joined.shape[0] - lag]
             total += weights[lag] * (cross + cross.T)
         before = joined[max(joined.shape[0] - lags, 0) :]
-    if total is None:
+    if before is None:
         raise UsageError("scores", "none", "Give a longer record.")
     return total
 
@@ -146,33 +139,12 @@ class Bandwidth(ABC):
 
     @abstractmethod
     def lags(self, blocks: Blocks, count: int, kernel: Kernel, /) -> float:
-        """Bandwidth in lags.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the scores in blocks, anew in each call.
-        count : int
-            Number of scores.
-        kernel : Kernel
-            What it is for.
-        """
+        """Bandwidth in lags, for so many scores, which are given in blocks, anew in each call."""
 
 
 @dataclass(frozen=True, slots=True)
 class FixedBandwidth(Bandwidth):
-    """Chosen by the user.
-
-    Parameters
-    ----------
-    bandwidth : float
-        In lags.
-
-    Raises
-    ------
-    UsageError
-        When it is negative.
-    """
+    """Chosen by the user, in lags: zero or more."""
 
     bandwidth: float | int
 
@@ -206,10 +178,7 @@ class SquareRootRule(Bandwidth):
 
 @dataclass(frozen=True, slots=True)
 class AndrewsRule(Bandwidth):
-    """Andrews' (1991) plug-in rule: as if each score were a first-order autoregression.
-
-    Columns weigh alike: their own variance, which would depend on their unit, is divided out.
-    """
+    """Andrews' (1991) plug-in rule: as if each score, of variance one, were a first-order autoregression."""
 
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
         """Whole lags; one more pass over the scores."""

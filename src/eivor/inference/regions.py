@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import groupby
 from math import inf
 
 import numpy as np
@@ -67,10 +68,6 @@ class RegionFrame:
     pivot: Float[np.ndarray, " n"]  # A point near the region's middle, in the parameters' units
     scale: Float[np.ndarray, " n"]
 
-    def homogeneous(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_plus_1"]:
-        """(1; (theta - pivot) / scale)."""
-        return np.concatenate([[1.0], (theta - self.pivot) / self.scale])
-
     def in_units(self, confidence_set: ConfidenceSet, axis: int) -> ConfidenceSet:
         """Set of a scaled coordinate (axis from 0) in the parameter's unit."""
         pivot, scale = float(self.pivot[axis]), float(self.scale[axis])
@@ -81,54 +78,27 @@ class RegionFrame:
 
 @dataclass(frozen=True)
 class ConfidenceRegion:
-    """A joint confidence region.
+    """A joint confidence region."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters, in order.
-    frame : RegionFrame
-        Origin and units of `shape`.
-    shape : RegionShape
-        What belongs to the region.
-    """
-
-    names: tuple[str, ...]
-    frame: RegionFrame
-    shape: RegionShape
+    names: tuple[str, ...]  # Parameters, in order
+    frame: RegionFrame  # Origin and units of `shape`
+    shape: RegionShape  # What belongs to the region
 
     def excess(self, theta: ArrayLike) -> float:
-        """Statistic over its critical value: at most one for a member.
-
-        Raises
-        ------
-        ShapeError
-            When there is not one value for each parameter.
-        """
+        """Statistic over its critical value: at most one for a member; refuses other shapes than (n,)."""
         values = checks.real_array("theta", theta)
         if values.shape != (len(self.names),):
             expected = f"one value for each of {', '.join(self.names)}"
             raise ShapeError(expected, f"shape {values.shape}", "Give them in this order.")
-        return float(self.shape.excess(self.frame.homogeneous(values)[None, :])[0])
+        point = np.append(1.0, (values - self.frame.pivot) / self.frame.scale)
+        return float(self.shape.excess(point[None, :])[0])
 
     def contains(self, theta: ArrayLike) -> bool:
-        """Whether a parameter vector belongs to the region; this is exact.
-
-        Raises
-        ------
-        ShapeError
-            When there is not one value for each parameter.
-        """
+        """Whether a parameter vector belongs to the region; this is exact. See `excess`."""
         return self.excess(theta) <= 1.0
 
     def interval(self, name: str) -> ConfidenceSet:
-        """Values of a parameter that some member of the region has: the region's shadow.
-
-        Raises
-        ------
-        UsageError
-            When the region has no parameter of that name.
-        """
+        """Values of a parameter that some member of the region has: the region's shadow."""
         checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
@@ -171,12 +141,10 @@ class ConfidenceRegion:
             if not (across.is_bounded and self.interval(self.names[1]).is_bounded):
                 raise UsageError("a window, since the region has no bounds", "none", remedy)
             window = (-inf, inf), (-inf, inf)
-        polygons: list[np.ndarray] = []
-        for low, high in _cut(across, window[0]).intervals:
-            polygons.extend(self._polygons(low, high, window[1]))
-        return tuple(polygons)
+        stretches = _cut(across, window[0]).intervals
+        return tuple(polygon for ends in stretches for polygon in self._sliced(*ends, window[1]))
 
-    def _polygons(self, low: float, high: float, window: tuple[float, float]) -> list[np.ndarray]:
+    def _sliced(self, low: float, high: float, window: tuple[float, float]) -> list[np.ndarray]:
         """Polygons between two values of the first parameter, slice by slice."""
         # even in the angle seen from the pivot, denser towards both ends
         first, last = np.arctan((np.array([low, high]) - self.frame.pivot[0]) / self.frame.scale[0])
@@ -184,20 +152,13 @@ class ConfidenceRegion:
         values = self.frame.pivot[0] + self.frame.scale[0] * np.tan(turns)
         # The very ends touch the region in a point, which rounding may miss.
         values[0], values[-1] = np.nextafter(low, high), np.nextafter(high, low)
-        slices = [_cut(self._slice(float(value)), window) for value in values]
-        polygons: list[np.ndarray] = []
-        open_chain: list[tuple[float, ConfidenceSet]] = []
-        for value, here in zip(values, slices, strict=True):
-            if open_chain and len(here.intervals) != len(open_chain[-1][1].intervals):
-                polygons.extend(_chains(open_chain))
-                open_chain = []
-            open_chain.append((float(value), here))
-        return polygons + _chains(open_chain)
-
-    def _slice(self, value: float) -> ConfidenceSet:
-        """Second parameter's members where the first has a value."""
-        base = np.array([1.0, (value - self.frame.pivot[0]) / self.frame.scale[0], 0.0])
-        return self.frame.in_units(self.shape.along(base, np.array([0.0, 0.0, 1.0])), 1)
+        slices = []
+        for value in values.tolist():  # the second parameter's members where the first has a value
+            base = np.array([1.0, (value - self.frame.pivot[0]) / self.frame.scale[0], 0.0])
+            here = self.frame.in_units(self.shape.along(base, np.array([0.0, 0.0, 1.0])), 1)
+            slices.append((value, _cut(here, window)))
+        chains = groupby(slices, key=lambda item: len(item[1].intervals))
+        return [polygon for _, chain in chains for polygon in _polygons(list(chain))]
 
 
 def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
@@ -306,7 +267,7 @@ def _cut(confidence_set: ConfidenceSet, window: tuple[float, float]) -> Confiden
     return ConfidenceSet.union((low, high) for low, high in cut if low <= high)
 
 
-def _chains(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
+def _polygons(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
     """Polygon of each piece of successive slices that have equally many."""
     polygons = []
     for piece in range(len(slices[0][1].intervals) if len(slices) > 1 else 0):
@@ -322,18 +283,7 @@ FULL_CORRELATION = 1.0 - 1e-15
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Confidence ellipse of a pair.
-
-    Parameters
-    ----------
-    centre : ndarray, shape (2,)
-        The pair's estimates, each in its own unit.
-    covariance : ndarray, shape (2, 2)
-        Their covariance.
-    level : float
-        Confidence level.
-    degrees : float
-        Degrees of freedom of the covariance; infinite for a known one.
+    """Confidence ellipse of a pair of estimates, each in its own unit.
 
     Raises
     ------
@@ -344,10 +294,10 @@ class Ellipse:
         of freedom.
     """
 
-    centre: Float[np.ndarray, " pair"]
+    centre: Float[np.ndarray, " pair"]  # The estimates
     covariance: Float[np.ndarray, "pair pair"]
-    level: float = 0.95
-    degrees: float = math.inf
+    level: float = 0.95  # Confidence level
+    degrees: float = math.inf  # Degrees of freedom of the covariance; infinite for a known one
 
     def __post_init__(self) -> None:
         if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
@@ -422,24 +372,6 @@ class Ellipse:
     def contains(self, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
         """Which points lie inside or on the ellipse."""
         return self.distance(points) <= self.squared_radius * (1.0 + 1e-12)
-
-
-def joint_ellipse(
-    values: Float[np.ndarray, " n"],
-    covariance: Float[np.ndarray, "n n"],
-    directions: Float[np.ndarray, "pair columns"],
-    *,
-    level: float = 0.95,
-    degrees: float = math.inf,
-) -> Ellipse:
-    """Confidence ellipse of two linear combinations of a vector of estimates."""
-    size = values.size
-    if covariance.shape != (size, size) or directions.shape != (2, size):
-        expected = f"a {size} x {size} covariance and two directions of length {size}"
-        remedy = "Give one coefficient for each estimate."
-        raise ShapeError(expected, f"shapes {covariance.shape} and {directions.shape}", remedy)
-    C = directions @ covariance @ directions.T
-    return Ellipse(directions @ values, 0.5 * (C + C.T), level, float(degrees))
 
 
 def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) -> float:
