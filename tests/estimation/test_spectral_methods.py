@@ -309,7 +309,7 @@ def motion_of(intersample, blend, samples=801):
 def test_the_noise_model_is_the_covariance_of_what_noises_leave():
     """Residuals of simulated noises have the spectrum of the model, within chance."""
     motion, count = motion_of(Intersample.HOLD, 0.0, 4001), 4001
-    noise = NoiseModel(0.3, 0.2, 0.4, 0.5, 0.0, 0.0)
+    noise = NoiseModel(0.3, np.array([0.2, 0.4, 0.5]), np.zeros(3))
     C = noise.spectrum(motion)
     rng = np.random.default_rng(7)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import EllipsisType
 
 import numpy as np
 
@@ -27,7 +29,7 @@ from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.signals.noise import WhiteNoise
-from eivor.tools import Complex, Float
+from eivor.tools import Complex, Float, Int
 
 #: Frequency that strengths of noises are identified at [Hz]; orders say what they are beside it.
 STRENGTH_AT_HZ = 1.0
@@ -43,16 +45,17 @@ class PairedBins:
     theta: Float[np.ndarray, " n"]
     state: SampledState
     least: float = 0.0
+    order: Int[np.ndarray, " bins"] | EllipsisType = ...  # Of the bins; default: that of the runs
 
     @cached_property
     def frequency_hz(self) -> Float[np.ndarray, " bins"]:
         """Frequency of each bin [Hz]."""
-        return np.concatenate([run.frequency_hz for run in self.layout.runs])
+        return np.concatenate([run.frequency_hz for run in self.layout.runs])[self.order]
 
     @cached_property
     def step_s(self) -> Float[np.ndarray, " bins"]:
         """Time between samples of each bin's run [s]."""
-        return np.concatenate([np.full(run.count, run.step_s) for run in self.layout.runs])
+        return np.concatenate([np.full(run.count, run.step_s) for run in self.layout.runs])[self.order]
 
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
@@ -94,26 +97,11 @@ class PairedBins:
 
     def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoiseModel, NoisePrior]:
         order = np.argsort(self.frequency_hz, kind="stable")
-        pairs, residual = _Sorted(self, order), self.residual(bins)[:, order]
+        pairs, residual = replace(self, order=order), self.residual(bins)[:, order]
         densities = self.state.state_density, self.state.response_density
         velocity, acceleration = (None if np.isnan(density) else WhiteNoise(density) for density in densities)
         prior = prior_of(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
         return pairs, residual, fitted_noise(pairs, residual, prior.centre, prior), prior
-
-
-@dataclass(frozen=True)
-class _Sorted:
-    """Paired bins in the order of their frequencies, whatever their run."""
-
-    pairs: PairedBins
-    order: np.ndarray
-
-    @property
-    def log_scale(self) -> Float[np.ndarray, " bins"]:
-        return self.pairs.log_scale[self.order]
-
-    def shapes(self) -> Shapes:
-        return tuple(shape.mapped(lambda values: values[self.order]) for shape in self.pairs.shapes())
 
 
 def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
@@ -188,33 +176,29 @@ def corrected_spectrum(
     first, last = np.maximum(index - half, 0), np.minimum(index + half + 1, index.size)
     count = (last - first).astype(np.float64)
 
-    def averaged(values: np.ndarray) -> np.ndarray:
-        sums = np.concatenate([np.zeros(1, values.dtype), np.cumsum(values)])
-        return (sums[last] - sums[first]) / count
+    def averaged(values: Float[np.ndarray, "bins k"]) -> Float[np.ndarray, "bins k"]:
+        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+        return (sums[last] - sums[first]) / count[:, None]
 
-    products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2], axis=1)
-    item, two = shrunk(np.stack([averaged(each) for each in products.T], axis=1), count).T
-    across = averaged(white[0] * white[1].conj()) * (count / (count + IDENTITY))
-    return recoloured(model, item, two, across)
-
-
-def shrunk(
-    powers: Float[np.ndarray, "bins k"], count: Float[np.ndarray, " bins"]
-) -> Float[np.ndarray, "bins k"]:
-    """Averaged powers of what should be one, drawn to that by as much as it counts beside them."""
-    share = (count / (count + IDENTITY))[:, None]
-    return share * powers + 1.0 - share
+    return recoloured(model, white, averaged, count)
 
 
 def recoloured(
     model: PairSpectrum,
-    first: Float[np.ndarray, " bins"],
-    two: Float[np.ndarray, " bins"],
-    across: Complex[np.ndarray, " bins"],
+    white: Pair,
+    averaged: Callable[[Float[np.ndarray, "bins k"]], Float[np.ndarray, "bins k"]],
+    count: Float[np.ndarray, " bins"],
 ) -> PairSpectrum:
-    """L P L^H of a model L L^H and powers P of what it whitened."""
-    top, below, bottom = model.root
-    # L = [top 0; below bottom]
+    """L P L^H of a model L L^H, P averages over so many bins of the periodogram of what it whitened.
+
+    P should be the identity, which counts beside them.
+    """
+    across = white[0] * white[1].conj()
+    seen = averaged(np.stack([*np.abs(white) ** 2, across.real, across.imag], axis=1))
+    share = count / (count + IDENTITY)
+    first, two, real, imaginary = share * seen.T + np.outer([1.0, 1.0, 0.0, 0.0], 1.0 - share)
+    across = real + 1j * imaginary
+    top, below, bottom = model.root  # L = [top 0; below bottom]
     return PairSpectrum(
         top**2 * first,
         np.abs(below) ** 2 * first + bottom**2 * two + 2.0 * (below * across * bottom).real,
@@ -276,17 +260,8 @@ def _by_residuals(
     if corrected:
         residual = pairs.residual(bins)
         # the model corrected by the residuals' own periodogram: a wrong model costs efficiency alone
-        white = C.whitened(residual)
-        across = white[0] * white[1].conj()
-        products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
-        result, first = np.empty_like(products), 0
-        for run in pairs.layout.runs:
-            here, count = slice(first, first + run.count), run.smoothed_over
-            means = run.smoothed(products[here])
-            result[here, :2] = shrunk(means[:, :2], count)
-            result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
-            first += run.count
-        C = recoloured(C, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
+        count = np.concatenate([run.smoothed_over for run in pairs.layout.runs])
+        C = recoloured(C, C.whitened(residual), pairs.layout.smoothed, count)
         factor = held_back(residual, C)
     return _weighted(problem, bins, corrected, C, factor * pairs.density_scale, renewals)
 

@@ -114,15 +114,11 @@ class PairedEquations(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Strengths and orders."""
+    """Strengths and orders of the input's noise and of those of the velocity, acceleration, disturbance."""
 
     input_variance: float
-    velocity_variance: float
-    acceleration_variance: float
-    disturbance_variance: float
-    velocity_order: float = USUAL_ORDER
-    acceleration_order: float = USUAL_ORDER
-    disturbance_order: float = 0.0
+    variances: Float[np.ndarray, " 3"]
+    orders: Float[np.ndarray, " 3"]
 
     def spectrum(self, pairs: PairedEquations) -> PairSpectrum:
         """C at parameters of the motion."""
@@ -131,16 +127,6 @@ class NoiseModel:
         for shape, variance, order in zip(others, self.variances, self.orders, strict=True):
             total = total + shape * (variance * np.exp(2.0 * order * pairs.log_scale))
         return total
-
-    @property
-    def variances(self) -> Float[np.ndarray, " 3"]:
-        """Those of the velocity, of the acceleration and of the disturbance."""
-        return np.array([self.velocity_variance, self.acceleration_variance, self.disturbance_variance])
-
-    @property
-    def orders(self) -> Float[np.ndarray, " 3"]:
-        """Of the same."""
-        return np.array([self.velocity_order, self.acceleration_order, self.disturbance_order])
 
 
 # -- Noise fit --
@@ -191,21 +177,17 @@ def prior_of(
     scale = np.exp(2.0 * USUAL_ORDER * pairs.log_scale[upper])
     of_velocity = pairs.shapes()[1].second[upper]
     first, second = (np.abs(residual[:, upper]) ** 2).mean(axis=1).tolist()
-    variances = [
-        VELOCITY_SHARE * second / float((of_velocity * scale).mean()),
-        REST_SHARE * first / float(scale.mean()),
-    ]
-    orders, fitted = [USUAL_ORDER] * 2, np.ones(6, dtype=bool)
+    velocity = VELOCITY_SHARE * second / float((of_velocity * scale).mean())
+    variances = np.array([velocity, REST_SHARE * first / float(scale.mean()), REST_SHARE * first])
+    disturbed = USUAL_ORDER if disturbance_order is None else disturbance_order
+    orders, fitted = np.array([USUAL_ORDER, USUAL_ORDER, disturbed]), np.ones(6, dtype=bool)
     for index, noise in enumerate(declared):
         if isinstance(noise, WhiteNoise | FractionalNoise):
             variances[index] = max(noise.std**2, LEAST_DECLARED * variances[index])
             orders[index] = noise.order if isinstance(noise, FractionalNoise) else 0.0
             fitted[[index, 3 + index]] = False
     fitted[5] = disturbance_order is None
-    disturbed = USUAL_ORDER if disturbance_order is None else disturbance_order
-    (velocity, acceleration), (alpha, beta) = variances, orders
-    centre = NoiseModel(input_variance, velocity, acceleration, REST_SHARE * first, alpha, beta, disturbed)
-    return NoisePrior(centre, fitted)
+    return NoisePrior(NoiseModel(input_variance, variances, orders), fitted)
 
 
 def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prior: NoisePrior) -> NoiseModel:
@@ -323,7 +305,7 @@ class _Fit:
 
     def model(self, vector: Float[np.ndarray, " 6"]) -> NoiseModel:
         """Noise model of such a vector."""
-        return NoiseModel(self.known.input_variance, *np.exp(vector[:3]).tolist(), *_orders(vector).tolist())
+        return NoiseModel(self.known.input_variance, np.exp(vector[:3]), _orders(vector))
 
     def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
         """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
@@ -516,6 +498,10 @@ class SampledMotion:
         for nuisance, shape in zip(nuisances.tolist(), shapes, strict=True):
             pair += nuisance * shape
         return pair
+
+    def behind(self, transient: float) -> Pair:
+        """Residuals with a transient alone taken off."""
+        return self.whole(np.array([transient]), self.nuisance_shapes(ramps=False))
 
     def nuisance_shapes(self, ramps: bool) -> Complex[np.ndarray, "q 2 bins"]:
         """psi: [0; -D], and with ramps [-F; 0] and [0; -F]."""

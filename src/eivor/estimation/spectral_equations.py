@@ -61,7 +61,7 @@ def pilot_at(
 ) -> Pilot:
     """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
     transient = first_transient(motion)
-    residual = motion.whole(np.array([transient]), motion.nuisance_shapes(ramps=False))
+    residual = motion.behind(transient)
     prior = prior_of(motion, residual, input_variance, declared)
     return Pilot(motion, transient, fitted_noise(motion, residual, prior.centre, prior), prior)
 
@@ -299,11 +299,8 @@ def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMot
 
 def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
     """Linear equations that the solution meets, and their solution."""
-    rows = whitened_rows(solution, parameters)
-    assembler, solver = Compensated(), LeastSquares()
-    moments = assembler.moments(rows, whole=True)
-    system = assembler.system(moments)
-    return Estimate(assembler, solver, moments, rows, system, None, solver.solve(system))
+    method, rows = LinearMethod("", Compensated(), LeastSquares()), whitened_rows(solution, parameters)
+    return method.solve_moments(method.moments(rows), rows)
 
 
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
@@ -320,24 +317,13 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     X = -series_of(C.whitened(direction * motion.record.input), count).reshape(direction.shape[0], -1).T
     Psi = -series_of(C.whitened(freed), count).reshape(direction.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
-    shared = _shared_noise(solution, theta) / (2 * count)
+    # what the input's noise adds to products of instruments with [X y], a mean over rows
+    response = motion.input_noise + np.tensordot(theta, direction, 1)
+    noisy = C.solved(np.concatenate([direction, response[None]])) * (solution.weights * solution.factors)
+    shared = solution.input_variance / count * np.einsum("jkb,lkb->jl", direction.conj(), noisy).real
     samples = np.tile(np.arange(count), 2)
     layout = AxisRows(np.zeros(2 * count, dtype=np.int64), np.repeat([0, 1], count), samples)
     return Regression(residual + X @ theta, X, Psi, parameters, layout, instrument_noise=shared)
-
-
-def _shared_noise(
-    solution: SpectralSolution, theta: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n n_plus_1"]:
-    """Sum over the rows of what the input's noise adds to products of instruments with [X y]."""
-    count = solution.parameters
-    if not solution.input_variance:
-        return np.zeros((count, count + 1))
-    direction = solution.motion.directions[:count]
-    response = solution.motion.input_noise + np.tensordot(theta, direction, 1)
-    whole = np.concatenate([direction, response[None]])
-    weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
-    return 2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
 
 
 def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:

@@ -18,8 +18,6 @@ from eivor.estimation.moments import Direct, FittedNoise, Instrumental
 from eivor.estimation.pair_whitening import PairWhitening, paired_bins, power_around, signal_weights
 from eivor.estimation.sampled_motion import (
     MEASURE,
-    NoiseModel,
-    Pair,
     PairSpectrum,
     SampledMotion,
     SampledProblem,
@@ -156,21 +154,6 @@ LIKELIHOOD_PASSES, LIKELIHOOD_TOLERANCE = 8, 1e-5
 EVALUATIONS = 60
 
 
-@dataclass(frozen=True)
-class Likelihood:
-    """Where a search ended."""
-
-    motion: SampledMotion
-    transient: float
-    noise: NoiseModel  # Spectra that were fitted or declared
-    converged: bool  # False when passes or evaluations ran out
-    noises: tuple[FittedNoise, ...]  # The same noises with their errors
-
-
-def _residual(motion: SampledMotion, transient: float) -> Pair:
-    return motion.whole(np.array([transient]), motion.nuisance_shapes(False))
-
-
 def least_quadratic(
     motion: SampledMotion, transient: float, spectrum: Callable[[SampledMotion], PairSpectrum]
 ) -> tuple[SampledMotion, float, bool]:
@@ -185,7 +168,7 @@ def least_quadratic(
 
     def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
         moved, t = at(x)
-        pair = spectrum(moved).whitened(_residual(moved, t)).ravel()
+        pair = spectrum(moved).whitened(moved.behind(t)).ravel()
         return np.concatenate([pair.real, pair.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
@@ -216,30 +199,23 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
     count = result.theta.size
-    distance, farthest = _squared_distance(result, plain), hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
-    if distance > farthest:
+    between = result.theta - plain.theta
+    spread = result.covariance[:count, :count] + plain.covariance[:count, :count]
+    distance = float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
+    if distance > hotelling_quantile(ALLOWED, count, COSINE_AVERAGES):
         return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
     return with_noises(problem, result)
 
 
 def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
     """Estimate with the noises that fit what it leaves."""
-    best = estimate
-    pairs = paired_bins(problem, best.theta, best.nuisances)
-    return replace(estimate, noises=pairs.fitted_noises(problem.bins(best.nuisances)))
+    pairs = paired_bins(problem, estimate.theta, estimate.nuisances)
+    return replace(estimate, noises=pairs.fitted_noises(problem.bins(estimate.nuisances)))
 
 
 def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     reason = fallback(why, "Compare with reference_iv; fly longer, or with more excitation.")
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
-
-
-def _squared_distance(estimate: Estimate, other: Estimate) -> float:
-    """Squared distance of the linear parameters of two estimates."""
-    count = estimate.theta.size
-    between = estimate.theta - other.theta
-    spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]
-    return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
 
 #: Least share of the input's variance that a search begins at.
@@ -424,26 +400,26 @@ class WhittleLikelihood(Method):
             expected = f"an open loop for {self.name}"
             remedy = "Under control use spectral_giv."
             raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
-        likelihood = self._likelihood(sampled, plain)
-        if isinstance(likelihood, Reason):
-            return fallen_back(self.name, plain, likelihood)
-        # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
-        motion, bins, variance = likelihood.motion, sampled.record.input, sampled.input_variance
-        weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
-        nuisances, C = np.array([likelihood.transient]), likelihood.noise.spectrum(motion)
-        change = 0.0 if likelihood.converged else np.inf
-        solution = SpectralSolution(motion, nuisances, C, bins, variance, weights, factors, False, change)
+        solution = self._likelihood(sampled, plain)
+        if isinstance(solution, Reason):
+            return fallen_back(self.name, plain, solution)
         solved = solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
             solution=replace(solved.solution, theta=solution.values),
             streamed_covariance=joint_covariance(solution.covariance),
         )
-        answer = with_reasons(self.name, candidate, likelihood.noises, converged=likelihood.converged)
-        reasons = (*_contradiction(plain, solution), *_not_held(sampled, likelihood, solution))
-        return replace(answer, reasons=(*answer.reasons, *reasons))
+        answer = with_reasons(self.name, candidate, solution.noises, converged=solution.converged)
+        reasons, distance = list(answer.reasons), distance_of(plain, solution)
+        if distance > FARTHEST:
+            sentence = (
+                f"It contradicts generalized IV beyond chance (squared distance {distance:.3g}): a noise, or "
+                "the input between samples, is not what the likelihood takes it for."
+            )
+            reasons.append(Reason(Status.WEAK, sentence, USE))
+        return replace(answer, reasons=(*reasons, *_not_held(solution)))
 
-    def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
+    def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Reason:
         start = start_of(sampled, plain)
         if isinstance(start, Reason):
             return start
@@ -460,38 +436,27 @@ class WhittleLikelihood(Method):
                     refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
                     if refined:
                         break
-                    noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
-                noises = fitted_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
-                likelihood = Likelihood(motion, transient, noise, refined, noises)
+                    noise = fitted_noise(motion, motion.behind(transient), noise, pilot.prior)
+                noises = fitted_noises(motion, motion.behind(transient), noise, pilot.prior, MEASURE)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return fallback("its search failed near generalized IV's numbers")
-        friction, gain = likelihood.motion.friction, likelihood.motion.gain
-        if not (np.isfinite(gain) and friction > 0.0 and gain * start.gain > 0.0):
-            return fallback(f"its friction came out at {friction:.3g} 1/s")
-        return likelihood
+        if not (np.isfinite(motion.gain) and motion.friction > 0.0 and motion.gain * start.gain > 0.0):
+            return fallback(f"its friction came out at {motion.friction:.3g} 1/s")
+        # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
+        bins, variance = sampled.record.input, sampled.input_variance
+        weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
+        found = motion, np.array([transient]), noise.spectrum(motion), bins, variance, weights, factors
+        return SpectralSolution(*found, False, 0.0 if refined else np.inf, noises)
 
 
-def _contradiction(plain: Estimate, solution: SpectralSolution) -> tuple[Reason, ...]:
-    distance = distance_of(plain, solution)
-    if not distance > FARTHEST:
-        return ()
-    sentence = (
-        f"It contradicts generalized IV beyond chance (squared distance {distance:.3g}): a noise, or the "
-        "input between samples, is not what the likelihood takes it for."
-    )
-    return (Reason(Status.WEAK, sentence, USE),)
-
-
-def _not_held(
-    sampled: SampledProblem, likelihood: Likelihood, solution: SpectralSolution
-) -> tuple[Reason, ...]:
+def _not_held(solution: SpectralSolution) -> tuple[Reason, ...]:
     """Reason against numbers from an input that is not held between samples; the numbers stay."""
     with np.errstate(all="ignore"):
         if seems_held(solution):
             return ()
         try:
-            pilot = pilot_at(likelihood.motion, sampled.input_variance)
-            free = solved_equations(pilot, sampled.input_variance, free_blend=True)
+            pilot = pilot_at(solution.motion, solution.input_variance)
+            free = solved_equations(pilot, solution.input_variance, free_blend=True)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return (
                 Reason(Status.WEAK, "Whether the input is held between samples cannot be identified.", USE),

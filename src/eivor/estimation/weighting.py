@@ -386,18 +386,13 @@ def residual_spectrum(
     """Blend q and power S at each bin, smoothed within each run."""
     first, last = residuals[:, 0], residuals[:, -1]
     powers = np.column_stack([np.abs(first) ** 2, np.abs(last) ** 2, (first * last.conj()).real])
-    blend, power = np.empty(powers.shape[0]), np.empty(powers.shape[0])
-    start = 0
-    for run in bins.layout.runs:
-        here = slice(start, start + run.count)
-        S11, S22, S12 = run.smoothed(powers[here]).T
-        spread = S11 + S22 - 2.0 * S12
-        q = np.clip(np.divide(S11 - S12, spread, out=np.full_like(S11, 0.5), where=spread > 0.0), 0.0, 1.0)
-        blended = np.abs((1.0 - q) * first[here] + q * last[here]) ** 2
-        S = run.smoothed(blended[:, None])[:, 0]
-        blend[here] = q
-        power[here] = np.maximum(S, POWER_FLOOR * float(np.median(S)) if S.size else 0.0)
-        start += run.count
+    S11, S22, S12 = bins.layout.smoothed(powers).T
+    spread = S11 + S22 - 2.0 * S12
+    blend = np.divide(S11 - S12, spread, out=np.full_like(S11, 0.5), where=spread > 0.0)
+    blend = np.clip(blend, 0.0, 1.0)
+    power = bins.layout.smoothed((np.abs((1.0 - blend) * first + blend * last) ** 2)[:, None])[:, 0]
+    for S in np.split(power, bins.layout.ends):
+        np.maximum(S, POWER_FLOOR * float(np.median(S)) if S.size else 0.0, out=S)
     if not power.all():
         power = np.where(power > 0.0, power, max(float(power.max()), 1.0) * POWER_FLOOR)
     return blend, power

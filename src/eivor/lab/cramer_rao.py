@@ -185,7 +185,8 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
     if order("input") != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
     drive, velocity, response = (noises[name].std ** 2 for name in names)
-    return NoiseModel(drive, velocity, response, 0.0, order("velocity_z"), order("acceleration_z"))
+    orders = np.array([order("velocity_z"), order("acceleration_z"), 0.0])
+    return NoiseModel(drive, np.array([velocity, response, 0.0]), orders)
 
 
 def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:
@@ -197,8 +198,8 @@ def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float
     q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
     R = power * _outer(q, q)
     index = np.arange(3)
-    acceleration = noise.acceleration_variance * record.power(noise.acceleration_order)
-    velocity = noise.velocity_variance * record.power(noise.velocity_order)
+    known_powers = zip(noise.variances[:2].tolist(), noise.orders[:2].tolist(), strict=True)
+    velocity, acceleration = (variance * record.power(order) for variance, order in known_powers)
     R[:, index, index] += np.stack([acceleration, velocity, np.full(h.size, noise.input_variance)], axis=-1)
     R_K = power * (_outer(q_K, q) + _outer(q, q_K))
     share = np.linalg.solve(R, R_K)

@@ -165,21 +165,26 @@ class BinRows(RowLayout):
         object.__setattr__(self, "axis_of_row", np.repeat([run.axis for run in self.runs], counts))
 
     @cached_property
-    def _ends(self) -> Int[np.ndarray, " _"]:
+    def ends(self) -> Int[np.ndarray, " _"]:
         """First bin of each run but the first."""
         return np.cumsum([run.count for run in self.runs])[:-1]
+
+    def smoothed(self, values: Float[np.ndarray, "bins columns"]) -> Float[np.ndarray, "bins columns"]:
+        """Means over neighbouring bins of each run."""
+        blocks = np.split(values, self.ends)
+        return np.concatenate([run.smoothed(block) for run, block in zip(self.runs, blocks, strict=True)])
 
     def stacked(self, columns: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "rows columns"]:
         """Real rows of complex columns."""
         return np.concatenate(
-            [part for block in np.split(columns, self._ends) for part in (block.real, block.imag)]
+            [part for block in np.split(columns, self.ends) for part in (block.real, block.imag)]
         )
 
     def complex_blocks(
         self, rows: Float[np.ndarray, "rows columns"]
     ) -> list[Complex[np.ndarray, "_ columns"]]:
         """Complex columns of each run; the inverse of `stacked`."""
-        halves = (np.split(block, 2) for block in np.split(rows, 2 * self._ends))
+        halves = (np.split(block, 2) for block in np.split(rows, 2 * self.ends))
         return [real + 1j * imaginary for real, imaginary in halves]
 
     def series(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "samples columns"]:
