@@ -146,7 +146,7 @@ def test_samples_without_history_are_left_out():
     valid = np.ones(3000, dtype=bool)
     valid[1000:1100] = False
     result = diagnosed(signals(5, 3000, valid=valid))
-    assert result.segments[-1][1] == result.estimate.rows.response.size
+    assert result.leverage.segments[-1][1] == result.estimate.rows.response.size
     assert result.over_identification.p_value > 1e-4
 
 
@@ -256,7 +256,7 @@ def test_one_bad_stretch_is_told():
     gain[2000:2300] = 8.0
     result = diagnosed(signals(9, count, gain=gain, memory=0.0))
     assert result.leverage.most[1] == 5
-    assert result.segments[5][0] <= 2000 < result.segments[5][1]
+    assert result.leverage.segments[5][0] <= 2000 < result.leverage.segments[5][1]
 
 
 def test_a_drifting_residual_is_told():

@@ -287,7 +287,7 @@ def chunks_of(signals, cuts):
 def normalised(moments):
     """Moments that can be compared: R'R / rows for a root, whose signs are free."""
     if isinstance(moments, TriangularMoments):
-        parts = [moments.root.T @ moments.root / moments.count, moments.noise]
+        parts = [moments.root.T @ moments.root / moments.rows, moments.noise]
     else:
         assert isinstance(moments, CrossMoments)
         parts = [moments.equations, moments.noise, moments.instruments, moments.columns]

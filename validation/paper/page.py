@@ -292,7 +292,7 @@ def signal_variances(records: Sequence[SimulatedRecord]) -> str:
 
     def with_signals(moments: Moments) -> Moments:
         assert isinstance(moments, TriangularMoments)
-        power = np.einsum("ij,ij->j", moments.root, moments.root) / moments.count
+        power = np.einsum("ij,ij->j", moments.root, moments.root) / moments.rows
         return replace(moments, noise=np.diag(power))
 
     right, wrong = _right_and_wrong(records, methods.total_least_squares(), with_signals)

@@ -13,7 +13,7 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
 from eivor.inference.covariance import CovariancePart, JointEstimate
-from eivor.inference.distributions import check_level, t_quantile
+from eivor.inference.distributions import check_level
 from eivor.inference.regions import fieller_set
 from eivor.tools import Float
 
@@ -129,12 +129,8 @@ def ratio(
     intervals: list[tuple[float, float]] = []
     for part in estimate.joint_covariance.parts:
         values, V = exact + rows @ estimate.values, rows @ part.matrix @ rows.T
-        intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
+        intervals.extend(fieller_set(values, V, part.half_widths(level)).intervals)
     return ConfidenceSet.union(intervals)
-
-
-def _half_widths(part: CovariancePart, level: float) -> float:
-    return t_quantile(level, part.degrees) / math.sqrt(part.share)
 
 
 def _of_part(
@@ -144,7 +140,7 @@ def _of_part(
     level: float,
     largest_bend: float,
 ) -> DerivedQuantity:
-    t = _half_widths(part, level)
+    t = part.half_widths(level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
     error = math.sqrt(part.variance(gradient))
     centre, half = function(values), t * error

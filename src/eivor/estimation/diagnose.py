@@ -105,9 +105,9 @@ class Record:
 def record_of(estimate: Estimate) -> Record:
     """Products of a solution's record. Linear in the rows."""
     problem, moments = estimate.problem, estimate.moments
-    if isinstance(problem, SignalRegression) and isinstance(moments, CrossMoments):
-        made = moments.products
-        return _of_blocks(problem, estimate, made) if made.counts.size > 1 else _of_rows(estimate)
+    folded = isinstance(moments, CrossMoments) and moments.products.counts.size > 1
+    if folded and isinstance(problem, SignalRegression):
+        return _of_blocks(problem, estimate, moments.products)
     return _of_rows(estimate)
 
 
@@ -428,27 +428,14 @@ class Diagnostics:
         return (item for item in map(self.__getitem__, DIAGNOSTICS) if item is not None)
 
     @property
-    def segments(self) -> tuple[tuple[int, int], ...]:
-        """First sample and end of each segment of `leverage`."""
-        return self.leverage.segments if self.leverage is not None else ()
-
-    def when(self, share: float) -> str:
-        """Where a share of the rows is: in seconds and samples of a record, else in rows."""
-        return self.subject.when(share)
-
-    @property
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks against the estimate or should be known of it, each with what to do."""
         return tuple(reason for item in self for reason in item.reasons(self.subject))
 
     def to_frame(self) -> pl.DataFrame:
-        """Table of every number.
+        """Table of every number: `diagnostic`, `of` (parameter, lag or band), `value`, and `compare`.
 
-        Returns
-        -------
-        polars.DataFrame
-            Columns `diagnostic`, `of` (parameter, lag or band; empty for the whole), `value` and `compare`:
-            the critical value, p-value, standard error or band that the value is to be held against.
+        The last is the critical value, p-value, standard error or band that it is to be held against.
         """
         import polars as pl
 

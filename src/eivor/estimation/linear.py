@@ -24,7 +24,7 @@ from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, minimised
 from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
-from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT
+from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT, unit_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import first_stage_of_products
 from eivor.inference.verdict import Reason, Status
@@ -53,15 +53,13 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
     def solution(values: Values) -> Solution:
         return solve(problem.regression(values)).solution
 
-    def objective(values: Values) -> float:
-        try:
-            return solution(values).objective
-        except EstimationError as error:  # here columns are those of another order, somewhere they are not
-            refused.append(error)
-            return np.inf
-
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
-        values = np.array([objective(point) for point in points])
+        values = np.full(len(points), np.inf)
+        for number, point in enumerate(points):
+            try:
+                values[number] = solution(point).objective
+            except EstimationError as error:  # at some orders columns are those of others
+                refused.append(error)
         if not np.isfinite(values).any():
             raise refused[0]
         return values
@@ -71,8 +69,7 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
 
 def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
     """Solution beside the values at which a method changes nothing."""
-    low = np.array([nuisance.first for nuisance in problem.nuisances])
-    high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
+    low, high = (np.array([nuisance.grid[end] for nuisance in problem.nuisances]) for end in (0, -1))
     names = [nuisance.name for nuisance in problem.nuisances]
     values = np.array([start[name] for name in names])
     for _ in range(MOST_STEPS):
@@ -122,12 +119,16 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
         raise TooFewSamplesError(expected, f"{rows:g}", "Give a longer record.")
 
 
+def _unit_columns(system: LinearSystem) -> Float[np.ndarray, "m n"]:
+    """Columns of equations of length one."""
+    return system.matrix * unit_scale(np.einsum("ij,ij->j", system.matrix, system.matrix))
+
+
 def check_rank(system: LinearSystem) -> None:
     """Refuse moment equations that rounding alone keeps from being singular."""
-    lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
-    scaled = system.matrix / np.where(lengths > 0.0, lengths, 1.0)
+    scaled, still = _unit_columns(system), not system.matrix.any(axis=0).all()
     singular = np.linalg.svd(scaled / row_lengths(system.matrix)[:, None], compute_uv=False)
-    if not lengths.all() or lost_to_rounding(singular, max(system.matrix.shape)):
+    if still or lost_to_rounding(singular, max(system.matrix.shape)):
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
             f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
@@ -171,8 +172,7 @@ def weak_instruments(
     weakest = int(np.argmin(strengths))
     if strengths[weakest] >= STRONG_FIRST_STAGE:
         return ()
-    lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
-    singular = np.linalg.svd(system.matrix / lengths, compute_uv=False)
+    singular = np.linalg.svd(_unit_columns(system), compute_uv=False)
     reason = Reason(
         Status.WEAK,
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
@@ -259,10 +259,10 @@ class LinearMethod(Method):
         if isinstance(problem, SeparableProblem):
             return _separable_estimate(self, problem)
         if isinstance(problem, ProblemMoments):
-            return _plain_estimate(self, self.solve_moments(problem.moments, check=True), problem.parameters)
-        return _plain_estimate(
-            self, self.solve_moments(self.moments(problem), problem, check=True), problem.parameters
-        )
+            solved = self.solve_moments(problem.moments, check=True)
+        else:
+            solved = self.solve_moments(self.moments(problem), problem, check=True)
+        return _plain_estimate(self, solved, problem.parameters)
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""

@@ -36,7 +36,7 @@ class Method(ABC):
 
     @property
     def of_flights(self) -> Method:
-        """The method that it is of problems with nuisances; itself unless it says otherwise."""
+        """The method that it is of problems with nuisances, whose instruments flights have; mostly itself."""
         return self
 
     @property
@@ -70,11 +70,6 @@ class OutputError(Method):
         return f"{self.first.name}+{OUTPUT_ERROR}"
 
     @property
-    def natural_instruments(self) -> NaturalInstruments:  # type: ignore[override]
-        """As of the first."""
-        return self.first.natural_instruments
-
-    @property
     def needs_instruments(self) -> bool:
         """As the first does."""
         return self.first.needs_instruments
@@ -83,16 +78,6 @@ class OutputError(Method):
     def of_flights(self) -> Method:
         """The first method, whose estimate is refined where a motion predicts its states."""
         return self.first.of_flights
-
-    @property
-    def takes_out_own_noise(self) -> bool:
-        """As the first does."""
-        return self.first.takes_out_own_noise
-
-    @property
-    def first_past_input(self) -> int:
-        """As of the first."""
-        return self.first.first_past_input
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate by the first method, of a flight; plain rows have nothing to predict."""

@@ -181,13 +181,9 @@ def extended_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
     weighting : EquationWeighting, optional
         `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
     """
-    return LinearMethod(
-        "extended_iv",
-        Instrumental(),
-        AugmentedLeastSquares(),
-        equation_weighting=_weighting(weighting),
-        natural_instruments=NaturalInstruments.LAGS,
-    )
+    parts, weights = (Instrumental(), AugmentedLeastSquares()), _weighting(weighting)
+    lags = NaturalInstruments.LAGS
+    return LinearMethod("extended_iv", *parts, equation_weighting=weights, natural_instruments=lags)
 
 
 def extended_iv_tls() -> LinearMethod:
@@ -196,13 +192,7 @@ def extended_iv_tls() -> LinearMethod:
 
 
 def generalized_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
-    """Generalized instrumental variables, the paper's (28)-(31).
-
-    Parameters
-    ----------
-    weighting : EquationWeighting, optional
-        `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
-    """
+    """Generalized instrumental variables, the paper's (28)-(31); weights as of `extended_iv`."""
     weights = _weighting(weighting)
     return LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares(), equation_weighting=weights)
 
@@ -337,13 +327,7 @@ TABLE: dict[str, Callable[[], Method]] = {
 
 
 def by_name(name: str | Method) -> Method:
-    """Return the method for flights of that name; a method is its own.
-
-    Raises
-    ------
-    UsageError
-        When there is none.
-    """
+    """Return the method for flights of that name; a method is its own."""
     if isinstance(name, Method):
         return name
     checks.text("method", name)

@@ -20,21 +20,16 @@ from eivor.tools import Float
 class TriangularMoments:
     """Triangular root of the rows [Phi y]."""
 
-    count: float  # Number of rows
+    rows: float  # Number of them
     root: Float[np.ndarray, "k n_plus_1"]  # R with R'R = [Phi y]'[Phi y]
     noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None  # [Phi y]
-
-    @property
-    def rows(self) -> float:
-        """Number of rows."""
-        return self.count
 
     def merge(self, other: Moments) -> TriangularMoments:
         """Root of the stacked roots."""
         if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
             raise _unlike(self, other)
         noise = _mean_noise(self, other)
-        return TriangularMoments(self.count + other.count, merged_roots(self.root, other.root), noise)
+        return TriangularMoments(self.rows + other.rows, merged_roots(self.root, other.root), noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,26 +215,25 @@ class Compensated(Assembler):
     needs_instruments: bool = True  # Use the problem's instruments, or the regressors
     compensates = True
 
-    def _noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"]:
-        if self.needs_instruments:
-            return problem.instrument_noise_covariance()
-        return problem.regressor_noise_covariance()[:-1]
-
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
         """mean(psi [phi' y]) and the mean covariance of the noises in it."""
-        noise, whole = self._noise(problem), whole or not self.needs_instruments
-        return CrossMoments(products_of(problem, instruments=self.needs_instruments, whole=whole), noise)
+        of_instruments = self.needs_instruments
+        if of_instruments:
+            noise = problem.instrument_noise_covariance()
+        else:
+            noise = problem.regressor_noise_covariance()[:-1]
+        products = products_of(problem, instruments=of_instruments, whole=whole or not of_instruments)
+        return CrossMoments(products, noise)
 
 
 def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.ndarray, "n n"]) -> None:
     """Refuse regressors that are less than their declared noise; without noise there is nothing to refuse."""
-    powers = np.diag(moments)
     if np.array_equal(moments, compensated):
         return
+    powers, variances = np.diag(moments), np.diag(moments - compensated)
     scale = unit_scale(powers)
     smallest = float(np.linalg.eigvalsh(np.outer(scale, scale) * compensated)[0])
     if smallest <= 0.0:
-        variances = np.diag(moments - compensated)
         raise CovarianceError(
             "regressors whose mean squares exceed the noise that is declared of them, in every direction",
             f"mean squares {powers} and noise variances {variances}, whose difference, in columns of unit "

@@ -50,19 +50,6 @@ class References:
     mapped: Float[np.ndarray, "W m p"]
     watched: slice
 
-    def then(self, later: References, most: int) -> References:
-        """The newest of both, `most` at most."""
-        theta = np.concatenate([self.theta, later.theta])[-most:]
-        return References(theta, np.concatenate([self.mapped, later.mapped])[-most:], self.watched)
-
-    def detected_changes(
-        self, look: Float[np.ndarray, "p n_plus_1"]
-    ) -> tuple[Float[np.ndarray, "W m"], Float[np.ndarray, "W m"]]:
-        """Changes of the parameters that a look shows, and how well, over what looks do on average."""
-        seen = np.matmul(self.mapped, look)
-        change = seen[:, :, -1] - np.matmul(seen[:, :, :-1], self.theta[:, :, None])[:, :, 0]
-        return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
-
 
 def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
@@ -167,15 +154,21 @@ class Watch:
             before = self.before if self.before.size else np.zeros((0, watched))
             nothing = np.zeros((2, watched), dtype=np.int64)
             return Watch(newest, before, nothing.astype(np.float64), nothing, self.resting)
-        references = self.references.then(newest, detector.held_looks)
-        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(references.theta) - 1), 0)
-        return replace(self, references=references, held=held)
+        theta, mapped = (
+            np.concatenate([kept, new])[-detector.held_looks :]
+            for kept, new in ((self.references.theta, newest.theta), (self.references.mapped, newest.mapped))
+        )
+        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(theta) - 1), 0)
+        return replace(self, references=References(theta, mapped, newest.watched), held=held)
 
     def after(self, look: Float[np.ndarray, "p n_plus_1"] | None, detector: ChangeDetector) -> Watch:
         """With means of one more look; one without rows, or that nothing is expected of, shows nothing."""
         if self.references is None or look is None:
             return self
-        change, seen = self.references.detected_changes(look)
+        # changes of the parameters that the look shows, and how well, over what looks do on average
+        shown = np.matmul(self.references.mapped, look)
+        change = shown[:, :, -1] - np.matmul(shown[:, :, :-1], self.references.theta[:, :, None])[:, :, 0]
+        seen = np.diagonal(shown[:, :, self.references.watched], axis1=1, axis2=2)
         nothing, sums = seen < LEAST_SEEN, self.sums
         roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
         # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
@@ -442,31 +435,17 @@ class Follower:
                 return
             watching, then, changed = watching.looked(then, detector)
             change = (1 if changed[0][1] else -1) if changed else 0
-            posterior = self.posterior(then)
-            watching = watching.expecting(self._reference(then, posterior), detector)
-            yield self._point(then, posterior, change)
-
-    def _reference(
-        self, weighted: ExponentiallyWeightedProducts, posterior: Posterior | None
-    ) -> References | None:
-        """What later looks are held against: what rows alone say of a change; None where they say nothing."""
-        if posterior is None:
-            return None
-        mapped = posterior.mapped[[self.index]]
-        share = float(mapped[0] @ weighted.moments.equations[:, self.index])
-        watched = slice(self.index, self.index + 1)
-        return References(posterior.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
-
-    def _point(
-        self, weighted: ExponentiallyWeightedProducts, posterior: Posterior | None, change: int
-    ) -> TrackedPoint:
-        share = weighted.total.products.count / weighted.forgetting.memory
-        if posterior is None:
-            return TrackedPoint(weighted.samples, math.nan, math.inf, share, change)
-        covariance = exponentially_weighted_covariance(weighted, posterior.theta, posterior.mapped)
-        direction = np.eye(posterior.theta.size)[self.index]
-        half = covariance.half_width(direction, 0.95, float(posterior.known[self.index, self.index]))
-        return TrackedPoint(weighted.samples, float(posterior.theta[self.index]), half, share, change)
+            j, value, half, posterior = self.index, math.nan, math.inf, self.posterior(then)
+            if posterior is not None:
+                theta, mapped = posterior.theta, posterior.mapped[[j]]
+                covariance = exponentially_weighted_covariance(then, theta, posterior.mapped)
+                half = covariance.half_width(np.eye(theta.size)[j], 0.95, float(posterior.known[j, j]))
+                value, share = float(theta[j]), float(mapped[0] @ then.moments.equations[:, j])
+                if share > 0.0:  # later looks are held against what rows alone say of a change
+                    newest = References(theta[None, :], mapped[None] / share, slice(j, j + 1))
+                    watching = watching.expecting(newest, detector)
+            counted = then.total.products.count / forgetting.memory
+            yield TrackedPoint(then.samples, value, half, counted, change)
 
     def posterior(self, weighted: ExponentiallyWeightedProducts) -> Posterior | None:
         """Estimate of the rows so far."""
@@ -489,10 +468,12 @@ class Follower:
         for _ in range(PASSES):
             scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
             row = _row_information(scores, np.diag(information))
-            row = min(
-                row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(information).max()))
-            )
-            inverse = _inverse(row * information + precision)
+            most = max(float(np.abs(seen).max()), float(np.abs(information).max()))
+            row = min(row, MOST_INFORMATION / most)
+            # without the directions that nothing gives
+            normal = row * information + precision
+            sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
+            inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * seen + precision @ mean)
         return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
 
@@ -504,10 +485,3 @@ def _row_information(scores: JointCovariance, powers: Float[np.ndarray, " n"]) -
         float(np.mean(np.diag(part.matrix)[informative] / powers[informative])) for part in scores.parts
     ]
     return 1.0 / max(*variances, np.finfo(np.float64).tiny)
-
-
-def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Inverse of a sum of information, without the directions that nothing gives."""
-    scale = unit_scale(np.diag(normal))
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
-    return np.outer(scale, scale) * inverse

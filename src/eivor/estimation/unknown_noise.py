@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from itertools import product
 
 import numpy as np
 import scipy
@@ -16,14 +15,14 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
-from eivor.estimation.weighting import divided, weighted
+from eivor.estimation.weighting import divided, weight_factor
 from eivor.inference.covariance import CovariancePart, JointCovariance, unit_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.kernel import newey_west_bandwidth
 from eivor.inference.verdict import Reason, Status
-from eivor.linalg import LeastSquares, LinearSystem
+from eivor.linalg import LeastSquares
 from eivor.models.regression import Column, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression, shared_noise
 from eivor.signals.channels import unit_of
@@ -130,8 +129,7 @@ class SharedMoments:
 
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
         """What declared noises add."""
-        exact = {noise.channel: WhiteNoise(0.0) for noise in self.unknown}
-        return self._shared({**exact, **self.problem.signals.noise})
+        return self._shared(self.problem.signals.noise)
 
     def unit(
         self, noise: UnknownNoise, order: float, *, slope: bool = False
@@ -155,16 +153,13 @@ class SharedMoments:
         fitted = chebfit(orders / LARGEST_ORDER, made.reshape(DEGREE + 1, -1), DEGREE)
         return np.asarray(fitted.reshape(made.shape))
 
-    def _shared(self, noise: dict[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
+    def _shared(self, noise: Mapping[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
+        """What noises add, all other channels being exact."""
         problem = self.problem
-        signals, left = replace(problem.signals, noise=noise), problem.instrument_columns
+        exact = dict.fromkeys(problem.signals.channels, WhiteNoise(0.0))
+        signals = replace(problem.signals, noise={**exact, **noise})
         right = (*problem.regressor_columns, problem.equation.response)
-        shared = np.zeros((len(left), len(right)))
-        for (i, column), (j, other) in product(enumerate(left), enumerate(right)):
-            if column.channel in noise and column.channel == other.channel:
-                pair = [column], [other]
-                shared[i, j] = shared_noise(*pair, signals, problem.first, problem.used)[0, 0]
-        return shared
+        return shared_noise(problem.instrument_columns, right, signals, problem.first, problem.used)
 
     def added(
         self, beta: Float[np.ndarray, " k"], known: Float[np.ndarray, "p n_plus_1"]
@@ -217,10 +212,6 @@ class NoiseEstimatingIV(Method):
             expected = "a regression of signals, whose columns say what noises they share"
             remedy = "Make one with VerticalMotion().regression(signals, instruments)."
             raise UsageError(expected, type(problem).__name__, remedy)
-        search = _MomentSearch(self._moments(problem))
-        return search.estimate(self.name, search.minimum())
-
-    def _moments(self, problem: SignalRegression) -> SharedMoments:
         psi = self.choice.columns(problem, self.orders, self.lags)
         whole = SignalRegression(problem.signals, problem.equation, psi)
         right = (*whole.regressor_columns, whole.equation.response)
@@ -235,7 +226,8 @@ class NoiseEstimatingIV(Method):
                 "Leave it out, or do not declare its noise.",
             )
         unknown = tuple(UnknownNoise(name, name in self.orders) for name in channels if name not in declared)
-        return SharedMoments(whole, unknown)
+        search = _MomentSearch(SharedMoments(whole, unknown))
+        return search.estimate(self.name, search.minimum())
 
 
 @dataclass
@@ -253,10 +245,7 @@ class _MomentSearch:
             raise InstrumentError(expected, f"{psi.shape[1]}", remedy)
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
         self.known = self.shared.known()
-        self._weigh(psi.T @ psi / count)
-
-    def _weigh(self, covariance: Float[np.ndarray, "p p"]) -> None:
-        self.factor = weighted(LinearSystem(self.cross[:, :-1], self.cross[:, -1]), covariance)[1]
+        self.factor = weight_factor(psi.T @ psi / count)
 
     @property
     def _count(self) -> int:
@@ -322,7 +311,7 @@ class _MomentSearch:
                 gtol=None,
             )
             beta = size * squares.x
-            self._weigh(self._covariance(beta))
+            self.factor = weight_factor(self._covariance(beta))
         return beta
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
@@ -386,10 +375,8 @@ class _MomentSearch:
 
     def _first_stage(self) -> dict[str, float]:
         """How well each regressor is identified by test functions that share no unknown noise with any."""
-        problem, unknown = (
-            self.shared.problem,
-            {item.channel: item.fractional for item in self.shared.unknown},
-        )
+        problem = self.shared.problem
+        unknown = {item.channel: item.fractional for item in self.shared.unknown}
         lags = {(column.channel, column.lag) for column in problem.regressor_columns}
 
         def shares_nothing(column: Column) -> bool:
@@ -409,11 +396,10 @@ class _MomentSearch:
             variance = noise.parameters[0]
             low, high = estimate.interval(variance.name)
             if low <= 0.0:
+                interval = f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
                 sentence = (
                     f"The noise of {noise.channel} cannot be distinguished from none: the interval of "
-                    f"its variance is "
-                    f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
-                    + "."
+                    f"its variance is {interval}."
                 )
                 remedy = "Declare it, where it is known, or record longer."
                 reasons.append(Reason(Status.WEAK, sentence, remedy))

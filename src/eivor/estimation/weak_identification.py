@@ -136,11 +136,8 @@ class ErrorAssumption(ABC):
 class AutocorrelatedErrors(ErrorAssumption):
     """Errors may be autocorrelated and heteroskedastic.
 
-    Parameters
-    ----------
-    averages : int, optional
-        Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
-        for slower errors and make wider sets.
+    By default there are 0.4 rows^(2/3) cosine averages, and two for each equation at least. Fewer allow for
+    slower errors and make wider sets.
     """
 
     averages: int | None = None
@@ -157,13 +154,7 @@ class AutocorrelatedErrors(ErrorAssumption):
                 raise UsageError("one cosine average or more", f"{self.averages}", "Leave averages out.")
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the robust test.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When the record is too short for the averages, or these are fewer than the equations.
-        """
+        """Region of the robust test; refused where averages are fewer than equations, or too many."""
         equations = rows.test_functions.shape[1]
         if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
             expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
@@ -182,13 +173,7 @@ class HomoskedasticErrors(ErrorAssumption):
     )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the classical test.
-
-        Raises
-        ------
-        UsageError
-            For compensated equations, whose scores do not have the variance that the test supposes.
-        """
+        """Region of the classical test; of compensated equations there is none."""
         if rows.noise.any():
             raise UsageError(
                 "equations without compensation for the classical test",
@@ -240,24 +225,12 @@ class _ConfidenceSets(ABC):
 
 @dataclass(frozen=True)
 class AndersonRubinSet(_ConfidenceSets):
-    """Confidence sets by inversion of the Anderson-Rubin test.
+    """Confidence sets by inversion of the Anderson-Rubin test."""
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        All parameters of the problem.
-    level : float
-        Confidence level.
-    errors : ErrorAssumption
-        What is supposed of the errors.
-    rows : MomentRows
-        The equations.
-    """
-
-    parameters: tuple[Parameter, ...]
-    level: float
-    errors: ErrorAssumption
-    rows: MomentRows = field(repr=False)
+    parameters: tuple[Parameter, ...]  # All parameters of the problem
+    level: float  # Confidence level
+    errors: ErrorAssumption  # What is supposed of the errors
+    rows: MomentRows = field(repr=False)  # The equations
     kind: ClassVar[str] = "Anderson-Rubin"
 
     @cached_property
@@ -282,11 +255,6 @@ class AndersonRubinSet(_ConfidenceSets):
 
         Exogenous regressors are partialled out, all but the parameter's own. The rest is the shadow of the
         joint region; for classical errors with the degrees of freedom of one parameter.
-
-        Raises
-        ------
-        UsageError
-            When there is no parameter of that name.
         """
         checks.text("name", name)
         names = tuple(parameter.name for parameter in self.parameters)
@@ -308,45 +276,24 @@ class AndersonRubinSet(_ConfidenceSets):
 
 @dataclass(frozen=True)
 class SignPerturbedSet(_ConfidenceSets):
-    """Confidence sets by sign perturbation.
+    """Confidence sets by sign perturbation."""
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        All parameters of the problem.
-    level : float
-        Exact coverage of `region`.
-    sums : int
-        Number of sums that are ranked.
-    region : ConfidenceRegion
-        Joint region of all parameters; its membership is exact.
-    """
-
-    parameters: tuple[Parameter, ...]
-    level: float
-    sums: int
-    region: ConfidenceRegion = field(repr=False)
+    parameters: tuple[Parameter, ...]  # All parameters of the problem
+    level: float  # Exact coverage of `region`
+    sums: int  # Number of sums that are ranked
+    region: ConfidenceRegion = field(repr=False)  # Of all parameters; its membership is exact
     kind: ClassVar[str] = "sign-perturbed sums"
-
-    @property
-    def assumptions(self) -> str:
-        """What the sets suppose."""
-        return (
-            "Errors are symmetric about zero and independent in time, and the instruments are independent of "
-            "all of them, past and future. Variances may change from row to row, moments need not exist. "
-            "Coverage of the joint region is exact in every sample, and at least as high of each interval."
-        )
+    assumptions: ClassVar[str] = (  # type: ignore[misc]
+        "Errors are symmetric about zero and independent in time, and the instruments are independent of "
+        "all of them, past and future. Variances may change from row to row, moments need not exist. "
+        "Coverage of the joint region is exact in every sample, and at least as high of each interval."
+    )
 
     def interval(self, name: str) -> ConfidenceSet:
         """Shadow of the region on a parameter's axis: at least the level.
 
         Exact for one parameter; with two, pieces and gaps narrower than a degree, as seen from the region's
         middle in standard errors, may be missed; with more it is a search.
-
-        Raises
-        ------
-        UsageError
-            When there is no parameter of that name.
         """
         return self.region.interval(name)
 

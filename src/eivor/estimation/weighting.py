@@ -61,31 +61,23 @@ class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        """Equations divided by the Cholesky factor of mean(psi psi').
-
-        Raises
-        ------
-        InstrumentError
-            When instruments are combinations of one another.
-        """
+        """Equations divided by the Cholesky factor of mean(psi psi')."""
         if not isinstance(moments, CrossMoments) or moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
                 type(moments).__name__,
                 "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
             )
-        return weighted(system, moments.instruments)
+        L = weight_factor(moments.instruments)
+        return divided(system, L), L
 
 
 @dataclass(frozen=True, slots=True)
 class TwoStepRobust(EquationWeighting):
     """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM.
 
-    Parameters
-    ----------
-    bandwidth : int or None
-        Lags of the Bartlett kernel that allow for autocorrelated errors; 0 allows for
-        heteroskedasticity only; None chooses by Newey and West's rule of thumb, 4 (N/100)^(2/9).
+    Lags of the Bartlett kernel allow for autocorrelated errors, zero for heteroskedasticity only; by default
+    there are 4 (N/100)^(2/9), Newey and West's rule of thumb.
     """
 
     bandwidth: int | None = None
@@ -105,13 +97,7 @@ class TwoStepRobust(EquationWeighting):
         theta: Float[np.ndarray, " n"] | None,
         /,
     ) -> Weighted:
-        """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
-
-        Raises
-        ------
-        UsageError
-            When the rows are not at hand: the weight needs a second pass over them.
-        """
+        """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance."""
         if theta is None:
             return TwoStage().equations(system, moments)
         if problem is None:
@@ -122,13 +108,12 @@ class TwoStepRobust(EquationWeighting):
         if isinstance(moments, CrossMoments):
             scores = scores + moments.shared_noise(theta)
         lags = newey_west_bandwidth(rows.response.size) if self.bandwidth is None else self.bandwidth
-        return weighted(system, bartlett_covariance(scores, lags))
+        L = weight_factor(bartlett_covariance(scores, lags))
+        return divided(system, L), L
 
 
-def weighted(
-    system: LinearSystem, covariance: Float[np.ndarray, "p p"]
-) -> tuple[LinearSystem, Float[np.ndarray, "p p"]]:
-    """Equations divided by the Cholesky factor of a covariance of theirs."""
+def weight_factor(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Cholesky factor of a covariance of equations, by which they are divided."""
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
     eigenvalues = np.linalg.eigvalsh(correlation)
@@ -138,8 +123,7 @@ def weighted(
             f"instruments of which one is a combination of the others (eigenvalues {eigenvalues})",
             "Remove one, or use an unweighted instrumental method.",
         )
-    L = scale[:, None] * np.linalg.cholesky(correlation)
-    return divided(system, L), L
+    return scale[:, None] * np.linalg.cholesky(correlation)
 
 
 def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
@@ -199,7 +183,8 @@ class WeightedRows:
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances."""
         made = (self.rows(point) for point in points)
-        return np.stack([rows.instruments.T @ _columns(rows) / rows.response.size for rows in made])
+        columns = ((rows, np.column_stack([rows.regressors, rows.response])) for rows in made)
+        return np.stack([rows.instruments.T @ both / rows.response.size for rows, both in columns])
 
     def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
@@ -209,10 +194,6 @@ class WeightedRows:
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
         """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
         return None
-
-
-def _columns(rows: Regression) -> Float[np.ndarray, "rows n_plus_1"]:
-    return np.column_stack([rows.regressors, rows.response])
 
 
 class RowWeighting(ABC):

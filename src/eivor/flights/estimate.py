@@ -106,7 +106,8 @@ class Instruments:
 
 def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
     """Instruments of a method: those that were asked for, else its natural ones."""
-    if not method.of_flights.needs_instruments:
+    method = method.of_flights
+    if not method.needs_instruments:
         return Instruments(NoInstruments())
     wanted = options.instruments or (method.natural_instruments.value,)
     if wanted == (NaturalInstruments.LAGS.value,):
@@ -195,8 +196,8 @@ def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights, with sensors corrected where they disagree."""
     motion, flying, rule = state.motion, state.flying, state.instruments.rule
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
-    own = state.method.takes_out_own_noise
-    by_input = own or (state.instruments.past_inputs and state.method.first_past_input == 0)
+    own = state.method.of_flights.takes_out_own_noise
+    by_input = own or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
     needed = [
         (f.noise, (*(f.states if own else ()), *(f.driving if by_input and f.input.measured else ())))
         for f in flying

@@ -57,8 +57,11 @@ class CovariancePart:
         """Half-width of the interval for ``direction @ estimates``."""
         if self.degrees <= 0.0:
             return math.inf
-        quantile = t_quantile(level, self.degrees)
-        return quantile * math.sqrt((self.variance(direction) + extra_variance) / self.share)
+        return self.half_widths(level) * math.sqrt(self.variance(direction) + extra_variance)
+
+    def half_widths(self, level: float) -> float:
+        """Half-width of an interval over the root of its variance."""
+        return t_quantile(level, self.degrees) / math.sqrt(self.share)
 
     def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
         """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
