@@ -6,22 +6,12 @@ from collections.abc import Iterable
 
 
 class EivorError(Exception):
-    """Anything that Eivor refuses to do.
-
-    Parameters
-    ----------
-    expected : str
-        What would have been accepted.
-    received : str
-        What came instead.
-    remedy : str
-        What the caller can do, as one or more whole sentences.
-    """
+    """Anything that Eivor refuses to do."""
 
     def __init__(self, expected: str, received: str, remedy: str) -> None:
-        self.expected = expected
-        self.received = received
-        self.remedy = remedy
+        self.expected = expected  # What would have been accepted
+        self.received = received  # What came instead
+        self.remedy = remedy  # What the caller can do, as one or more whole sentences
         super().__init__(f"Expected {expected}; received {received}. {remedy}")
 
     def __reduce__(self) -> tuple[type[EivorError], tuple[str, str, str]]:
@@ -29,19 +19,7 @@ class EivorError(Exception):
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str, *, most: int = 1) -> str:
-    """Remedy for a name that is not known: what is nearest to it, if anything is near.
-
-    Parameters
-    ----------
-    name : str
-        What was given.
-    known : iterable of str
-        What would have been accepted.
-    otherwise : str
-        What to say when none of them is near.
-    most : int
-        At most so many are named.
-    """
+    """Remedy for a name that is not known: at most so many that are near it, or what to say else."""
     near = nearest_names(name, known, most)
     return f"Did you mean {' or '.join(repr(str(item)) for item in near)}?" if near else otherwise
 

@@ -16,7 +16,7 @@ from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
 from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
-from eivor.estimation.weighting import SpectralWhitening, WeightedRows, divided, whitened_by_residuals
+from eivor.estimation.weighting import SpectralWhitening, divided, whitened_by_residuals
 from eivor.inference.bootstrap import (
     BlockPlan,
     BlockScheme,
@@ -31,14 +31,6 @@ from eivor.linalg.system import LinearSystem, Solver, triangular_root
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.tools import Float, Int
-
-
-def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
-    """Products of all columns of weighted rows, flight after flight, a block for each of some values."""
-    tables = [products_by_flight(weights.rows(point)) for point in points]
-    counts = np.stack([table.counts for table in tables], axis=1)
-    sums = np.stack([table.sums for table in tables], axis=1)
-    return replace(tables[0], counts=counts.ravel(), sums=sums.reshape(-1, *sums.shape[2:]))
 
 
 def products_by_flight(rows: Regression) -> Products:
@@ -128,10 +120,14 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
     nodes = nodes_of(problem.nuisances)
     weights = whitened_by_residuals(problem, estimate.theta, estimate.nuisances)
     residual = products_by_flight(weights.rows(estimate.nuisances)).total.with_residual(estimate.theta)
+    # flight after flight, a block for each node
+    tables = [products_by_flight(weights.rows(point)) for point in nodes.points]
+    counts = np.stack([table.counts for table in tables], axis=1)
+    sums = np.stack([table.sums for table in tables], axis=1)
     return PoolFlights(
         tuple(flights),
         nodes,
-        flight_products(weights, nodes.points),
+        replace(tables[0], counts=counts.ravel(), sums=sums.reshape(-1, *sums.shape[2:])),
         residual.instrument_response[0],
         estimate.residual_variance(),
         estimate.rows.parameters,
@@ -312,7 +308,12 @@ def bootstrap(
     made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
     """
     check_linear(method)
-    rows, kind = _sample_rows(problem), _scheme(scheme)
+    rows = _sample_rows(problem)
+    try:
+        kind = BlockScheme(scheme)
+    except ValueError as error:
+        known = ", ".join(BlockScheme)
+        raise UsageError(f"a scheme out of {known}", f"'{scheme}'", "Name one of them.") from error
     check_draws(runs, seed)
     whole = method.moments(problem)
     solved = method.solve_moments(whole, problem, check=True)
@@ -390,14 +391,6 @@ def _sample_rows(problem: LinearProblem) -> Regression:
         remedy = "Use bootstrap_flights, or one record after the other."
         raise UsageError(expected, "rows of several flights, or of a spectrum", remedy)
     return rows
-
-
-def _scheme(scheme: BlockScheme | str) -> BlockScheme:
-    try:
-        return BlockScheme(scheme)
-    except ValueError as error:
-        known = ", ".join(BlockScheme)
-        raise UsageError(f"a scheme out of {known}", f"'{scheme}'", "Name one of them.") from error
 
 
 def _length(

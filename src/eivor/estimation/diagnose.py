@@ -105,9 +105,9 @@ class Record:
 def record_of(estimate: Estimate) -> Record:
     """Products of a solution's record. Linear in the rows."""
     problem, moments = estimate.problem, estimate.moments
-    folded = isinstance(moments, CrossMoments) and moments.products.counts.size > 1
-    if folded and isinstance(problem, SignalRegression):
-        return _of_blocks(problem, estimate, moments.products)
+    made = moments.products if isinstance(moments, CrossMoments) else None
+    if made is not None and made.counts.size > 1 and isinstance(problem, SignalRegression):
+        return _of_blocks(problem, estimate, made)
     return _of_rows(estimate)
 
 

@@ -296,8 +296,11 @@ class LinearMethod(Method):
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
         own = self.assembler.takes_out_own_noise
-        if own and isinstance(moments, CrossMoments) and moments.products.whole:
-            solution = replace(solution, objective=moments.left_without_noise(solution.theta))
+        if own and isinstance(moments, CrossMoments) and moments.noise is not None and moments.products.whole:
+            # squares of the residual without the noise in it, of regressors that are instruments
+            residual = moments.products.with_residual(solution.theta).power.sum()
+            added = moments.shared_noise(solution.theta) - moments.noise[:, -1]
+            solution = replace(solution, objective=float(residual - moments.rows * added @ solution.theta))
         parameters = () if problem is None else problem.parameters
         return Estimate(
             self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters

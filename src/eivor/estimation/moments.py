@@ -67,12 +67,6 @@ class CrossMoments:
             return np.zeros(self.products.tested)
         return self.noise[:, :-1] @ theta - self.noise[:, -1]
 
-    def left_without_noise(self, theta: Float[np.ndarray, " n"]) -> float:
-        """Sum of squares of the residual without the noise in it, of regressors that are instruments."""
-        residual = self.products.with_residual(theta).power.sum()
-        added = self.shared_noise(theta) @ theta - (0.0 if self.noise is None else self.noise[:, -1] @ theta)
-        return float(residual - self.rows * added)
-
     def merge(self, other: Moments) -> CrossMoments:
         """Sums of both; count-weighted means of the noises' covariances."""
         if not isinstance(other, CrossMoments) or self.equations.shape != other.equations.shape:

@@ -23,13 +23,6 @@ FOLD = 8
 FAST_TAPS = 11
 
 
-def unfolded(G: Float[np.ndarray, "*blocks others width fold"]) -> Float[np.ndarray, "*blocks lags others"]:
-    """Sum at each lag, from the first to the last, of each other series."""
-    count = G.shape[-2] - FOLD + 1
-    p = np.arange(FOLD)
-    return np.stack([G[..., p + count - 1 - lag, p].sum(axis=-1) for lag in range(count)], axis=-2)
-
-
 def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
     """First and last lag of columns that are successive lags of one channel with a constant gain."""
     lags = [column.lag for column in columns]
@@ -155,12 +148,12 @@ def _lag_products(
     blocks = list(pairwise(edges.tolist()))
     # every block by itself: threads change no sum
     each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else made_ahead(folded, blocks)
-    sums = unfolded(np.stack(list(each)))
+    G, p, place = np.stack(list(each)), most - least + 1, np.arange(FOLD)
+    sums = np.stack([G[..., place + p - 1 - lag, place].sum(axis=-1) for lag in range(p)], axis=-2)
     for sample in range(int(edges[-1]), last):
         now = series[sample - np.arange(least, most + 1)]
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
     # The sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both ends of the block.
-    p = most - least + 1
     sums_of_lags = np.empty((len(blocks), p, p))
     sums_of_lags[:, :, 0] = sums_of_lags[:, 0, :] = sums[:, :, 0]
     start, stop = edges[:-1], np.append(edges[1:-1], last)

@@ -29,7 +29,7 @@ from eivor.estimation.streaming import (
     nothing_yet,
     timed_rows,
 )
-from eivor.inference.covariance import JointCovariance, unit_scale
+from eivor.inference.covariance import unit_scale
 from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
 from eivor.models.signal_regression import SignalModel
@@ -467,7 +467,10 @@ class Follower:
         theta = self.start
         for _ in range(PASSES):
             scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
-            row = _row_information(scores, np.diag(information))
+            # of a row: one over the variance of its score over its power, the largest of the covariances
+            powers = np.diag(information)
+            variances = [np.mean((np.diag(part.matrix) / powers)[powers > 0.0]) for part in scores.parts]
+            row = 1.0 / float(max(*variances, np.finfo(np.float64).tiny))
             most = max(float(np.abs(seen).max()), float(np.abs(information).max()))
             row = min(row, MOST_INFORMATION / most)
             # without the directions that nothing gives
@@ -476,12 +479,3 @@ class Follower:
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * seen + precision @ mean)
         return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
-
-
-def _row_information(scores: JointCovariance, powers: Float[np.ndarray, " n"]) -> float:
-    """Information of the rows: one over the variance of their scores, each over its power, the largest."""
-    informative = powers > 0.0
-    variances = [
-        float(np.mean(np.diag(part.matrix)[informative] / powers[informative])) for part in scores.parts
-    ]
-    return 1.0 / max(*variances, np.finfo(np.float64).tiny)

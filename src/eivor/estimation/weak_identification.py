@@ -283,7 +283,7 @@ class SignPerturbedSet(_ConfidenceSets):
     sums: int  # Number of sums that are ranked
     region: ConfidenceRegion = field(repr=False)  # Of all parameters; its membership is exact
     kind: ClassVar[str] = "sign-perturbed sums"
-    assumptions: ClassVar[str] = (  # type: ignore[misc]
+    assumptions: ClassVar[str] = (
         "Errors are symmetric about zero and independent in time, and the instruments are independent of "
         "all of them, past and future. Variances may change from row to row, moments need not exist. "
         "Coverage of the joint region is exact in every sample, and at least as high of each interval."

@@ -350,15 +350,13 @@ def whitened_by_residuals(
     """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
     bins = problem.bins(nuisances)
     whitened = _whitened(problem, bins, *residual_spectrum(bins, bins.residuals(theta)))
-    return replace(whitened, disturbed=_disturbed(whitened.rows(nuisances), theta))
-
-
-def _disturbed(rows: Regression, theta: Float[np.ndarray, " n"]) -> float:
-    """Variance of residuals that no known noise explains: the response answers more than the columns."""
+    rows = whitened.rows(nuisances)
     if rows.regressor_noise is None:
-        return 0.0
+        return whitened
+    # variance of residuals that no known noise explains: the response answers more than the columns
     residual, signs = rows.response - rows.regressors @ theta, np.append(theta, -1.0)
-    return max(float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs), 0.0)
+    left = float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs)
+    return replace(whitened, disturbed=max(left, 0.0))
 
 
 def residual_spectrum(

@@ -274,31 +274,16 @@ def multisine_lines(runs: Sequence[Spectra], period_s: float, band_hz: tuple[flo
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Response from input to output at frequencies, with bands, coherences and the direct estimate.
+    """Response from input to output at frequencies, with bands, coherences and the direct estimate."""
 
-    Attributes
-    ----------
-    points : Points
-        Responses of output and input to the reference; their ratio is the response.
-    direct : ndarray, shape (f,), complex
-        Regression of output on input, which is biased in closed loop.
-    direct_coherence : ndarray, shape (f,)
-        Coherence of input and output [-].
-    level : float
-        Probability of the bands.
-    is_direct : bool
-        No reference was given: `points` are the direct estimate, and its bands hold in open loop only.
-    findings : tuple of str
-        What speaks against the response, in sentences.
-    """
-
-    points: Points
-    direct: Complex[np.ndarray, " f"]
-    direct_coherence: Float[np.ndarray, " f"]
-    level: float
+    points: Points  # Responses of output and input to the reference; their ratio is the response
+    direct: Complex[np.ndarray, " f"]  # Regression of output on input, which is biased in closed loop
+    direct_coherence: Float[np.ndarray, " f"]  # Coherence of input and output [-]
+    level: float  # Probability of the bands
     rate_hz: float
+    #: No reference was given: `points` are the direct estimate, and its bands hold in open loop only
     is_direct: bool = False
-    findings: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()  # What speaks against the response, in sentences
     runs: tuple[Spectra, ...] = field(default=(), repr=False)
     is_periodic: bool = False  # At the lines of a reference that repeats
 
@@ -315,8 +300,7 @@ class FrequencyResponse:
     @cached_property
     def bands(self) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
         """Lowest and highest magnitude, and phase [rad], at each frequency by itself; NaN is unbounded."""
-        magnitude, phase = self.points.bands(self.level)
-        return magnitude, phase
+        return self.points.bands(self.level)
 
     @cached_property
     def simultaneous_bands(self) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
@@ -349,18 +333,18 @@ class FrequencyResponse:
         """Every column of the table by name; bands are NaN where they are unbounded."""
         (low, high), (early, late) = (band.T for band in self.bands)
         (all_low, all_high), (all_early, all_late) = (band.T for band in self.simultaneous_bands)
-        degrees = {"phase_low_deg": early, "phase_high_deg": late}
-        together = {"simultaneous_phase_low_deg": all_early, "simultaneous_phase_high_deg": all_late}
         return {
             "frequency_hz": self.frequency_hz,
             "magnitude": np.abs(self.response),
             "magnitude_low": low,
             "magnitude_high": high,
             "phase_deg": np.rad2deg(np.angle(self.response)),
-            **{name: np.rad2deg(values) for name, values in degrees.items()},
+            "phase_low_deg": np.rad2deg(early),
+            "phase_high_deg": np.rad2deg(late),
             "simultaneous_magnitude_low": all_low,
             "simultaneous_magnitude_high": all_high,
-            **{name: np.rad2deg(values) for name, values in together.items()},
+            "simultaneous_phase_low_deg": np.rad2deg(all_early),
+            "simultaneous_phase_high_deg": np.rad2deg(all_late),
             "coherence_reference_input": self.points.coherence,
             "coherence_input_output": self.direct_coherence,
             "coherence_partial": self.points.partial,
@@ -376,15 +360,7 @@ class FrequencyResponse:
         return polars.DataFrame(self.columns()).with_columns(polars.col("shown") > 0.5)
 
     def to_control(self) -> Any:
-        """FRD of python-control, of the frequencies that are shown.
-
-        Raises
-        ------
-        EstimationError
-            When none is shown.
-        MissingReaderError
-            Without python-control.
-        """
+        """FRD of python-control, of the frequencies that are shown; an `EstimationError` where none is."""
         shown = self.shown
         if not shown.any():
             raise EstimationError("a response that is shown somewhere", "none", "Fly a sweep.")
@@ -466,24 +442,19 @@ def frequency_response(
         ends = (0.0, rate_hz / 2.0) if frequency_hz is None else (float(grid[0]), float(grid[-1]))
         points = multisine_lines(runs, period_s, ends)
     direct = local_polynomials(runs, points.frequency_hz, driver=1)
-    findings = []
-    if reference is None:
-        findings.append(DIRECT)
-        points = direct.with_known_input()
+    findings = (DIRECT,) if reference is None else ()
     result = FrequencyResponse(
-        points,
+        direct.with_known_input() if reference is None else points,
         direct.response,
         direct.output_coherence,
         float(level),
         float(rate_hz),
         reference is None,
-        tuple(findings),
+        findings,
         runs,
         period_s is not None,
     )
-    if result.shown.any():
-        return result
-    return replace(result, findings=(*result.findings, NOT_REACHED))
+    return result if result.shown.any() else replace(result, findings=(*findings, NOT_REACHED))
 
 
 def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> Float[np.ndarray, " f"]:

@@ -72,13 +72,7 @@ class Column:
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
-        """Column of `signals`, for the samples from `first` on.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When no sample is that late.
-        """
+        """Column of `signals`, for the samples from `first` on; refused where none is that late."""
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
             expected = f"more than {max(first, self.lag)} samples"
@@ -225,7 +219,7 @@ class LinearProblem(ABC):
 
     @abstractmethod
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Covariance of the measurement noises of [Phi y], averaged over the rows."""
+        """Covariance of the noises of [Phi y], a mean over rows; a `MissingNoiseError` where not declared."""
 
     def declared_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
         """The same; None where a noise is not declared."""
@@ -245,24 +239,7 @@ class LinearProblem(ABC):
 
 @dataclass(frozen=True)
 class Regression(LinearProblem):
-    """Response, regressors and instruments, row by row.
-
-    Parameters
-    ----------
-    response : ndarray, shape (rows,)
-        y.
-    regressors : ndarray, shape (rows, n)
-        Phi.
-    instruments : ndarray, shape (rows, p)
-        Psi; zero columns when there are none.
-    parameters : tuple of Parameter
-        One for each column of Phi.
-    layout : RowLayout
-        What the rows are. Default: samples of one flight.
-    regressor_noise : ndarray, shape (n + 1, n + 1), optional
-        Covariance of the measurement noises of [Phi y].
-    instrument_noise : ndarray, shape (p, n + 1), optional
-        Covariance of the noises of Psi with those of [Phi y].
+    """Response, regressors and instruments, row by row; `eivor.regression` makes one of plain arrays.
 
     Raises
     ------
@@ -273,11 +250,12 @@ class Regression(LinearProblem):
         When two parameters have one name, or an argument is of another type.
     """
 
-    response: Float[np.ndarray, " rows"]
-    regressors: Float[np.ndarray, "rows n"]
-    instruments: Float[np.ndarray, "rows p"]
-    parameters: tuple[Parameter, ...]
-    layout: RowLayout = ONE_FLIGHT
+    response: Float[np.ndarray, " rows"]  # y
+    regressors: Float[np.ndarray, "rows n"]  # Phi
+    instruments: Float[np.ndarray, "rows p"]  # Psi; zero columns when there are none
+    parameters: tuple[Parameter, ...]  # One for each column of Phi
+    layout: RowLayout = ONE_FLIGHT  # What the rows are. Default: samples of one flight
+    #: Covariance of the measurement noises of [Phi y], and of those of Psi with them
     regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
     instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 
@@ -321,24 +299,12 @@ class Regression(LinearProblem):
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """Return the covariance that was given."""
         remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
         return _declared(self.regressor_noise, "measurement noises of regressors and response", remedy)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """Return the covariance that was given."""
         remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
         of = "instruments' noises with those of regressors and response"
         return _declared(self.instrument_noise, of, remedy)
@@ -511,7 +477,7 @@ def _column_names(table: object) -> tuple[str, ...]:
 
 def _columns(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
     columns = checks.real_array(name, values)
-    return columns[:, None] if columns.ndim == 1 else _matrix(name, columns)
+    return _matrix(name, columns[:, None] if columns.ndim == 1 else columns)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:

@@ -160,24 +160,13 @@ class SignalModel(ABC):
 
 @dataclass(frozen=True)
 class SignalRegression(LinearProblem):
-    """Rows of an equation in signals.
+    """Rows of an equation in signals, with instruments or without.
 
-    Parameters
-    ----------
-    signals : Signals
-        Where the columns come from.
-    equation : Equation
-        Response and regressors.
-    instrument_columns : tuple of Column
-        Instruments; may be empty.
-
-    Notes
-    -----
     Rows start at the largest lag of any column, and leave out samples whose history is not valid.
     """
 
-    signals: Signals
-    equation: Equation
+    signals: Signals  # Where the columns come from
+    equation: Equation  # Response and regressors
     instrument_columns: tuple[Column, ...] = ()
     parameters: tuple[Parameter, ...] = field(init=False)
 
@@ -216,13 +205,7 @@ class SignalRegression(LinearProblem):
         return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)
 
     def column(self, column: Column) -> Float[np.ndarray, " rows"]:
-        """Values of one column.
-
-        Raises
-        ------
-        MissingChannelError, TooFewSamplesError
-            When the channel is absent, or the record shorter than the largest lag.
-        """
+        """Values of one column."""
         values = column.values(self.signals, self.first)
         return values if self.used is None else values[self.used]
 
@@ -280,38 +263,18 @@ class SignalRegression(LinearProblem):
         return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When the noise of a channel is not declared.
-        """
+        """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(columns, columns, self.signals, self.first, self.used)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When an instrument and another column are of one channel whose noise is not declared.
-        """
+        """C and c from the columns' tags and the declared noises, of channels that both sides have."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
 
     def instruments_share_noise(self) -> bool:
         """Return whether declared noises make an instrument and another column correlated."""
         others = (*self.regressor_columns, self.equation.response)
-        declared = set(self.signals.noise)
-        pairs = [
-            (instrument_column, other)
-            for instrument_column in self.instrument_columns
-            for other in others
-            if instrument_column.channel
-            and instrument_column.channel == other.channel
-            and instrument_column.channel in declared
-        ]
-        index = (self.signals, self.first, self.used)
-        return any(shared_noise([item], [other], *index).any() for item, other in pairs)
+        declared = {other.channel for other in others} & set(self.signals.noise)
+        left = [column for column in self.instrument_columns if column.channel in declared]
+        return bool(left) and bool(shared_noise(left, others, self.signals, self.first, self.used).any())

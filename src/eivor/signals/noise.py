@@ -96,10 +96,8 @@ class GrowthTable:
         return np.cumprod(np.concatenate([[value], (j - 1 - self.order) / j]))
 
 
-@lru_cache(maxsize=256)
-def growth_table(order: float, lag: int) -> GrowthTable:
-    """Table of that order and lag, shared by all who ask: its content does not depend on who did."""
-    return GrowthTable(order, lag)
+#: Table of an order and a lag, shared by all who ask: its content does not depend on who did.
+growth_table = lru_cache(maxsize=256)(GrowthTable)
 
 
 # -- Noise --
@@ -113,17 +111,18 @@ LARGEST_STD = 1e150
 class MeasurementNoise(ABC):
     """Error that a sensor adds to a channel, independent of every signal.
 
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square.
+    A `NonFiniteError` says that `std` or an order is outside its range, a `ParameterError` any other number.
     """
 
     std: float
     """Its size, in the channel's unit: the standard deviation of the white noise that it is made of."""
 
     def __post_init__(self) -> None:
-        check_std(self.std)
+        checks.number("std", self.std)
+        is_valid = np.isfinite(self.std) and self.std >= 0.0
+        if not is_valid or self.std > LARGEST_STD:
+            expected = f"a standard deviation {f'up to {LARGEST_STD:g}' if is_valid else 'of zero or more'}"
+            raise NonFiniteError(expected, f"std={self.std}", "Give it in the channel's own unit.")
 
     @abstractmethod
     def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
@@ -176,14 +175,7 @@ class WhiteNoise(UncorrelatedNoise):
 
 @dataclass(frozen=True, slots=True)
 class FractionalNoise(MeasurementNoise):
-    """Delta^order of white noise, started at zero with the record.
-
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square; or the order lies outside
-        that range.
-    """
+    """Delta^order of white noise, started at zero with the record."""
 
     std: float  # Standard deviation of the white noise before the operator, in the channel's unit
     order: float  # Exponent of Delta, from -1 (a random walk) over -0.5 (long memory) to 0.5
@@ -209,27 +201,9 @@ class FractionalNoise(MeasurementNoise):
         return self.std * fractional_difference(rng.standard_normal(count), self.order)
 
 
-def check_std(std: float) -> None:
-    """Check a standard deviation: finite, zero or more, and with a square."""
-    checks.number("std", std)
-    is_valid = np.isfinite(std) and std >= 0.0
-    if not is_valid or std > LARGEST_STD:
-        expected = f"up to {LARGEST_STD:g}" if is_valid else "of zero or more"
-        remedy = "Give it in the channel's own unit."
-        raise NonFiniteError(f"a standard deviation {expected}", f"std={std}", remedy)
-
-
 @dataclass(frozen=True, slots=True)
 class AutoregressiveNoise(MeasurementNoise):
-    """x(k) = coefficient x(k-1) + e(k), started at zero with the record.
-
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square.
-    ParameterError
-        When the coefficient lies outside its range.
-    """
+    """x(k) = coefficient x(k-1) + e(k), started at zero with the record."""
 
     std: float  # Standard deviation that x settles to, in the channel's unit
     coefficient: float  # Between -1 and 1, both left out
@@ -268,15 +242,7 @@ class AutoregressiveNoise(MeasurementNoise):
 
 @dataclass(frozen=True, slots=True)
 class HeavyTailedNoise(UncorrelatedNoise):
-    """Uncorrelated noise with the tails of Student's t.
-
-    Raises
-    ------
-    NonFiniteError
-        When `std` is negative, not finite, or so large that it has no square.
-    ParameterError
-        When there are too few degrees of freedom.
-    """
+    """Uncorrelated noise with the tails of Student's t."""
 
     std: float  # Standard deviation, in the channel's unit
     degrees: float = 3.0  # Degrees of freedom, more than two: with fewer there is no standard deviation
@@ -339,13 +305,7 @@ class LongMemory:
         return -self.order
 
     def order_interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval that covers the order with this probability.
-
-        Raises
-        ------
-        ParameterError
-            When the level is not between 0 and 1.
-        """
+        """Interval that covers the order with this probability."""
         checks.number("level", level)
         if not 0.0 < level < 1.0:
             raise ParameterError("a level between 0 and 1", f"level={level}", "Give 0.95 for 95 %.")

@@ -294,14 +294,9 @@ class Recording:
         return min(first for first, _ in ends), max(last for _, last in ends)
 
     def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> Recording:
-        """Return the same log with the channels of a part of it, where they do not fit into memory.
+        """Return the same log with the channels of a part of it [s], where they do not fit into memory.
 
-        Parameters
-        ----------
-        start_s, end_s : float
-            The part [s].
-        step_s : float
-            Samples that are closer are thinned to this distance [s]; zero keeps all.
+        Samples that are closer than `step_s` [s] are thinned to this distance; zero keeps all.
         """
         if not isinstance(self.channels, MadeChannels):
             return self
@@ -312,13 +307,7 @@ class Recording:
         return [self.channels[member] for member in family_members(name, self.channels)]
 
     def channel(self, name: str) -> Channel:
-        """Return the channel called `name`.
-
-        Raises
-        ------
-        MissingChannelError
-            With the topics that were looked for.
-        """
+        """Return the channel called `name`; a `MissingChannelError` has the topics that were looked for."""
         checks.text("a channel", name)
         if name in self.channels:
             return self.channels[name]

@@ -95,13 +95,7 @@ class Signals:
         return 1.0 / self.rate_hz
 
     def channel(self, name: str) -> Float[np.ndarray, " n"]:
-        """Values of the channel called `name`.
-
-        Raises
-        ------
-        MissingChannelError
-            When there is none.
-        """
+        """Values of the channel called `name`; a `MissingChannelError` when there is none."""
         checks.text("a channel", name)
         if name not in self.channels:
             expected = f"a channel called '{name}'"

@@ -87,16 +87,15 @@ def endogeneity(
     weights: Float[np.ndarray, "p n"],
     direct: DirectScores | None = None,
 ) -> Endogeneity | None:
-    """Test of a direct estimate against an instrumental one. Performs no checks."""
+    """Test of a direct estimate, by default of least squares, against an instrumental one; no checks."""
     GG = np.asarray(products.regressors.sum(axis=0))
     scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
     if direct is None:
         gamma = np.linalg.lstsq(GG, scale * products.regressor_response.sum(axis=0), rcond=None)[0]
-        H = GG
-    else:
-        gamma = direct.difference / scale
-        H = np.outer(scale, scale) * direct.sensitivity
+        nothing = np.zeros(gamma.size)
+        direct = DirectScores(gamma * scale, nothing, nothing, GG / np.outer(scale, scale))
+    gamma, H = direct.difference / scale, np.outer(scale, scale) * direct.sensitivity
     weights = weights * unit_scale(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
     M = products.count * weights.T @ products.sensitivity * scale
     D = np.linalg.lstsq(H.T, M.T, rcond=None)[0]
@@ -104,13 +103,10 @@ def endogeneity(
     h = (products.instrument_response - cross @ gamma) @ weights
     h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
     regressors = products.regressors * np.outer(scale, scale)
+    power = products.power - 2.0 * (products.regressor_response * scale) @ gamma
+    power += np.einsum("i,kij,j->k", gamma, regressors, gamma)
     s = products.regressor_response * scale - regressors @ gamma
-    left = float(products.power.sum()) - float(gamma @ GG @ gamma)  # of least squares
-    if direct is not None:
-        power = products.power - 2.0 * (products.regressor_response * scale) @ gamma
-        power += np.einsum("i,kij,j->k", gamma, regressors, gamma)
-        left = float(power.sum())
-        s += scale * (power[:, None] * direct.pull + products.counts[:, None] * direct.constant)
+    s += scale * (power[:, None] * direct.pull + products.counts[:, None] * direct.constant)
     h -= s @ D
     PG = weights.T @ cross.sum(axis=0)
     spread = weights.T @ products.instruments.sum(axis=0) @ weights - PG @ D - (PG @ D).T + D.T @ GG @ D
@@ -124,7 +120,7 @@ def endogeneity(
     total = h.sum(axis=0)
     statistic = quadratic_form(total, covariance_of_total(h, B))
     rows = products.row_count
-    durbin = quadratic_form(total, left / rows * (U.T @ spread @ U))
+    durbin = quadratic_form(total, float(power.sum()) / rows * (U.T @ spread @ U))
     freedom = rows - gamma.size - degrees
     wu = durbin / (rows - durbin) * freedom / degrees if durbin < rows else float("inf")
     return Endogeneity(
@@ -197,11 +193,12 @@ def hansen_j(
 
 def robust_over_identification(products: EquationProducts) -> OverIdentification:
     """J with a weight that allows for autocorrelation, from the products at an estimate."""
-    T = products.whitening
+    T, sums = products.whitening, products.equation_sums
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
     B = joint_averages(degrees, products.counts.size)
-    S = covariance_of_total(products.equation_sums @ T, B) / products.count
-    return hansen_j(T.T @ products.mean_equations, T.T @ products.sensitivity, S, products.count, B)
+    S = covariance_of_total(sums @ T, B) / products.count
+    mean = T.T @ (sums.sum(axis=0) / products.count)
+    return hansen_j(mean, T.T @ products.sensitivity, S, products.count, B)
 
 
 #: Conditional first-stage F below which instruments are weak.

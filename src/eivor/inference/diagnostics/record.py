@@ -216,11 +216,6 @@ class EquationProducts(Products):
         return np.asarray(self.regressors.sum(axis=0)) / self.count
 
     @cached_property
-    def mean_equations(self) -> Float[np.ndarray, " p"]:
-        """mean(psi e) + C theta - c."""
-        return np.asarray(self.instrument_response.sum(axis=0)) / self.count + self.constant
-
-    @cached_property
     def equation_sums(self) -> Float[np.ndarray, "K p"]:
         """Sums of the equations' scores psi e + C theta - c over each block."""
         return self.instrument_response + self.counts[:, None] * self.constant
