@@ -75,9 +75,9 @@ class Windows:
         return [*placed, *(range(3, 6) if moves else ()), *(range(6, 9) if turned_ else ()), *range(9, 12)]
 
     @cached_property
-    def begun(self) -> Float[np.ndarray, "13 starts"]:
-        """Measured states at the starts."""
-        return self.logged.body[:, self.starts.samples]
+    def begun(self) -> Float[np.ndarray, "13 1 starts"]:
+        """Measured states at the starts, for all models."""
+        return self.logged.body[:, None, self.starts.samples]
 
     def left(self, models: Sequence[Values]) -> Float[np.ndarray, "models rows starts"]:
         """What models leave of every output after each time, from the measured states."""
@@ -85,19 +85,20 @@ class Windows:
 
     def by_initial_state(self, model: Values) -> Float[np.ndarray, "rows outputs starts"]:
         """Derivatives of what a model leaves by the initial states."""
-        propagator, step = StatePropagator(self.logged, self.vehicle, [model], self.starts), 1e-5
-        columns = []
-        for part in self.outputs:
-            moved = self.begun.copy()
+        step, count = 1e-5, len(self.outputs)
+        moved = np.repeat(self.begun, count + 1, axis=1)
+        for number, part in enumerate(self.outputs):
             if 6 <= part < 9:
-                moved[6:10] = turned(moved[6:10], *(step * float(part == 6 + axis) for axis in range(3)))
+                turn = (step * float(part == 6 + axis) for axis in range(3))
+                moved[6:10, number] = turned(moved[6:10, number], *turn)
             else:
-                moved[part if part < 6 else part + 1] += step
-            columns.append(self._compared(propagator, moved)[0])
-        return (np.stack(columns, axis=1) - self._compared(propagator, self.begun)[0][:, None]) / step
+                moved[part if part < 6 else part + 1, number] += step
+        propagator = StatePropagator(self.logged, self.vehicle, [model] * (count + 1), self.starts)
+        left = self._compared(propagator, moved)
+        return (left[:count] - left[count]).transpose(1, 0, 2) / step
 
     def _compared(
-        self, propagator: StatePropagator, begun: Float[np.ndarray, "13 starts"]
+        self, propagator: StatePropagator, begun: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models rows starts"]:
         states = propagator.propagate(begun)
         measured = self.logged.body[:, self.starts.ends].transpose(1, 0, 2)
@@ -409,9 +410,10 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     rows, places = estimate.rows, [linear.index(name) for name in by_rows]
     theta = np.linalg.lstsq(rows.regressors[:, places], rows.response, rcond=None)[0]
     other = replace(begun, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
-    ends = [item.minimised(passes=1)[1] for item in (begun, other)]
-    costs = [float(np.sqrt(1.0 + ends[0].whitened([item.point])[0] ** 2).sum()) for item in ends]
-    return (begun, other)[int(np.argmin(costs))]
+    tried = [item.minimised(passes=1) for item in (begun, other)]
+    by_first = tried[0][1].whitened
+    costs = [float(np.sqrt(1.0 + by_first([end.point])[0] ** 2).sum()) for _, end in tried]
+    return tried[int(np.argmin(costs))][0]
 
 
 def refined_by_output_error(

@@ -60,12 +60,12 @@ class LoggedState:
 
     flight: PreparedFlight
 
-    @property
+    @cached_property
     def turns(self) -> bool:
         """Whether the attitude is logged."""
         return self._has(ATTITUDE)
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether velocity and attitude are."""
         return self.turns and self._has(VELOCITY)
@@ -149,10 +149,11 @@ class StatePropagator:
         return kinematics(body, velocity, force[:3] * np.array(self.turns)[:, None])
 
     def propagate(
-        self, body: Float[np.ndarray, "13 starts"]
+        self, body: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models horizons 13 starts"]:
-        """States of each model at the horizons, from states at the starts."""
-        states = self.starts.propagate(np.tile(body, len(self.models)), self)
+        """States of each model at the horizons, from its own or common states at the starts."""
+        begun = np.broadcast_to(body, (BODY, len(self.models), body.shape[2]))
+        states = self.starts.propagate(begun.reshape(BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
     def _motion(
@@ -334,7 +335,7 @@ def _of_flight(
     started = logged.body[:, starts.samples]
     by_model = StatePropagator(
         logged, vehicle, [model.values for model in models.values()], starts, what.turns, what.lifts
-    ).propagate(started)
+    ).propagate(started[:, None])
     states = {
         name: (model.words, predicted)
         for (name, model), predicted in zip(models.items(), by_model, strict=True)
