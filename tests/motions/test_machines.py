@@ -76,7 +76,8 @@ def smooth(levels, step_s, lag_s=0.15):
 
 def axis_case(rng, count, step_s):
     """A linear axis under control: parameters, signals, noise, disturbance."""
-    position = smooth(held(rng, count, step_s, 0.15, (0.8, 2.0)), step_s)
+    levels = held(rng, count, step_s, 0.15, (0.8, 2.0))
+    position = smooth(levels - levels[0], step_s)
     speed = np.gradient(position, step_s)
 
     def force(time, measured):
@@ -86,6 +87,29 @@ def axis_case(rng, count, step_s):
 
     truth = {"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.16}
     return truth, {"force": force, "reference_position": position}, {"position": 1e-6}, (1.0, 0.02)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_commands_that_a_log_may_lack_have_a_delay_that_is_estimated_with_the_parameters():
+    machine, step_s = ev.load_machine("linear-axis"), 0.001
+    truth, signals, noise, disturbance = axis_case(np.random.default_rng(3), 20_000, step_s)
+    columns = machine.simulate(
+        truth, signals, seconds=20.0, step_s=step_s, noise=noise, disturbance=disturbance, records=2
+    )
+    for log in logs_of({name: item[::5] for name, item in columns.items()}):
+        fit, told = (
+            ev.identify_flight(log, model=machine, controller_rate_hz=rate) for rate in (None, 1000.0)
+        )
+        for name in ("M", "Fv", "Fc"):
+            for result in (fit, told):
+                low, high = result.quantities[name].interval
+                half = 0.5 * (high - low)
+                assert low - half < truth[name] < high + half
+        # commands of half the distance of stamps are assumed, which hold 1.25 ms; these hold 0.5 ms
+        low, high = fit.quantities["delay"].interval
+        assert low < -0.00075 < high
+        assert told.quantities["delay"].interval == (0.0, 0.0)
 
 
 def boat_case(rng, count, step_s):

@@ -443,7 +443,8 @@ def with_fit(
     estimates = dict(motion.derive(fit.problem, best))
     if fit.by_sets:
         # those that are judged by confidence sets have the hulls of these as intervals
-        hulls = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
+        shown = {name: item for name, item in fit.by_sets.items() if name in estimates}
+        hulls = {name: replace(estimates[name], interval=item.hull) for name, item in shown.items()}
         estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))

@@ -212,7 +212,7 @@ class Clock:
             )
         return (
             f"The command is logged every {logged:.3g} ms, and the log does not show whether more were "
-            f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter. "
+            f"issued: when it acts is known to ±{1e3 * self.slack_s:.2g} ms. "
             "Give --controller-rate where it is known."
         )
 

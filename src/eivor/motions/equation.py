@@ -12,6 +12,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
+    EVEN_STD,
     joint_quantities,
     lag_quantities,
 )
@@ -36,9 +37,9 @@ from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.regression import Parameter
-from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Values
+from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Prior, Values
 from eivor.signals.channels import family_members
-from eivor.signals.filters import actuator_state, time_derivative
+from eivor.signals.filters import actuator_state, shifted_by, time_derivative
 from eivor.signals.signals import Signals
 from eivor.tools import Float
 
@@ -142,6 +143,23 @@ class AxisEquation:
         columns = [_evaluated(term.expression, signals, states) for term in terms]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
+    def late(self, signals: Signals, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
+        """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
+        texts = [term.of for term in self.terms if term.is_steady]
+        step_s, delay_s = signals.step_s, nuisance_values[DELAY.name]
+        if self.answers_inputs:
+            return shifted_by(self.columns(signals, texts), step_s=step_s, delay_s=-delay_s)
+        moved = {
+            name: shifted_by(signals.channel(name)[:, None], step_s=step_s, delay_s=delay_s)[:, 0]
+            for name in self.averaged
+        }
+        return self.columns(replace(signals, channels={**signals.channels, **moved}), texts)
+
+    @property
+    def answers_inputs(self) -> bool:
+        """Whether what is explained is an input, such as the force of a motor."""
+        return any(name in self.inputs for text in self.response for name in parsed(text).columns)
+
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
         drives = [DrivenSignals(signals, signals.family(name).mean(axis=1)) for name in self.inputs]
@@ -192,6 +210,10 @@ def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEqu
     )
 
 
+#: Values of the delay of inputs that the log does not date, to begin a search at.
+LATE_VALUES = 5
+
+
 class DeclaredMotion(Motion[LaggedRuns]):
     """A motion whose axes are declared equations."""
 
@@ -203,8 +225,11 @@ class DeclaredMotion(Motion[LaggedRuns]):
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the flights for each lag and delay."""
         logged = logged_axes(self.axes, flights)
-        fixed = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
-        moving = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
+        steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
+        behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
+        slack_s = max(flight.command_slack_s for flight in flights)
+        late = not behind and slack_s > 0.0 and any(axis.averaged for axis in logged)
+        fixed, moving = ((), steady) if late else (steady, behind)
         columns = []
         for number, flight in enumerate(flights):
             signals = flight.signals
@@ -215,10 +240,11 @@ class DeclaredMotion(Motion[LaggedRuns]):
                     for text in axis.response
                     if all(name in signals.channels for name in parsed(text).columns)
                 ]
-                steady = [term for term in axis.terms if term.is_steady]
+                stays = [term for term in axis.terms if term.is_steady and not late]
+                moves = [term for term in axis.terms if (term.is_steady if late else term.behind)]
                 whole = np.zeros((signals.sample_count, len(fixed)))
-                whole[:, [fixed.index(term.parameter) for term in steady]] = axis.columns(
-                    signals, [term.of for term in steady]
+                whole[:, [fixed.index(term.parameter) for term in stays]] = axis.columns(
+                    signals, [term.of for term in stays]
                 )
                 columns.append(
                     AxisColumns(
@@ -226,18 +252,23 @@ class DeclaredMotion(Motion[LaggedRuns]):
                         flight.runs,
                         axis.columns(signals, known),
                         whole,
-                        partial(axis.driven, signals),
+                        partial(axis.late if late else axis.driven, signals),
                         axis.instruments(signals, rule, others),
                         number,
                         self.axes.index(axis),
                         flight.band_hz,
                         flight.usable,
-                        tuple(moving.index(term.parameter) for term in axis.terms if term.behind),
-                        all(term.is_linear for term in axis.terms if term.behind),
+                        tuple(moving.index(term.parameter) for term in moves),
+                        not late and all(term.is_linear for term in moves),
                     )
                 )
         step_s = max((column.step_s for column in columns), default=0.0)
-        return LaggedRuns(tuple(columns), (*fixed, *moving), lag_and_delay(*self.grids, step_s=step_s))
+        lag, delay = lag_and_delay(*self.grids, step_s=step_s)
+        if late:
+            grid = np.linspace(-slack_s, slack_s, LATE_VALUES)
+            lag, prior = lag.known_at(0.0), Prior(0.0, EVEN_STD * slack_s)
+            delay = replace(delay, grid=grid, prior=prior, tolerance=1e-4 * slack_s)
+        return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the axes that are logged, and the lag."""

@@ -356,6 +356,8 @@ class Machine(DeclaredMotion):
         if self.has_lag:
             lag = LAG_QUANTITIES[EFFECTIVE_LAG]
             specs |= {**LAG_QUANTITIES, EFFECTIVE_LAG: replace(lag, in_rows=True)}
+        elif any(axis.averaged for axis in self.axes):  # of inputs whose stamps do not date them
+            specs |= {DELAY.name: LAG_QUANTITIES[DELAY.name]}
         return QuantityTable(specs)
 
     @property
@@ -476,8 +478,6 @@ class Machine(DeclaredMotion):
             states=states,
             responses=responses,
             band_hz=band,
-            # no lag makes up for commands between those that are logged
-            command_rate_hz=None if self.has_lag else min(channel.rate_hz for channel in commands),
             step_s=float(np.clip(step_s, *STEPS_S)),
             active=self.activity,
         )
