@@ -19,10 +19,10 @@ from eivor.estimation.diagnose import record_of
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.products import FOLDED_FROM
 from eivor.inference.diagnostics.instruments import endogeneity, strength
-from eivor.inference.diagnostics.record import equation_products
 from eivor.inference.verdict import Status
 from flights.flight_logs import Noise, flights
 from flights.flight_logs import problem as flight_problem
+from inference.instrument_data import equation_products
 
 NOISE = 0.3
 """Standard deviation of the input's noise."""
@@ -156,12 +156,8 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
     fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
     diagnose, rows = ev.diagnose(fit), fit.rows
     weights = record_of(fit).weights
-    products = equation_products(
-        instruments=rows.instruments,
-        jacobian=np.column_stack([rows.regressors, fit.nuisance_columns]),
-        residual=fit.residuals,
-        blocks=100,
-    )
+    jacobian = np.column_stack([rows.regressors, fit.nuisance_columns])
+    products = equation_products(rows.instruments, jacobian, fit.residuals, 100)
     np.testing.assert_allclose(diagnose.first_stage.conditional, fit.first_stage, rtol=1e-6)
     direct = strength(products)
     assert diagnose.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)

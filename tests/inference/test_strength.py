@@ -22,7 +22,6 @@ from eivor.inference.diagnostics.record import (
     Subject,
     conditional_first_stage,
     covariance_of_total,
-    equation_products,
     first_stage_of_products,
     hotelling_p_value,
     joint_averages,
@@ -52,7 +51,7 @@ linearmodels = pytest.importorskip("linearmodels")
 def products_of(y, endogenous, exogenous, excluded, blocks=25):
     """Products at the two-stage estimate."""
     _, X, Z, residual = data.two_stage(y, endogenous, exogenous, excluded)
-    return equation_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
+    return data.equation_products(Z, X, residual, blocks)
 
 
 def drawn(seed, count=600, memory=0.0, strength=0.2, columns=2, instruments=5):
@@ -64,10 +63,7 @@ def drawn(seed, count=600, memory=0.0, strength=0.2, columns=2, instruments=5):
 
 
 def strength_of(Z, X, blocks=100, **compensation):
-    products = equation_products(
-        instruments=Z, jacobian=X, residual=np.ones(X.shape[0]), blocks=blocks, **compensation
-    )
-    return strength(products)
+    return strength(data.equation_products(Z, X, np.ones(X.shape[0]), blocks, **compensation))
 
 
 def test_linearmodels_first_stage():
@@ -275,13 +271,8 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
         shared[0] = variance
         A = Psi.T @ X / count - shared
         theta = float(A[:, 0] @ (Psi.T @ y) / count / (A[:, 0] @ A[:, 0]))
-        products = equation_products(
-            instruments=Psi,
-            jacobian=X,
-            residual=y - X[:, 0] * theta,
-            blocks=128,
-            shared=shared,
-            constant=shared[:, 0] * theta,
+        products = data.equation_products(
+            Psi, X, y - X[:, 0] * theta, 128, shared=shared, constant=shared[:, 0] * theta
         )
         result = endogeneity(products, A)
         assert (result.p_value < 0.001) == endogenous
@@ -358,14 +349,8 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
     shared[0] = 0.25 + wrong
     A, b = Z.T @ X / count - shared, Z.T @ y / count
     theta = float(A[:, 0] @ b / (A[:, 0] @ A[:, 0]))
-    return equation_products(
-        instruments=Z,
-        jacobian=X,
-        residual=y - X[:, 0] * theta,
-        blocks=128,
-        shared=shared,
-        constant=shared[:, 0] * theta,
-    )
+    residual = y - X[:, 0] * theta
+    return data.equation_products(Z, X, residual, 128, shared=shared, constant=shared[:, 0] * theta)
 
 
 def test_critical_values_of_products_beyond_all_numbers_are_unknown():
@@ -428,12 +413,10 @@ def test_where_the_input_is_below_the_residual():
     """A sine lifts its own band above the residual and no other."""
     count, rate = 8192, 10.0
     t = np.arange(count) / rate
-    power = band_power(
-        [np.sin(2.0 * np.pi * 0.5 * t)], [1.0], np.random.default_rng(4).standard_normal(count), rate_hz=rate
-    )
+    swing, residual = np.sin(2.0 * np.pi * 0.5 * t), np.random.default_rng(4).standard_normal(count)
+    power = band_power([swing], [1.0], residual, rate, [float(swing @ swing)])
     inside = (power.low_hz <= 0.5) & (power.high_hz >= 0.5)
-    assert power.excited[inside, 0].all()
-    assert not power.excited[~inside, 0].any()
+    np.testing.assert_array_equal(power.input_power[:, 0] > power.residual_power, inside)
     assert power.share_above[0] > 0.99
 
 
@@ -586,7 +569,7 @@ def test_sentences_have_number_unit_and_period():
     assert f"swings by {push.strongest.extent} with a period of" in reported.sentence
     assert not list(found_of(1).reasons(SUBJECT))
     assert [row.of for row in push.rows(SUBJECT)] == ["", *2 * ["slope"], *2 * ["other"], *2 * ["push"]]
-    assert "most likely push by" in next(iter(push.lines(SUBJECT)))
+    assert "most likely push by" in next(iter(push.rows(SUBJECT))).line
 
 
 def test_few_blocks_and_no_power_say_nothing():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -45,7 +45,6 @@ from eivor.inference.diagnostics.record import (
     Diagnostic,
     EquationProducts,
     Subject,
-    equation_products,
 )
 from eivor.inference.diagnostics.residuals import (
     GROUPS,
@@ -59,7 +58,7 @@ from eivor.inference.diagnostics.residuals import (
     residual_whiteness,
     segment_leverage,
 )
-from eivor.inference.products import Products, block_edges
+from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
 from eivor.linalg.total_least_squares import LeastSquares
@@ -129,16 +128,14 @@ def _of_rows(estimate: Estimate) -> Record:
     elif isinstance(estimate.problem, SignalRegression):
         step_s = estimate.problem.signals.step_s
     residual = np.ascontiguousarray(residual)
-    blocks = block_count(residual.size, psi.shape[1])
-    products = equation_products(instruments=psi, jacobian=jacobian, residual=residual, blocks=blocks)
+    edges = block_edges(residual.size, block_count(residual.size, psi.shape[1]))
+    products = products_of_rows(psi, jacobian, residual, edges=edges)
     columns = tuple(jacobian[:, j] for j in range(theta.size))
     whole, weights = _assembled(estimate, products)
     return Record(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
 
 
-def _assembled(
-    estimate: Estimate, products: EquationProducts
-) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:
+def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:
     """With what the compensation, or a direct method's correction, adds to the products; and W A."""
     total = np.asarray(products.cross.sum(axis=0))
     if estimate.assembler.moment_equations:
@@ -158,7 +155,8 @@ def _assembled(
         sensitivity = estimate.equation.sensitivity - estimate.residual_variance() * known.T @ known
         shared = (total - sensitivity) / products.count
         WA, constant = np.eye(total.shape[0]), np.zeros(total.shape[0])
-    return replace(products, shared=shared, constant=constant, rows=estimate.count), WA
+    sums = products.counts, products.sums, products.tested
+    return EquationProducts(*sums, shared, constant, estimate.count), WA
 
 
 def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) -> Record:
@@ -179,10 +177,8 @@ def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) ->
     # The power of the residual is no difference of large numbers.
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
     products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
-    nothing = np.zeros((0, 0)), np.zeros(0)
-    result = EquationProducts(products.counts, products.sums, products.tested, *nothing)
     step_s = problem.signals.step_s
-    return Record(*_assembled(estimate, result), residual, tuple(values), tuple(factors), step_s)
+    return Record(*_assembled(estimate, products), residual, tuple(values), tuple(factors), step_s)
 
 
 #: Segments that are left out one at a time.
@@ -439,7 +435,7 @@ class Diagnostics:
         """
         import polars as pl
 
-        rows = [astuple(row) for item in self for row in item.rows(self.subject)]
+        rows = [astuple(row)[:4] for item in self for row in item.rows(self.subject)]
         columns = ("diagnostic", "of", "value", "compare")
         schema = dict.fromkeys(columns[:2], pl.String) | dict.fromkeys(columns[2:], pl.Float64)
         return pl.DataFrame(rows, schema=schema, orient="row")
@@ -447,7 +443,7 @@ class Diagnostics:
     def summary(self) -> str:
         """Every diagnostic in a line or two, and what to do about those that matter."""
         lines = [f"diagnostics of {self.estimate.method}"]
-        lines.extend(line for item in self for line in item.lines(self.subject))
+        lines.extend(row.line for item in self for row in item.rows(self.subject) if row.line)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
 

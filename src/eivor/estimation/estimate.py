@@ -24,7 +24,7 @@ from eivor.inference.covariance import (
     check_covariance_estimator,
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
+from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import check_level, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.regions import Ellipse
@@ -192,12 +192,10 @@ class Estimate:
             return 0.0, 1.0
         if self.constant.any():
             return float("nan"), float("nan")
-        equation = self.equation
-        J, p_value = over_identification(self._basis, equation.residual, equation.variance, self.unknowns)
-        if self.known.size:
-            J += sum(self.misfits)
-            p_value = chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
-        return J, p_value
+        moments, variance = self._basis.T @ self.equation.residual, self.equation.variance
+        J = float(moments @ moments) / variance if variance > 0.0 else 0.0
+        J += sum(self.misfits)
+        return J, chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " n"]:

@@ -80,15 +80,12 @@ class Periodicity(Diagnostic):
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """How many were tested with the p-value of all, and period and amplitude of each."""
-        yield Row("periodicity", "", float(len(self.tested)), self.p_value)
+        likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
+        line = f"period               {self.strongest.period:>10.4g}  {self.time_unit}, {likely}"
+        yield Row("periodicity", "", float(len(self.tested)), self.p_value, line)
         for item in self.tested:
             yield Row("period", item.of, item.period, item.p_value)
             yield Row("swing", item.of, item.amplitude, item.p_value)
-
-    def lines(self, _of: Subject, /) -> Iterator[str]:
-        """The likeliest period."""
-        likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
-        yield f"period               {self.strongest.period:>10.4g}  {self.time_unit}, {likely}"
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """What varies periodically."""
@@ -211,13 +208,10 @@ class Information(Diagnostic):
         text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in js)
         return text.removeprefix("+ ")
 
-    def rows(self, _of: Subject, /) -> Iterator[Row]:
+    def rows(self, of: Subject, /) -> Iterator[Row]:
         """The condition."""
-        yield Row("information_condition", "", self.condition, None)
-
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """The condition, and which combination is determined worst."""
-        yield f"information          {self.condition:>10.4g}  condition; worst: {self.worst(of.names)}"
+        line = f"information          {self.condition:>10.4g}  condition; worst: {self.worst(of.names)}"
+        yield Row("information_condition", "", self.condition, None, line)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """A combination that is determined badly."""
@@ -240,27 +234,17 @@ class BandPower(Diagnostic):
     residual_power: Float[np.ndarray, " bands"]
     share_above: Float[np.ndarray, " n"]
 
-    @property
-    def excited(self) -> np.ndarray:
-        """In which bands the power of each column is above the residual's, shape (bands, n)."""
-        return self.input_power > self.residual_power[:, None]
-
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """Share of each column above the residual, and both powers in every band."""
         linear = of.names[: self.share_above.size]
         for name, share in zip(linear, self.share_above, strict=True):
             if not math.isnan(share):
-                yield Row("power_above", name, float(share), None)
+                line = f"power above residual {share:>10.0%}  {name}"
+                yield Row("power_above", name, float(share), None, line)
         for b, (low, high) in enumerate(zip(self.low_hz, self.high_hz, strict=True)):
             for j, name in enumerate(linear):
                 power, residual = float(self.input_power[b, j]), float(self.residual_power[b])
                 yield Row("band_power", f"{name}, {low:.3g} to {high:.3g} Hz", power, residual)
-
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """Share of each column above the residual."""
-        for name, share in zip(of.names, self.share_above, strict=False):
-            if not math.isnan(share):
-                yield f"power above residual {share:>10.0%}  {name}"
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Columns that contribute mostly where the residual is stronger."""
@@ -295,8 +279,8 @@ def band_power(
     columns: Sequence[Float[np.ndarray, " rows"]],
     factors: Sequence[float],
     residual: Float[np.ndarray, " rows"],
-    rate_hz: float = 1.0,
-    squares: Sequence[float] | None = None,
+    rate_hz: float,
+    squares: Sequence[float],
 ) -> BandPower:
     """Spectra of parts and residual in bands of equal ratio; `squares` are the parts' sums of squares."""
     length = min(STRETCH, residual.size)
@@ -319,10 +303,6 @@ def band_power(
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)
     frequency = np.arange(1, bins + 1) * (rate_hz / length)
-    if squares is None:
-        squares = [
-            factor**2 * float(column @ column) for factor, column in zip(factors, columns, strict=True)
-        ]
     moving = [
         # The sum of squares is above the largest: what exceeds its share needs no search for that.
         power > VANISHING * square or power > VANISHING * (factor * largest(column)) ** 2

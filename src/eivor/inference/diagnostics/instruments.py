@@ -51,13 +51,10 @@ class Endogeneity(Diagnostic):
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """The statistic, and the estimate less least squares."""
-        yield Row("endogeneity", "", self.statistic, self.p_value)
+        line = f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
+        yield Row("endogeneity", "", self.statistic, self.p_value, line)
         for name, value in zip(of.names, self.difference, strict=True):
             yield Row("less_least_squares", name, float(value), None)
-
-    def lines(self, _of: Subject, /) -> Iterator[str]:
-        """The statistic and its p-value."""
-        yield f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Least squares that would be biased."""
@@ -119,7 +116,7 @@ def endogeneity(
     h = h @ U
     total = h.sum(axis=0)
     statistic = quadratic_form(total, covariance_of_total(h, B))
-    rows = products.row_count
+    rows = products.rows
     durbin = quadratic_form(total, float(power.sum()) / rows * (U.T @ spread @ U))
     freedom = rows - gamma.size - degrees
     wu = durbin / (rows - durbin) * freedom / degrees if durbin < rows else float("inf")
@@ -152,12 +149,9 @@ class OverIdentification(Diagnostic):
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """J and its p-value."""
-        yield Row("over_identification_J", "", self.J, self.p_value)
-
-    def lines(self, _of: Subject, /) -> Iterator[str]:
-        """J and its p-value."""
         on = f"J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
-        yield f"over-identification  {self.J:>10.4g}  {on}"
+        line = f"over-identification  {self.J:>10.4g}  {on}"
+        yield Row("over_identification_J", "", self.J, self.p_value, line)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """Instruments that disagree."""
@@ -227,19 +221,18 @@ class FirstStageTest(Diagnostic):
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """Every F with what it needs, and the shares of variance."""
         for j, name in enumerate(of.names):
-            yield Row("first_stage_F", name, float(self.conditional[j]), STRONG_FIRST_STAGE)
-            yield Row("effective_F", name, float(self.effective[j]), float(self.critical[j]))
+            F, effective, critical = (
+                float(values[j]) for values in (self.conditional, self.effective, self.critical)
+            )
+            line = f"first-stage F        {F:>10.4g}  {name} (needed: {STRONG_FIRST_STAGE:.0f})"
+            yield Row("first_stage_F", name, F, STRONG_FIRST_STAGE, line)
+            line = f"effective F          {effective:>10.4g}  {name} (needed: {critical:.3g})"
+            yield Row("effective_F", name, effective, critical, line)
             yield Row("shea_r_squared", name, float(self.shea_r_squared[j]), None)
-        yield Row("smallest_eigenvalue", "", self.smallest_eigenvalue, self.smallest_critical)
+        least, needed = self.smallest_eigenvalue, self.smallest_critical
+        line = f"smallest eigenvalue  {least:>10.4g}  needed: {needed:.3g}"
+        yield Row("smallest_eigenvalue", "", least, needed, line)
         yield Row("cragg_donald", "", self.cragg_donald, None)
-
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """Both F of each parameter, and the smallest eigenvalue."""
-        for j, name in enumerate(of.names):
-            needed = f"{STRONG_FIRST_STAGE:.0f}"
-            yield f"first-stage F        {self.conditional[j]:>10.4g}  {name} (needed: {needed})"
-            yield f"effective F          {self.effective[j]:>10.4g}  {name} (needed: {self.critical[j]:.3g})"
-        yield f"smallest eigenvalue  {self.smallest_eigenvalue:>10.4g}  needed: {self.smallest_critical:.3g}"
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Parameters, or one combination of them, that the instruments hardly move."""
@@ -282,7 +275,7 @@ def strength(
     L = cosine_averages(scores, B) / np.sqrt(B * products.count)
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
-    sizes = (products.count, products.row_count)
+    sizes = (products.count, products.rows)
     result = np.array([_conditional(j, a, R, residual, L, sizes) for j in range(count)])
     least_squares = np.diag(np.linalg.pinv(R, hermitian=True))
     two_stage = np.diag(np.linalg.pinv(a.T @ a, hermitian=True))

@@ -12,7 +12,7 @@ import scipy
 
 from eivor.inference.covariance import cosine_averages, unit_scale
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.inference.products import Products
 from eivor.inference.verdict import Reason
 from eivor.tools import Float
 
@@ -65,6 +65,7 @@ class Row:
     of: str
     value: float
     compare: float | None
+    line: str = ""  # In words, of the main numbers
 
 
 @dataclass(frozen=True)
@@ -87,10 +88,6 @@ class Diagnostic(ABC):
     @abstractmethod
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """Every number."""
-
-    @abstractmethod
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """The main numbers, a line each."""
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """What speaks against the estimate or should be known of it, each with what to do."""
@@ -177,28 +174,13 @@ def first_stage_of_products(
     return strengths
 
 
-def over_identification(
-    basis: Float[np.ndarray, "rows p"], residual: Float[np.ndarray, " rows"], variance: float, unknowns: int
-) -> tuple[float, float]:
-    """J = e'QQ'e / s^2 and its p-value on p - n degrees of freedom (1 when exactly identified)."""
-    moments = basis.T @ residual
-    J = float(moments @ moments) / variance if variance > 0.0 else 0.0
-    degrees = basis.shape[1] - unknowns
-    return J, chi_square_tail(J, degrees) if degrees > 0 else 1.0
-
-
 @dataclass(frozen=True)
 class EquationProducts(Products):
     """Products of [psi G e] over K successive blocks of time, and what compensation adds."""
 
     shared: Float[np.ndarray, "p n"]
     constant: Float[np.ndarray, " p"]  # C theta - c
-    rows: float | None = None  # Rows that the sums are of
-
-    @property
-    def row_count(self) -> float:
-        """Rows, which degrees of freedom are counted in."""
-        return self.count if self.rows is None else self.rows
+    rows: float  # Rows that the sums are of, in which degrees of freedom are counted
 
     @cached_property
     def instrument_mean(self) -> Float[np.ndarray, "p p"]:
@@ -229,21 +211,3 @@ class EquationProducts(Products):
         values, vectors = np.linalg.eigh(np.outer(scale, scale) * Q)
         kept = values > SMALLEST_DIRECTION**2
         return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-
-
-def equation_products(
-    *,
-    instruments: Float[np.ndarray, "rows p"],
-    jacobian: Float[np.ndarray, "rows n"],
-    residual: Float[np.ndarray, " rows"],
-    blocks: int,
-    shared: Float[np.ndarray, "p n"] | None = None,
-    constant: Float[np.ndarray, " p"] | None = None,
-) -> EquationProducts:
-    """Products of rows that are samples in time order. Performs no checks."""
-    rows, p = instruments.shape
-    n = jacobian.shape[1]
-    products = products_of_rows(instruments, jacobian, residual, edges=block_edges(rows, blocks))
-    shared = np.zeros((p, n)) if shared is None else shared
-    constant = np.zeros(p) if constant is None else constant
-    return EquationProducts(products.counts, products.sums, products.tested, shared, constant)

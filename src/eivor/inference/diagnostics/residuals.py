@@ -66,15 +66,12 @@ class Constancy(Diagnostic):
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """The statistic, each parameter's change with its p-value, and where it is most likely."""
-        yield Row("constancy", "", self.statistic, self.p_value)
+        likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
+        line = f"constancy            {self.statistic:>10.4g}  {likely}"
+        yield Row("constancy", "", self.statistic, self.p_value, line)
         for name, p, change in zip(of.names, self.p_values, self.change, strict=True):
             yield Row("change", name, float(change), float(p))
         yield Row("break_at", "share of the record", self.break_at, None)
-
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """The statistic, and where a change is most likely."""
-        likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
-        yield f"constancy            {self.statistic:>10.4g}  {likely}"
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Parameters that change."""
@@ -169,13 +166,9 @@ class SegmentLeverage(Diagnostic):
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """The largest change of each parameter, and by which stretch."""
         for j, name in enumerate(of.names):
-            yield Row("leverage", f"{name}, {self._where(j, of)}", float(self.largest[j]), 1.0)
-
-    def lines(self, of: Subject, /) -> Iterator[str]:
-        """The largest change of each parameter, and by which stretch."""
-        for j, name in enumerate(of.names):
-            where = f"standard errors of {name}, {self._where(j, of)}"
-            yield f"largest leverage     {self.largest[j]:>+10.2f}  {where}"
+            by, where = float(self.largest[j]), f"{name}, {self._where(j, of)}"
+            line = f"largest leverage     {by:>+10.2f}  standard errors of {where}"
+            yield Row("leverage", where, by, 1.0, line)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Stretches that move a parameter much."""
@@ -231,11 +224,8 @@ class ResidualMemory(Diagnostic):
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """The memory and its standard error."""
-        yield Row("memory", "", self.memory, self.order_error)
-
-    def lines(self, _of: Subject, /) -> Iterator[str]:
-        """The memory and its standard error."""
-        yield f"memory               {self.memory:>10.3f}  standard error {self.order_error:.3f}"
+        line = f"memory               {self.memory:>10.3f}  standard error {self.order_error:.3f}"
+        yield Row("memory", "", self.memory, self.order_error, line)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """A residual that drifts."""
@@ -286,15 +276,12 @@ class ResidualWhiteness(Diagnostic):
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """Both statistics, and every autocorrelation with its band."""
-        yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value)
-        yield Row("durbin_watson", "", self.durbin_watson, 2.0)
+        line = f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
+        yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value, line)
+        line = f"Durbin-Watson        {self.durbin_watson:>10.4g}"
+        yield Row("durbin_watson", "", self.durbin_watson, 2.0, line)
         for lag, r in enumerate(self.autocorrelation, start=1):
             yield Row("autocorrelation", f"lag {lag}", float(r), self.band)
-
-    def lines(self, _of: Subject, /) -> Iterator[str]:
-        """Both statistics."""
-        yield f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
-        yield f"Durbin-Watson        {self.durbin_watson:>10.4g}"
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """Autocorrelation, which white-noise standard errors do not allow for."""
