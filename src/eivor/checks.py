@@ -6,7 +6,7 @@ import math
 import os
 import reprlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, get_type_hints
 
@@ -34,6 +34,14 @@ def kind(
 def text(name: str, value: object) -> None:
     """Refuse what is no text."""
     kind(name, value, str, "text")
+
+
+def place(what: str, name: str, known: Sequence[str]) -> int:
+    """Place of a name among those that are known; refuse any other."""
+    text("name", name)
+    if name not in known:
+        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", "Name one of them.")
+    return known.index(name)
 
 
 def number(name: str, value: object) -> None:

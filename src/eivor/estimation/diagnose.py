@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from eivor import checks
-from eivor.errors import EivorError, EstimationError, UsageError
+from eivor.errors import EivorError, EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, CrossMoments, Instrumental
@@ -413,9 +413,7 @@ class Diagnostics:
 
     def __getitem__(self, name: str) -> Diagnostic | None:
         """Diagnostic of that name; None where it cannot be made."""
-        if name not in DIAGNOSTICS:
-            remedy = "Name one of them."
-            raise UsageError(f"a diagnostic out of {', '.join(DIAGNOSTICS)}", f"'{name}'", remedy)
+        checks.place("a diagnostic", name, DIAGNOSTICS)
         diagnostic: Diagnostic | None = getattr(self, name)
         return diagnostic
 

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 import scipy
 
-from eivor.errors import UsageError
+from eivor import checks
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
@@ -435,11 +435,10 @@ class ProfileSets:
         """Sets of one linear parameter."""
         check_level(level)
         estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
-        if name not in parameters:
-            raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
+        position = checks.place("a parameter", name, parameters)
         if not self.available:
             return None
-        rows, position = estimate.rows, parameters.index(name)
+        rows = estimate.rows
         involved = rows.regressors[:, position] != 0.0
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
         criterion, instruments = self._of_all_rows, np.eye(rows.instruments.shape[1])

@@ -251,15 +251,10 @@ class RecursiveIdentification:
             checks.kind("detector", self.detector, ChangeDetector, "a ChangeDetector", "ev.ChangeDetector().")
 
     def update(self, chunk: Signals) -> RecursiveIdentification:
-        """With the samples that follow, one or many.
+        """With the stretch of the record that follows, one sample or many, of the same channels and rate.
 
-        However a record is cut into chunks, the estimate is the same but for rounding.
-
-        Parameters
-        ----------
-        chunk : Signals
-            The stretch of the record that follows, with the same channels and rate. Samples that are not
-            valid count as time that passed, and as nothing else.
+        However a record is cut into chunks, the estimate is the same but for rounding. Samples that are not
+        valid count as time that passed, and as nothing else.
 
         Raises
         ------

@@ -256,12 +256,9 @@ class AndersonRubinSet(_ConfidenceSets):
         Exogenous regressors are partialled out, all but the parameter's own. The rest is the shadow of the
         joint region; for classical errors with the degrees of freedom of one parameter.
         """
-        checks.text("name", name)
-        names = tuple(parameter.name for parameter in self.parameters)
-        if name not in names:
-            raise UsageError(f"a parameter out of {', '.join(names)}", f"'{name}'", "Name one of them.")
+        position = checks.place("a parameter", name, [parameter.name for parameter in self.parameters])
         exogenous = set(self.rows.own_instruments())
-        if len(exogenous) < len(names) and names.index(name) not in exogenous:
+        if len(exogenous) < len(self.parameters) and position not in exogenous:
             return self.region.interval(name)
         return self._region_with(name).interval(name)
 
@@ -369,7 +366,7 @@ def sign_perturbed_set(
     Returns
     -------
     SignPerturbedSet
-        `region.contains(theta)`, `region.outline()`, `interval(name)`, `summary()`.
+        See `anderson_rubin_set`.
 
     Raises
     ------

@@ -202,12 +202,12 @@ class Bootstrap:
 
     def std_error(self, name: str) -> float:
         """Root of the quantity's variance, see `covariance`."""
-        position = self._position(name)
+        position = checks.place("a quantity", name, self.names)
         return math.sqrt(float(self.covariance[position, position]))
 
     def bias(self, name: str) -> float:
         """Mean of the replicates minus the value."""
-        position = self._position(name)
+        position = checks.place("a quantity", name, self.names)
         return float(self.replicates[:, position].mean() - self.values[position])
 
     def interval(
@@ -221,7 +221,7 @@ class Bootstrap:
             When the level is not between 0 and 1 or needs more replicates than there are, or a studentised
             interval is asked of replicates without standard errors.
         """
-        position = self._position(name)
+        position = checks.place("a quantity", name, self.names)
         check_level(level)
         try:
             chosen = IntervalKind(kind)
@@ -247,12 +247,6 @@ class Bootstrap:
         wider = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
         wider /= normal_quantile(level)
         return value + wider * (low - value), value + wider * (high - value)
-
-    def _position(self, name: str) -> int:
-        checks.text("name", name)
-        if name not in self.names:
-            raise UsageError(f"a quantity out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
-        return self.names.index(name)
 
 
 def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:

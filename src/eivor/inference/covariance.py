@@ -77,11 +77,7 @@ class JointCovariance:
 
     def part(self, name: str) -> CovariancePart:
         """Part of that name."""
-        for item in self.parts:
-            if item.name == name:
-                return item
-        names = ", ".join(entry.name for entry in self.parts)
-        raise UsageError(f"a covariance out of {names}", f"'{name}'", "Name one of them.")
+        return self.parts[checks.place("a covariance", name, [part.name for part in self.parts])]
 
     def std_error(self, direction: Float[np.ndarray, " n"]) -> float:
         """Largest of the standard errors of ``direction @ estimates``."""

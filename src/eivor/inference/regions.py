@@ -99,10 +99,7 @@ class ConfidenceRegion:
 
     def interval(self, name: str) -> ConfidenceSet:
         """Values of a parameter that some member of the region has: the region's shadow."""
-        checks.text("name", name)
-        if name not in self.names:
-            raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
-        axis = self.names.index(name)
+        axis = checks.place("a parameter", name, self.names)
         return self.frame.in_units(self.shape.shadow(axis + 1), axis)
 
     def outline(
@@ -180,20 +177,12 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
     angles = np.unique(np.concatenate([angles, seeds]))
     inside = [meets(base(angle)) for angle in angles[:-1]]
     inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
-    pieces: list[tuple[float, float]] = []
-    start = -inf if inside[0] else None
-    for item, other, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
-        if here == there:
-            continue
-        end = _end(lambda angle: meets(base(angle)), float(item), float(other), here)
-        if here and start is not None:
-            pieces.append((start, float(np.tan(end))))
-            start = None
-        else:
-            start = float(np.tan(end))
-    if start is not None:
-        pieces.append((start, inf))
-    return ConfidenceSet.union(pieces)
+    ends = [-inf] * inside[0]
+    for low, high, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
+        if here != there:
+            ends.append(np.tan(_end(lambda angle: meets(base(angle)), float(low), float(high), here)))
+    ends += [inf] * inside[-1]
+    return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
 def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:

@@ -13,7 +13,7 @@ from eivor import checks
 from eivor.errors import ParameterError
 from eivor.models.regression import LinearProblem, Parameter, Regression
 from eivor.models.spectral import SpectralRegression
-from eivor.signals.filters import delayed_by, first_order_lag
+from eivor.signals.filters import first_order_lag
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
@@ -89,10 +89,9 @@ class LaggedInputs(InstrumentRule):
 
     def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """Lagged commands, see `InstrumentRule.columns`; before the record they are at rest."""
-        start = driven.command[0]
-        moved = (driven.command - start)[:, None]
-        lagged = [delayed_by(moved, lag) for lag in range(self.first, self.last + 1)]
-        return np.concatenate(lagged, axis=1) + start
+        command, lags = driven.command, range(self.first, self.last + 1)
+        known = np.concatenate([np.full(self.last, command[0]), command])
+        return np.column_stack([known[self.last - lag :][: command.size] for lag in lags])
 
 
 @dataclass(frozen=True, slots=True)

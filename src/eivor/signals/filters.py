@@ -37,15 +37,6 @@ def actuator_state(
     return state
 
 
-def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np.ndarray, "n columns"]:
-    """Values `samples` later, preceded by zeros. Performs no checks."""
-    if samples == 0:
-        return values
-    shifted = np.zeros_like(values)
-    shifted[samples:] = values[:-samples]
-    return shifted
-
-
 def shifted_by(
     values: Float[np.ndarray, "n columns"], *, step_s: float, delay_s: float
 ) -> Float[np.ndarray, "n columns"]:

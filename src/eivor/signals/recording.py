@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -187,16 +188,11 @@ def clean_channel(
     values: Float[np.ndarray, " n"],
     unit: str,
     *,
-    source: str = "",
-    held: bool = False,
     overflowed: int = 0,
     saturated: int = 0,
-    estimated: bool | None = None,
-    delay_s: float = 0.0,
-    noise: float | DataSheet | None = None,
-    curve_side: CurveSide = CurveSide.UNKNOWN,
+    **known: Any,
 ) -> Channel:
-    """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped."""
+    """Channel of raw stamps and values, and of what is known of it: stamps that do not rise are dropped."""
     time = checks.real_array(f"stamps of channel '{name}'", time_s)
     series = np.array(checks.real_array(f"channel '{name}'", values))
     if time.shape != series.shape:
@@ -212,7 +208,7 @@ def clean_channel(
         time, first, quality = _rising(time, quality)
         series = series[first]
     quality = replace(quality, missing_values=int(np.isnan(series).sum()))
-    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s, noise, curve_side)
+    return Channel(name, time, series, unit, quality=quality, **known)
 
 
 def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
