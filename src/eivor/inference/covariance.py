@@ -29,7 +29,6 @@ from eivor.inference.kernel import (
     SquareRootRule,
     kernel_sum_covariance,
 )
-from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.tools import Float
 
 # -- Covariance --
@@ -138,29 +137,58 @@ class JointEstimate:
 
 #: Number of cosine averages of the autocorrelation-robust covariance.
 COSINE_AVERAGES = 8
+#: Largest angle from the middle of a group: x^6/720 and x^7/5040 are below the rounding of sums.
+LARGEST_ANGLE = 1e-2
+#: Signs and factorials of the series, cosine and sine in turns.
+SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
+#: Groups of fewer scores save nothing.
+SHORTEST_GROUP = 8
 
 
 def cosine_covariance(
     scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int = COSINE_AVERAGES
 ) -> Float[np.ndarray, "n n"]:
     """Covariance of the sum of autocorrelated scores. Performs no checks."""
-    step, start, sums = np.pi * np.arange(1, averages + 1)[:, None] / count, 0, []
+    sums = cosine_sums(scores, count, averages)
+    return np.asarray((2.0 / averages) * sums.T @ sums)
+
+
+def cosine_sums(
+    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int
+) -> Float[np.ndarray, "averages n"]:
+    """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
+    moments, middles, sums, start = [], [], [], 0
+    step = np.pi * np.arange(1, averages + 1)[:, None] / count
     for block in scores:
-        for first, stop in row_blocks(0, block.shape[0], PASSED_ROWS):
-            # every stretch has the cosines and sines of the first, turned by the angle where it begins
-            cosine, sine = _waves(count, averages, stop - first)
-            angle, part = step * (start + first), block[first:stop]
-            sums.append(np.cos(angle) * (cosine @ part) - np.sin(angle) * (sine @ part))
-        start += block.shape[0]
-    total = np.sum(sums, axis=0)
-    return np.asarray((2.0 / averages) * total.T @ total)
+        samples = block.shape[0]
+        longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+        length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
+        groups = samples // length if length >= SHORTEST_GROUP else 0
+        grouped = groups * length
+        if groups:
+            moments.append(block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length))
+            middles.append(start + 0.5 * length + length * np.arange(groups))
+        if grouped < samples:
+            sums.append(np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:])
+        start += samples
+    if moments:
+        sums.append(_sums_of_groups(np.concatenate(moments, axis=1), step * np.concatenate(middles)))
+    if not sums:
+        raise ValueError("no block of scores")
+    return np.asarray(sum(sums))
 
 
-@lru_cache(maxsize=4)
-def _waves(count: int, averages: int, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine of each average at the first samples of a record."""
-    angles = np.pi * np.arange(1, averages + 1)[:, None] / count * (0.5 + np.arange(length))
-    return np.cos(angles), np.sin(angles)
+def _sums_of_groups(
+    moments: Float[np.ndarray, "n groups powers"], middles: Float[np.ndarray, "averages groups"]
+) -> Float[np.ndarray, "averages n"]:
+    """Sums of the scores times each cosine, from moments of groups around their middle angles."""
+    cosine, sine = np.cos(middles), np.sin(middles)
+    order = np.arange(1, middles.shape[0] + 1)[:, None]
+    terms = (
+        sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
+        for power, sign in enumerate(SIGNS)
+    )
+    return np.asarray(sum(terms))
 
 
 def cosine_averages(
@@ -176,6 +204,13 @@ def cosine_averages(
 def long_run_mean_variance(series: Float[np.ndarray, " samples"]) -> float:
     """Variance of the mean of an autocorrelated series, by the same cosine averages."""
     return float(cosine_covariance([series[:, None]], series.size)[0, 0]) / series.size**2
+
+
+@lru_cache(maxsize=8)
+def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
+    """x^k / k! at the samples of a group, for angles x from its middle."""
+    offset = np.arange(length) - 0.5 * (length - 1)
+    return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS
 
 
 # -- Estimators --
