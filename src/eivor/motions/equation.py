@@ -12,7 +12,6 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
-    EVEN_STD,
     joint_quantities,
     lag_quantities,
 )
@@ -265,8 +264,9 @@ class DeclaredMotion(Motion[LaggedRuns]):
         step_s = max((column.step_s for column in columns), default=0.0)
         lag, delay = lag_and_delay(*self.grids, step_s=step_s)
         if late:
-            grid = np.linspace(-slack_s, slack_s, LATE_VALUES)
-            lag, prior = lag.known_at(0.0), Prior(0.0, EVEN_STD * slack_s)
+            # a command of every sample, the likeliest, is late by all of the slack
+            grid = np.linspace(-1.5 * slack_s, 1.5 * slack_s, LATE_VALUES)
+            lag, prior = lag.known_at(0.0), Prior(0.0, slack_s)
             delay = replace(delay, grid=grid, prior=prior, tolerance=1e-4 * slack_s)
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 

@@ -1,0 +1,315 @@
+"""Study of declared machines: coverage, bias and verdicts in records under control.
+
+`python -m validation.machines --records 100 [WORD ...]` prints a line for each row that holds one of WORDs.
+The loop of the linear axis is this file's own, at 1 kHz with stiction. The wing flies in JSBSim, which must
+be installed. Boat and rover simulate their own equations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+import eivor as ev
+from eivor.errors import EivorError
+from eivor.logs.channel_map import parse_expression
+
+#: Parameters of the axis: mass, friction, and what the force is off by.
+AXIS = {"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.16}
+BOAT = {"a": 1.0 / 3.0, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
+ROVER = {"drive_gain": 4.0, "rolling_drag": 0.8, "dry_friction": 0.3, "actuator_lag": 0.15, "delay": 0.05}
+
+#: Machine, parameters and columns of one record.
+Record = tuple[Any, dict[str, float], dict[str, np.ndarray]]
+
+
+def held(rng: np.random.Generator, count: int, step_s: float, size: float, lasting: Any) -> np.ndarray:
+    """Levels to both sides that last from one time to another [s]; the first is zero."""
+    levels, begin = np.zeros(count), int(lasting[0] / step_s)
+    while begin < count:
+        end = begin + int(rng.uniform(*lasting) / step_s)
+        levels[begin:end] = size * rng.uniform(-1.0, 1.0)
+        begin = end
+    return levels
+
+
+def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
+    """Values behind first-order lags."""
+    for lag_s in lags_s:
+        values = parse_expression(f"lag(x, {lag_s})", "here").evaluate({"x": values}, step_s)
+    return values
+
+
+def axis_records(records: int, every: int, encoder_m: float, torque_n: float) -> Iterator[Record]:
+    """A linear axis of 25 s at 1 kHz, logged every few samples."""
+    step_s, count = 0.001, 25_000
+    streams = [np.random.default_rng(seed) for seed in range(records)]
+    levels = np.stack([held(rng, count, step_s, 0.15, (0.2, 0.9)) for rng in streams])
+    asked = np.stack([lagged(row, step_s, 0.1, 0.1, 0.1) for row in levels])
+    speeds = np.gradient(asked, step_s, axis=1)
+    forward = AXIS["M"] * np.gradient(speeds, step_s, axis=1) + AXIS["Fv"] * speeds
+    forward += AXIS["Fc"] * np.tanh(speeds / 0.01) + AXIS["offset"]
+    pushes = np.stack([rng.standard_normal(count) for rng in streams])
+    decay = np.exp(-step_s / 0.02)
+    position, speed, push, last, filtered = np.zeros((5, records))
+    seen, forces = np.empty((2, count, records))
+    stiff, damping = AXIS["M"] * 60.0**2, 1.6 * AXIS["M"] * 60.0
+    for k in range(count):
+        measured = np.round(position / encoder_m) * encoder_m
+        filtered += 0.5 * ((measured - last) / step_s - filtered)
+        last = measured
+        force = forward[:, k] + stiff * (asked[:, k] - measured) + damping * (speeds[:, k] - filtered)
+        seen[k], forces[k] = measured, force
+        push = decay * push + np.sqrt(1.0 - decay**2) * torque_n * pushes[:, k]
+        for _ in range(4):
+            free = speed + 0.25 * step_s * (force - AXIS["offset"] + push - AXIS["Fv"] * speed) / AXIS["M"]
+            # dry friction takes what speed it can
+            taken = 0.25 * step_s * AXIS["Fc"] / AXIS["M"]
+            following = np.sign(free) * np.maximum(np.abs(free) - taken, 0.0)
+            position += 0.125 * step_s * (speed + following)
+            speed = following
+    time = step_s * np.arange(count)
+    machine = ev.load_machine("linear-axis")
+    for record in range(records):
+        columns = (time, seen[:, record], forces[:, record], asked[record])
+        names = ("time", "position", "force", "reference_position")
+        yield machine, AXIS, {name: item[::every] for name, item in zip(names, columns, strict=True)}
+
+
+def simulated(
+    name: str, truth: dict[str, float], seconds: float, step_s: float, noise: Any, disturbance: Any, loop: Any
+) -> Callable[[int], Iterator[Record]]:
+    """Records of a shipped machine in a loop of its own for each record."""
+
+    def made(records: int) -> Iterator[Record]:
+        machine, count = ev.load_machine(name), round(seconds / step_s)
+        for seed in range(records):
+            signals = loop(np.random.default_rng(seed), count, step_s)
+            columns = machine.simulate(
+                truth,
+                signals,
+                seconds=seconds,
+                step_s=step_s,
+                noise=noise,
+                disturbance=disturbance,
+                seed=seed,
+            )
+            yield machine, truth, columns
+
+    return made
+
+
+def boat_loop(rng: np.random.Generator, count: int, step_s: float) -> dict[str, Any]:
+    """Headings that are steered to."""
+    asked, heading = held(rng, count, step_s, 0.8, (10.0, 25.0)), 0.0
+
+    def rudder(time: float, measured: Any) -> Any:
+        nonlocal heading
+        heading = heading + step_s * measured["yaw_rate"]
+        return np.clip(asked[round(time / step_s)] - heading - 2.0 * measured["yaw_rate"], -0.5, 0.5)
+
+    return {"rudder": rudder, "reference_heading": asked}
+
+
+def rover_loop(rng: np.random.Generator, count: int, step_s: float) -> dict[str, Any]:
+    """Speeds that are driven at."""
+    asked = lagged(held(rng, count, step_s, 2.0, (1.5, 5.0)), step_s, 0.2)
+
+    def drive(time: float, measured: Any) -> Any:
+        error = asked[round(time / step_s)] - measured["forward_speed"]
+        return np.clip(0.2 * asked[round(time / step_s)] + 0.6 * error, -1.0, 1.0)
+
+    return {"drive_command": drive, "reference_forward_speed": asked}
+
+
+#: A light aeroplane at 95 kt, by JSBSim: what is logged, with the noise of each.
+WING_NOISE = {
+    "angular_rate_x": 0.003,
+    "angular_rate_y": 0.003,
+    "angular_rate_z": 0.003,
+    "sideslip": 0.004,
+    "angle_of_attack": 0.004,
+}
+WING_SERVO_S, WING_STEP_S = 0.05, 0.01
+_WING = {
+    "channels": {name: "rad/s" if "rate" in name else "rad" for name in WING_NOISE}
+    | {name: ev.input("1") for name in ("aileron", "elevator", "rudder")}
+    | {"roll_setpoint": ev.reference("rad"), "pitch_setpoint": ev.reference("rad")}
+    | {"rudder_setpoint": ev.reference("1")},
+    "actuators": {"servo": ev.actuator(lag_s=(0.002, 0.3), delay_s=(0.0, 0.04))},
+}
+
+
+def wing(axis: str) -> Any:
+    """The declared equation of roll or pitch."""
+    if axis == "roll":
+        terms = {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
+        terms |= {"L_da": ev.behind("aileron", "servo"), "L_dr": ev.behind("rudder", "servo")}
+        driven, headline = "x", ("L_p", "L_da")
+    else:
+        terms = {"M_q": "angular_rate_y", "M_alpha": "angle_of_attack"}
+        terms |= {"M_de": ev.behind("elevator", "servo")}
+        driven, headline = "y", ("M_q", "M_de")
+    known = {name for text in terms.values() for name in ([text] if isinstance(text, str) else [text["of"]])}
+    references = ("roll_setpoint", "rudder_setpoint") if axis == "roll" else ("pitch_setpoint",)
+    known |= {f"angular_rate_{driven}", *references}
+    channels = {name: item for name, item in _WING["channels"].items() if name in known}
+    return ev.machine(
+        f"wing-{axis}",
+        response=f"ddt(angular_rate_{driven})",
+        channels=channels,
+        terms=terms,
+        actuators=_WING["actuators"],
+        headline=headline,
+    )
+
+
+def wing_flight(seed: int, turbulence: float, noise: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """60 s under control of the attitude: columns of a log; states, servos and derivatives without noise."""
+    import jsbsim
+
+    rng, count = np.random.default_rng(seed), round(60.0 / WING_STEP_S)
+    craft = jsbsim.FGFDMExec(None)
+    craft.set_debug_level(0)
+    craft.load_model("c172p")
+    craft.set_dt(0.5 * WING_STEP_S)
+    settings = {"ic/h-sl-ft": 4000.0, "ic/vc-kts": 95.0, "ic/gamma-deg": 0.0, "propulsion/set-running": -1}
+    for name, value in settings.items():
+        craft[name] = value
+    craft.run_ic()
+    craft.do_trim(1)
+    if turbulence:
+        craft["atmosphere/turb-type"], craft["atmosphere/turbulence/milspec/severity"] = 3, 3
+        craft["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = turbulence
+        craft["simulation/randomseed"] = seed + 1
+    time = WING_STEP_S * np.arange(count)
+
+    def asked(size: float, highest_hz: float) -> np.ndarray:
+        waves = [np.sin(2 * np.pi * (f * time + rng.random())) for f in np.geomspace(0.05, highest_hz, 12)]
+        return size * np.sum(waves, axis=0) / np.sqrt(6.0)
+
+    setpoints = asked(0.12, 1.2), asked(0.04, 1.2), asked(0.12, 1.5)
+    surfaces = ("aileron", "elevator", "rudder")
+    trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in surfaces], craft["attitude/theta-rad"]
+    states = [*(f"velocities/{item}-rad_sec" for item in "pqr"), "aero/beta-rad", "aero/alpha-rad"]
+    seen, exact, commands = np.empty((count, 5)), np.empty((count, 10)), np.empty((count, 3))
+    errors = noise * rng.standard_normal((count, 5)) * [*WING_NOISE.values()]
+    servo, decay = np.zeros(3), np.exp(-0.5 * WING_STEP_S / WING_SERVO_S)
+    for k in range(count):
+        true = np.array([craft[name] for name in states])
+        seen[k] = true + errors[k]
+        bank, pitch = craft["attitude/phi-rad"], craft["attitude/theta-rad"] - trimmed_pitch
+        aileron = 1.2 * (setpoints[0][k] - bank) - 0.15 * seen[k, 0]
+        elevator = 0.4 * seen[k, 1] - 2.0 * (setpoints[1][k] - pitch)
+        commands[k] = np.clip([aileron, elevator, setpoints[2][k]], -0.6, 0.6)
+        derivatives = [craft[f"accelerations/{item}dot-rad_sec2"] for item in "pq"]
+        exact[k] = [*true, *servo, *derivatives]
+        for _ in range(2):
+            servo = decay * servo + (1.0 - decay) * commands[k]
+            for name, trim, value in zip(surfaces, trims, servo, strict=True):
+                craft[f"fcs/{name}-cmd-norm"] = trim + value
+            craft.run()
+    columns = dict(zip(WING_NOISE, seen.T, strict=True)) | dict(zip(surfaces, commands.T, strict=True))
+    names = ("roll_setpoint", "pitch_setpoint", "rudder_setpoint")
+    return {"time": time, **columns, **dict(zip(names, setpoints, strict=True))}, exact
+
+
+def wing_truth(axis: str, exact: np.ndarray) -> dict[str, float]:
+    """Least squares of what moved in a flight without noise and turbulence: the plant is not linear."""
+    roll = axis == "roll"
+    names = ("L_p", "L_beta", "L_r", "L_da", "L_dr") if roll else ("M_q", "M_alpha", "M_de")
+    columns = np.column_stack([exact[:, [0, 3, 2, 5, 7] if roll else [1, 4, 6]], np.ones(len(exact))])
+    theta = np.linalg.lstsq(columns[200:], exact[200:, 8 if roll else 9])[0]
+    return dict(zip(names, theta.tolist(), strict=False)) | {"effective_lag": WING_SERVO_S}
+
+
+def _axis(every: int, encoder_m: float, torque_n: float) -> Callable[[int], Iterator[Record]]:
+    return lambda records: axis_records(records, every, encoder_m, torque_n)
+
+
+def _boat(waves: float) -> Callable[[int], Iterator[Record]]:
+    return simulated("boat-yaw", BOAT, 300.0, 0.1, {"yaw_rate": 0.002}, (waves, 1.0), boat_loop)
+
+
+def _rover(ground: float) -> Callable[[int], Iterator[Record]]:
+    noise = {"forward_speed": 0.01, "forward_acceleration": 0.1}
+    return simulated("rover", ROVER, 60.0, 0.02, noise, (ground, 0.3), rover_loop)
+
+
+def _wing(axis: str, turbulence: float) -> Callable[[int], Iterator[Record]]:
+    def made(records: int) -> Iterator[Record]:
+        machine = wing(axis)
+        for seed in range(records):
+            columns, _ = wing_flight(seed, turbulence, 1.0)
+            logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
+            yield machine, wing_truth(axis, wing_flight(seed, 0.0, 0.0)[1]), logged
+
+    return made
+
+
+#: Records of each row.
+ROWS = {
+    "axis, 1 kHz, 10 um, 10 N": _axis(1, 1e-5, 10.0),
+    "axis, 1 kHz, 10 um, 1 N": _axis(1, 1e-5, 1.0),
+    "axis, 1 kHz, 1 um, 10 N": _axis(1, 1e-6, 10.0),
+    "axis, 1 kHz, 1 um, 1 N": _axis(1, 1e-6, 1.0),
+    "axis, 200 Hz of it, 10 um, 10 N": _axis(5, 1e-5, 10.0),
+    "axis, 200 Hz of it, 10 um, 1 N": _axis(5, 1e-5, 1.0),
+    "axis, 1 kHz, 100 um, 10 N": _axis(1, 1e-4, 10.0),
+    "boat, calm": _boat(0.0005),
+    "boat, waves": _boat(0.03),
+    "boat, heavy waves": _boat(0.08),
+    "rover, smooth floor": _rover(0.05),
+    "rover, rough ground": _rover(0.6),
+    "wing, roll, calm": _wing("roll", 0.0),
+    "wing, roll, turbulence": _wing("roll", 20.0),
+    "wing, pitch, calm": _wing("pitch", 0.0),
+    "wing, pitch, turbulence": _wing("pitch", 20.0),
+}
+
+
+def row(name: str, records: int) -> dict[str, Any]:
+    """Coverage, median bias and half-width of each parameter, statuses, and identified ones far off."""
+    statuses, values = dict[str, int](), dict[str, list[tuple[float, ...]]]()
+    far = judged = 0
+    for model, truth, columns in ROWS[name](records):
+        try:
+            fit = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
+        except EivorError as error:
+            statuses[type(error).__name__] = statuses.get(type(error).__name__, 0) + 1
+            continue
+        statuses[fit.verdict.status.value] = statuses.get(fit.verdict.status.value, 0) + 1
+        for parameter, value in truth.items():
+            quantity = fit.quantities[parameter]
+            low, high = quantity.interval
+            half, off = 0.5 * (high - low), abs(quantity.value - value)
+            values.setdefault(parameter, []).append(
+                (float(low <= value <= high), quantity.value / value - 1.0, half / abs(value))
+            )
+            if quantity.verdict.value == "identified":
+                judged, far = judged + 1, far + int(off > 2.0 * half)
+    shown = {
+        parameter: [round(float(np.mean([item[0] for item in items])), 2)]
+        + [round(float(np.median([item[place] for item in items])), 4) for place in (1, 2)]
+        for parameter, items in values.items()
+    }
+    return {"row": name, **statuses, "far": f"{far} of {judged}", "coverage, bias, half-width": shown}
+
+
+def main() -> None:
+    """Print the rows."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rows", nargs="*", help="rows that hold one of these words; default: all")
+    parser.add_argument("--records", type=int, default=100)
+    given = parser.parse_args()
+    for name in ROWS:
+        if not given.rows or any(word in name for word in given.rows):
+            print(json.dumps(row(name, given.records)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
