@@ -375,10 +375,20 @@ def test_yaw_may_be_missing(log):
     assert any(finding.name == "no_yaw" for finding in flight.findings)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("missing", ["torque_setpoint_x", "angular_rate_y"])
-def test_roll_and_pitch_are_needed(log, missing):
-    with pytest.raises(MissingChannelError, match=missing):
-        ev.identify_flight(changed(log, **{missing: None}), model="rates")
+def test_any_axis_may_be_missing(log, missing):
+    flight = ev.identify_flight(changed(log, **{missing: None}), model="rates")
+    without, left = ("roll", "pitch") if missing.endswith("x") else ("pitch", "roll")
+    assert f"{without}_effectiveness" not in flight.quantities
+    assert flight.quantities[f"{left}_effectiveness"].verdict is ev.Status.IDENTIFIED
+    assert any(finding.name == f"no_{without}" for finding in flight.findings)
+
+
+def test_rates_need_an_axis(log):
+    with pytest.raises(MissingChannelError, match="torque_setpoint_x with angular_rate_x or"):
+        none = {f"torque_setpoint_{axis}": None for axis in "xy"}
+        ev.identify_flight(changed(log, **none, angular_rate_z=None), model="rates")
 
 
 def test_rates_in_degrees_are_refused(log):

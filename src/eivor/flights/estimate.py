@@ -461,11 +461,11 @@ def with_fit(
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
     reasons = {name: [*own, *best.reasons] for name, own in by_rules.items()}
-    against = dict.fromkeys(reason for name in wording.headline for reason in reasons[name])
+    against = dict.fromkeys(reason for name in wording.headline for reason in reasons.get(name, ()))
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), spec)
         for name, spec in wording.items()
-        if name in estimates or not spec.optional
+        if name in estimates
     }
     numbers = {
         **flight_diagnostics(prepared),

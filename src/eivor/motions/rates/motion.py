@@ -29,6 +29,7 @@ from eivor.flights.verdict import (
     Limit,
     Rule,
     SystematicPart,
+    VerdictInputs,
     below_zero_rule,
     clock_part,
     disagreement_part,
@@ -142,28 +143,28 @@ def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) 
     family, _ = chosen_input(log, INPUTS, options.input, remedy=remedy)
     if family.name != TORQUE:
         raise UsageError(f"the input {TORQUE} for turning", f"'{options.input}'", "Leave --input out.")
-    for axis in (ROLL, PITCH) if alone is None else (alone,):
-        if axis.torque not in log.channels:
-            needed = f"{axis.torque} in {log.name}"
-            remedy = (
-                f"Log the torque setpoint{'s of roll and pitch' if alone is None else ' of ' + alone.name}."
-            )
-            raise MissingChannelError(needed, "a log without it", remedy)
-        log.channel(axis.rate)
     offered = AXES if alone is None else (alone,)
     axes = [axis for axis in offered if axis.torque in log.channels and axis.rate in log.channels]
+    if not axes:
+        needed = " or ".join(f"{axis.torque} with {axis.rate}" for axis in offered)
+        remedy = "Log torque setpoint and rate of an axis."
+        raise MissingChannelError(f"{needed} in {log.name}", "a log without", remedy)
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
         refuse_degrees(rate, log)
     slowest = min(rate.rate_hz for rate in rates.values())
-    no_yaw = "Torque setpoint or rate of yaw is not logged: roll and pitch are looked at alone."
+    missing = [axis.name for axis in offered if axis not in axes]
+    looked_at = f"{' and '.join(axis.name for axis in axes)} {'is' if len(axes) == 1 else 'are'} looked at"
     return Selection(
         family,
         tuple(log.channel(axis.torque) for axis in axes),
         states=rates,
         responses={},
         band_hz=(BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest)),
-        findings=(Finding("no_yaw", no_yaw),) if len(axes) < len(offered) else (),
+        findings=tuple(
+            Finding(f"no_{name}", f"Torque setpoint or rate of {name} is not logged: {looked_at} alone.")
+            for name in missing
+        ),
         issued_within_s=float(np.median(np.diff(rates[axes[0].name].time_s))),  # once a rate, or oftener
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
         matched_interpolation_filter=True,
@@ -208,10 +209,29 @@ def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> li
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+#: Two equal lags act, to second order in the frequency, as one of 2^(1/2) times each with a delay: this share
+#: of that lag.
+SECOND_STAGE = 2.0**0.5 - 1.0
+
+
+def _second_stage(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+    """What a second stage of the actuator takes from the delay and adds to the lag, at most [s]."""
+    delay_s = SECOND_STAGE * inputs.quantities[ACTUATOR_LAG.name].value
+    return (delay_s, 0.0) if name == DELAY.name else (0.0, delay_s)
+
 
 PARTS = (
     disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
     clock_part(LAGS),
+    SystematicPart(
+        (ACTUATOR_LAG.name, DELAY.name),
+        Counts.ADDED,
+        _second_stage,
+        lambda inputs: (
+            "A motor and its controller lag in two stages, which one lag and a delay imitate: of the delay "
+            f"{1e3 * _second_stage(inputs, DELAY.name)[0]:.2g} ms may be lag."
+        ),
+    ),
     SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
     SystematicPart(
         EFFECTS,
@@ -339,10 +359,19 @@ WORDS = Words(
 )
 
 
+def turning(flights: Flights) -> tuple[Axis, ...]:
+    """Roll and pitch, or what all flights log in their place."""
+    logged = [axis for axis in AXES if all(axis.rate in flight.signals.channels for flight in flights)]
+    return tuple(axis for axis in logged if axis is not YAW) or (YAW,)
+
+
 def excitation(flights: Flights) -> str:
     """Standard deviations of the rates of roll and pitch."""
-    roll, pitch = rates_std(flights, (ROLL, PITCH))
-    return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
+    axes = turning(flights)
+    parts = [
+        f"{axis.name} {size:.2g} deg/s" for axis, size in zip(axes, rates_std(flights, axes), strict=True)
+    ]
+    return f"Standard deviations of the rates: {', '.join(parts)}."
 
 
 @dataclass(frozen=True)
@@ -359,7 +388,7 @@ class Rates(DeclaredMotion):
     parts = PARTS
     channels = LogChannels(
         INPUTS,
-        (ROLL.rate, PITCH.rate),
+        (),
         REFERENCES,
         parameters=(
             "IMU_GYRO_RATEMAX",
@@ -387,7 +416,7 @@ class Rates(DeclaredMotion):
     def view(self, flight: PreparedFlight) -> FlightView:
         """What u is, and the rates of roll and pitch."""
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
-        return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH)))
+        return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in turning((flight,))))
 
 
 @dataclass(frozen=True)
