@@ -135,7 +135,7 @@ WING_NOISE = {
     "angle_of_attack": 0.004,
 }
 WING_SERVO_S, WING_STEP_S = 0.05, 0.01
-_WING = {
+_WING: dict[str, dict[str, Any]] = {
     "channels": {name: "rad/s" if "rate" in name else "rad" for name in WING_NOISE}
     | {name: ev.input("1") for name in ("aileron", "elevator", "rudder")}
     | {"roll_setpoint": ev.reference("rad"), "pitch_setpoint": ev.reference("rad")}
@@ -147,7 +147,7 @@ _WING = {
 def wing(axis: str) -> Any:
     """The declared equation of roll or pitch."""
     if axis == "roll":
-        terms = {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
+        terms: dict[str, Any] = {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
         terms |= {"L_da": ev.behind("aileron", "servo"), "L_dr": ev.behind("rudder", "servo")}
         driven, headline = "x", ("L_p", "L_da")
     else:
