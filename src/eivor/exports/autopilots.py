@@ -47,8 +47,7 @@ def chosen_parameters(
 ) -> tuple[dict[str, Number], tuple[str, ...], tuple[str, ...]]:
     """Parameters of an autopilot that a result holds, comments above them, and what is left out."""
     fitted.check_vertical(autopilot.name)
-    _check_autopilot(fitted, autopilot)
-    _check_shares(fitted)
+    _check_flown(fitted, autopilot)
     numbers, reasons = _proposed(fitted, autopilot)
     missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
     old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
@@ -56,7 +55,8 @@ def chosen_parameters(
     return numbers, (*fitted.origin(), *lines, *missing), missing
 
 
-def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
+def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
+    """Refuse a flight of another autopilot, and a command that is no share."""
     others = [f"format {item}" for item in fitted.formats if item in autopilot.not_of]
     if fitted.curve_in_force and autopilot.curve.name not in fitted.curve_in_force:
         others.append(f"a vehicle with {' and '.join(fitted.curve_in_force)}")
@@ -66,9 +66,6 @@ def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
             f"a result of a log of {others[0]}",
             "Export to the autopilot that flew.",
         )
-
-
-def _check_shares(fitted: Fitted) -> None:
     value = fitted.quantities[HOVER].value if HOVER in fitted.quantities else float("nan")
     if fitted.input_measured or value >= 1.0:
         raise UsageError(

@@ -16,7 +16,7 @@ from eivor.exports.vehicle import (
     JOINT,
     RIGID_BODY,
     Columns,
-    Randomisation,
+    ExportOfDraws,
     VehicleDescription,
     coefficients,
     delay_comments,
@@ -29,6 +29,7 @@ from eivor.models.frequency_response import python_control
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
+from eivor.simulation.rigid_body_spec import quaternions
 from eivor.tools import Float
 
 # -- State space --
@@ -165,17 +166,9 @@ def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
 
 def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.ndarray, " rotors"]) -> Any:
     """Change of velocity, roll, pitch, yaw, rates and rotor speeds."""
-    (roll, pitch, yaw), (p, q, r), speeds = state[3:6], state[6:9], state[9:].tolist()
-    half = np.array([roll, pitch, yaw]) / 2.0
-    (cr, cp, cy), (sr, sp, sy) = np.cos(half), np.sin(half)
-    attitude = [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
-    still = (0.0, 0.0, 0.0)
-    body = [0.0, 0.0, 0.0, *state[:3].tolist(), *map(float, attitude), float(p), float(q), float(r)]
+    (roll, pitch, _), (p, q, r), speeds = state[3:6], state[6:9], state[9:].tolist()
+    still, attitude = (0.0, 0.0, 0.0), quaternions(state[None, 3:6])[0]
+    body = [*still, *state[:3].tolist(), *attitude.tolist(), float(p), float(q), float(r)]
     spin_up = speed_derivative(c, speeds, command.tolist())
     change = body_derivative(c, body, speeds, spin_up, still, still)
     across = q * np.sin(roll) + r * np.cos(roll)
@@ -309,4 +302,4 @@ MODELS = (
     Target("casadi", "the equations as a function of CasADi (Python file)", ".py", _casadi),
     Target("matlab", "a struct of the fit for MATLAB and Octave (.mat)", ".mat", _matlab),
 )
-DRAWN_MODELS = (Randomisation("statespace", "arrays A and B of each draw (JSON)", _state_space_draws),)
+DRAWN_MODELS: dict[str, ExportOfDraws] = {"statespace": _state_space_draws}

@@ -23,7 +23,7 @@ from eivor.exports.vehicle import (
     TORQUES,
     TURNING,
     Columns,
-    Randomisation,
+    ExportOfDraws,
     VehicleDescription,
     by_quarters,
     delay_comments,
@@ -339,24 +339,18 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
 ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia")
 
 
-def _rotorpy(fitted: Fitted, supplied: Supplied) -> Exported:
-    return _rotorpy_file(describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS), ())
-
-
-def _rotorpy_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
-    """Takes ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
+def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, seed: int = 0) -> Exported:
+    """Draws are for ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
     made = describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS)
-    drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
-    columns = _rotorpy_columns(drawn)
-    varying = {name: column for name, column in columns.items() if column.min() < column.max()}
-    return _rotorpy_file(made, (JOINT,), draws=varying, places=places(drawn).tolist())
-
-
-def _rotorpy_file(made: VehicleDescription, head: tuple[str, ...], **drawn: object) -> Exported:
-    comments = (*head, *made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
-    row = first(_rotorpy_columns(made))
-    at = places(made)[0].tolist()
-    return filled("rotorpy.txt", made, hash_comments(comments), row=row, positions=at, **drawn)
+    comments = (*made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
+    values: dict[str, object] = {"row": first(_rotorpy_columns(made)), "positions": places(made)[0].tolist()}
+    if draws is not None:
+        drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
+        columns = _rotorpy_columns(drawn)
+        varying = {name: column for name, column in columns.items() if column.min() < column.max()}
+        comments = (JOINT, *comments)
+        values |= {"draws": varying, "places": places(drawn).tolist()}
+    return filled("rotorpy.txt", made, hash_comments(comments), **values)
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
@@ -491,10 +485,4 @@ SIMULATORS = (
         "drone-models", "physical parameters of drone-models and crazyflow (TOML)", ".toml", _drone_models
     ),
 )
-DRAWN = (
-    Randomisation(
-        "rotorpy", "vehicles of RotorPy (Python file with vehicles, a list of dictionaries)", _rotorpy_draws
-    ),
-    Randomisation("mujoco", "fields of MuJoCo's model (JSON)", _mujoco_draws),
-    Randomisation("isaaclab", "ranges and draws for Isaac Lab (Python file)", _isaac_lab),
-)
+DRAWN: dict[str, ExportOfDraws] = {"rotorpy": _rotorpy, "mujoco": _mujoco_draws, "isaaclab": _isaac_lab}

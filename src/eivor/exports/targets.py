@@ -7,21 +7,22 @@ from eivor.exports.autopilots import AUTOPILOTS
 from eivor.exports.fitted import Target
 from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.simulators import DRAWN, SIMULATORS
-from eivor.exports.vehicle import Randomisation
+from eivor.exports.vehicle import ExportOfDraws
 
-RANDOMISATIONS: dict[str, Randomisation] = {item.name: item for item in (*DRAWN, *DRAWN_MODELS)}
+#: Files of draws by their word on the command line.
+RANDOMISATIONS: dict[str, ExportOfDraws] = DRAWN | DRAWN_MODELS
 TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *MODELS, *SIMULATORS)}
 
 
 def motions_for(target: str) -> tuple[str, ...]:
     """Names of the motions that a target takes, the preferred one first."""
-    if target in {item.name for item in (*MODELS, *DRAWN_MODELS)}:
+    if target in {item.name for item in MODELS}:
         return ("vertical", "rigid-body", "rates")
     is_autopilot = target in {item.name for item in AUTOPILOTS}
     return ("vertical",) if is_autopilot else ("rigid-body", "vertical")
 
 
-def randomisation_by_name(name: str) -> Randomisation:
+def randomisation_by_name(name: str) -> ExportOfDraws:
     """Randomisation of a word."""
     if name not in RANDOMISATIONS:
         known = ", ".join(RANDOMISATIONS)

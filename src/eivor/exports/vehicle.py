@@ -601,22 +601,13 @@ def filled(file: str, made: VehicleDescription | None, comments: Iterable[str], 
     return Exported(_templates().get_template(file).render(values), made.omitted, made.lost)
 
 
-# -- Randomisation --
-
 #: What stands above draws.
 JOINT = (
     "Rows are joint draws: a thrust goes with the mass of its row, so that the hover command spreads as "
     "little as the flight identifies it. Numbers drawn each by itself would lose that."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Randomisation:
-    """A file of draws for those who train or test on many vehicles."""
-
-    name: str  # Its word on the command line
-    words: str  # What the file is
-    export: Callable[[Fitted, Supplied, Columns, int], Exported]
+#: What writes a file of draws, of their columns and seed, for those who train or test on many vehicles.
+ExportOfDraws = Callable[[Fitted, Supplied, Columns, int], Exported]
 
 
 # -- Rotors --

@@ -245,7 +245,7 @@ class SavedFit:
         fitted = replace(self.fitted, accepted=accepted_verdicts(accept))
         if draws is None:
             return target_by_name(to).export(fitted, supplied)
-        return randomisation_by_name(to).export(fitted, supplied, self.sample(draws, seed), seed)
+        return randomisation_by_name(to)(fitted, supplied, self.sample(draws, seed), seed)
 
     @property
     def motion(self) -> Motion[Any]:
