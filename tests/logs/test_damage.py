@@ -230,7 +230,7 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
     frame = pl.DataFrame({"time": np.arange(rows) // 1000, "velocity_z": np.ones(rows), "x": np.ones(rows)})
     frame.write_parquet(tmp_path / "t.parquet")
     assert (tmp_path / "t.parquet").stat().st_size < 200_000
-    monkeypatch.setattr(columnar, "probe_parquet", None)
+    monkeypatch.setattr(columnar, "decode_in_child", None)
     with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
         ev.read_log(tmp_path / "t.parquet")
 

@@ -390,10 +390,7 @@ def _predicted(value: Block, inter: np.ndarray, predictor: int) -> Block:
 
 def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     """Read the longest log of a file: one is added each time that the vehicle is armed."""
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise _corrupt(file.name, f"for which the system says: {error.strerror}") from error
+    data = file.read_bytes()
     logs = _logs(data)
     first, end = max(logs, key=lambda log: log[1] - log[0])
     findings = noted(
@@ -535,14 +532,6 @@ def _start(head: Head) -> datetime | None:
     return start if start.tzinfo is not None and start.year > 2000 else None
 
 
-def _advice(_channel: str) -> tuple[str, ...]:
-    """How to log on a Betaflight vehicle."""
-    return (
-        "Blackbox: set blackbox_sample_rate for 1 kHz or more; log the gyroscope, setpoints and motors.",
-        "Log eRPM (bidirectional DShot): it gives the speeds of the rotors.",
-    )
-
-
 FORMATS = (
     LogFormat(
         "blackbox",
@@ -550,7 +539,10 @@ FORMATS = (
         begins_with(MAGIC),
         read_blackbox,
         takes_map=True,
-        advice=_advice,
+        advice=lambda _channel: (
+            "Blackbox: set blackbox_sample_rate for 1 kHz or more; log the gyroscope, setpoints and motors.",
+            "Log eRPM (bidirectional DShot): it gives the speeds of the rotors.",
+        ),
         setpoints="setpoint[0] to setpoint[2] and rcCommand (the sticks), axisP, axisI, axisD and axisF "
         "(the sums of the loops), motor[0] to motor[3] (the commands), eRPM (the speeds of the rotors).",
         endings=(".bbl", ".bfl"),

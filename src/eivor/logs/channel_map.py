@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -347,6 +347,11 @@ class ChannelRule:
     curve_side: CurveSide = CurveSide.UNKNOWN
 
 
+def columns_of(rules: Iterable[ChannelRule]) -> dict[str, None]:
+    """Columns that rules need, each once."""
+    return dict.fromkeys(column for rule in rules for column in rule.expression.columns)
+
+
 @dataclass(frozen=True, slots=True)
 class ChannelMap:
     """A checked channel map."""
@@ -364,11 +369,11 @@ class ChannelMap:
     @property
     def required_columns(self) -> tuple[str, ...]:
         """Columns without which the map does not fit a table."""
-        needed = {self.time_column: None}
-        for rule in self.rules:
-            if not rule.optional:
-                needed |= dict.fromkeys(rule.expression.columns)
-        return tuple(needed)
+        return self.needed_by(rule for rule in self.rules if not rule.optional)
+
+    def needed_by(self, rules: Iterable[ChannelRule]) -> tuple[str, ...]:
+        """Columns of some rules, behind that of the time."""
+        return tuple(dict.fromkeys((self.time_column, *columns_of(rules))))
 
 
 def shipped_maps() -> tuple[str, ...]:

@@ -407,6 +407,13 @@ class ReadOptions:
     sha256: str = ""  # Hash of the file's bytes, for the Recording
 
 
+def advised(
+    of_all: Sequence[str], of_channel: Callable[[str], tuple[str, ...]]
+) -> Callable[[str], tuple[str, ...]]:
+    """Return the `LogFormat.advice` of sentences on all channels, and of what gives those on one."""
+    return lambda channel: of_channel(channel) if channel else tuple(of_all)
+
+
 def begins_with(magic: bytes) -> Callable[[bytes, Path], bool]:
     """Return the `LogFormat.sniff` of a format whose files begin with these bytes."""
     return lambda head, _file: head.startswith(magic)
@@ -483,6 +490,15 @@ def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[S
     first = next((source for source in sources if count(source)), most)
     is_much_more = count(most) > MUCH_MORE * count(first)
     return sorted(sources, key=lambda source: is_much_more and source is not most)
+
+
+def in_preference(
+    sources: Mapping[str, tuple[Source, ...]], by_choice: Sequence[str], count: Callable[[Source], int]
+) -> Iterator[tuple[str, Source]]:
+    """Channels with their sources in the order in which they are tried, see `by_rate`."""
+    for name, known in sources.items():
+        for source in by_rate(known, count) if name in by_choice else known:
+            yield name, source
 
 
 def held_at(

@@ -18,6 +18,7 @@ from eivor.logs.channel_map import (
     ChannelRule,
     Expression,
     ValidRange,
+    columns_of,
     load_channel_map,
     shipped_maps,
 )
@@ -173,7 +174,7 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
             rules.append(rule)
         elif not rule.optional:
             raise _no_column(missing[0], f"channels.{rule.name}", chosen, names, table)
-    used = {column for rule in chosen.rules for column in rule.expression.columns}
+    used = columns_of(chosen.rules).keys()
     if chosen.time_column not in known:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
     if chosen.time_column in used:
@@ -284,6 +285,21 @@ def mapped_channels(
             findings += noted("never_valid", "Without one value: {}.", text)
     selected = {name: on_channel_clock(channel) for name, channel in channels.items()}
     return selected, [*findings, *own_clock_findings(channels, selected)]
+
+
+def channels_by_clock(
+    chosen: ChannelMap,
+    served: Iterable[tuple[Sequence[ChannelRule], Columns]],
+    name: str,
+    findings: list[Finding],
+) -> dict[str, Channel]:
+    """Return the channels that rules make of columns of several clocks, those of each clock together."""
+    channels: dict[str, Channel] = {}
+    for rules, columns in served:
+        made, result = mapped_channels(chosen, rules, columns, name)
+        channels |= made
+        findings += result
+    return channels
 
 
 def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding]:

@@ -328,9 +328,13 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         remedy = "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...)."
         raise LogTooLargeError(expected, f"'{file.name}' with {size} bytes", remedy)
     try:
-        head, sha256 = _head(file)
+        return _recording(file, channel_map)
     except OSError as error:
         raise _unreadable(file, error) from error
+
+
+def _recording(file: Path, channel_map: str | os.PathLike[str] | None) -> Recording:
+    head, sha256 = _head(file)
     chosen = format_of(head, file)
     if channel_map is not None and chosen.is_read and not chosen.takes_map:
         taking = ", ".join(row.label for row in readable_formats() if row.takes_map)

@@ -19,11 +19,12 @@ from eivor.logs.channel_map import (
     ChannelMap,
     ChannelRule,
     Expression,
+    columns_of,
     load_channel_map,
     parse_expression,
     tilt_of_angles,
 )
-from eivor.logs.mapping import delay_findings, fitted_rules, listed, looked_for, mapped_channels
+from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed, looked_for
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
 from eivor.tools import Float
@@ -55,7 +56,7 @@ class VariableSource:
     @property
     def columns(self) -> tuple[str, ...]:
         """Variables that it needs."""
-        return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
+        return tuple(columns_of(self.rules))
 
 
 #: What one of a variable's unit is in SI units.
@@ -121,10 +122,11 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
 }
 
 
+_TABLES = common.source_tables("eivor.logs.crazyflie")
 #: All sources; of one quantity the preferred first.
 SOURCES = tuple(
     next((make(row[kind]) for kind, make in _MAKERS.items() if kind in row), None) or _source(row)
-    for row in common.source_tables("eivor.logs.crazyflie")["sources"]
+    for row in _TABLES["sources"]
 )
 
 #: What was looked for, by channel.
@@ -285,25 +287,13 @@ TO_LOG = {
     "input": "motor.m1 to motor.m4",
     "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
 }
-_ADVICE = (
-    "Name these variables below 'on:fixedFrequency' in config.txt on the card, each with its group and on a "
-    "line of its own. Of the estimate and the reference: stateEstimate.z, .vz and .az, "
-    "stateEstimate.qw, .qx, .qy and .qz, ctrltarget.z, .vz and .az. Of motors and sensors: motor.m1 to .m4, "
-    "acc.x, .y and .z, gyro.x, .y and .z, pm.vbat.",
-    "Log at 250 Hz or more, synchronous with the stabilizer (mode 1), with a buffer of 4096 bytes or more, "
-    "and end the logging before the power goes (usd.logging = 0).",
-    "Fly height steps with the position controller, so that ctrltarget.z changes: a hover cannot be "
-    "identified.",
-)
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    if not channel:
-        return _ADVICE
     if channel not in TO_LOG:
         return ()
     sentence = f"Add {TO_LOG[channel]} to config.txt on the card."
-    return (sentence, *_ADVICE[:1]) if channel == "velocity_z" else (sentence,)
+    return (sentence, *_TABLES["advice"]["all"][:1]) if channel == "velocity_z" else (sentence,)
 
 
 # -- Records --
@@ -549,11 +539,7 @@ _BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "t
 
 def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
     """Read a Crazyflie microSD log."""
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        expected = "a Crazyflie microSD log that can be read"
-        raise CorruptLogError(expected, f"'{file.name}': {error}", "Copy it from the card again.") from error
+    data = file.read_bytes()
     header = parse_header(data, file.name)
     events, findings = read_events(data, header)
     if not events:
@@ -585,11 +571,12 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
 
 def _known_channels(name: str, events: Sequence[Event], findings: list[Finding]) -> dict[str, Channel]:
     chosen = _chosen(events, findings)
-    served = [
+    of_events = (
         (event, [rule for source, item in chosen if item is event for rule in source.rules])
         for event in events
-    ]
-    channels = _mapped(_BUILT_IN, served, name, findings)
+    )
+    served = ((rules, event.columns(_BUILT_IN.needed_by(rules))) for event, rules in of_events if rules)
+    channels = channels_by_clock(_BUILT_IN, served, name, findings)
     used = {column for source, _ in chosen for column in source.columns}
     used |= {PACKED_QUATERNION} if used.intersection(UNPACKED) else set()
     variables = dict.fromkeys(variable for event in events for variable in event.variables)
@@ -654,10 +641,9 @@ def _map_channels(
     names = list(dict.fromkeys(column for event in events for column in event.names))
     rules: dict[int, list[ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
-        position = _position(rule, chosen, events, name)
-        rules.setdefault(position, []).append(rule)
-    served = [(events[position], items) for position, items in rules.items()]
-    channels = _mapped(chosen, served, name, findings)
+        rules.setdefault(_position(rule, chosen, events, name), []).append(rule)
+    served = ((items, events[position].columns(chosen.needed_by(items))) for position, items in rules.items())
+    channels = channels_by_clock(chosen, served, name, findings)
     if not channels:
         expected = "a log with values"
         raise EmptyLogError(expected, f"'{name}', in which every mapped variable is empty", "Check the map.")
@@ -665,25 +651,9 @@ def _map_channels(
     return channels
 
 
-def _mapped(
-    chosen: ChannelMap,
-    served: Iterable[tuple[Event, Sequence[ChannelRule]]],
-    name: str,
-    findings: list[Finding],
-) -> dict[str, Channel]:
-    channels: dict[str, Channel] = {}
-    for event, rules in served:
-        columns = (column for rule in rules for column in rule.expression.columns)
-        needed = list(dict.fromkeys([chosen.time_column, *columns]))
-        made, result = mapped_channels(chosen, rules, event.columns(needed), name) if rules else ({}, [])
-        channels |= made
-        findings += result
-    return channels
-
-
 def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], name: str) -> int:
     """Number of the event with the most records that has all that a rule needs."""
-    needed = (chosen.time_column, *rule.expression.columns)
+    needed = chosen.needed_by([rule])
     for index, event in enumerate(events):
         if event.has(needed):
             return index
@@ -700,9 +670,7 @@ FORMATS = (
         lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
         read_crazyflie,
         takes_map=True,
-        advice=_advice,
-        setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its "
-        "feed-forward), motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, "
-        "and controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+        advice=common.advised(_TABLES["advice"]["all"], _advice),
+        setpoints=_TABLES["advice"]["setpoints"],
     ),
 )

@@ -10,9 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.errors import EmptyLogError
 from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
-from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, by_rate, findings_of, noted
+from eivor.logs.common import (
+    KeptChannels,
+    LogFormat,
+    ReadOptions,
+    advised,
+    believable,
+    findings_of,
+    in_preference,
+    noted,
+)
 from eivor.logs.dataflash import channels
 from eivor.logs.dataflash import sources as ardupilot
 from eivor.logs.dataflash.messages import (
@@ -28,20 +37,8 @@ from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Frame, Recording
 from eivor.tools import Float
 
-# -- Advice --
-
-_ADVICE = (
-    "Set bits 0 (ATTITUDE_FAST) and 18 (IMU_FAST) of LOG_BITMASK beside those that are set (176126 becomes "
-    "438271): throttle, attitude and accelerations at the loop's rate, velocity at 25 Hz. The default logs "
-    "nearly all at 10 Hz, which is too slow for the lag of the motors.",
-    "Leave bit 5 (NTUN) set, which logs the height reference (PSCD, from firmware 4.1 on).",
-    "Fly height steps in a mode that holds the height (AUTO, GUIDED, LOITER): a hover cannot be identified.",
-)
-
 
 def _advice(channel: str) -> tuple[str, ...]:
-    if not channel:
-        return _ADVICE
     messages = dict.fromkeys(source.message for source in ardupilot.CHANNEL_SOURCES.get(channel, ()))
     return tuple(
         f"ArduPilot logs {name} {ardupilot.RATES[name]}" for name in messages if name in ardupilot.RATES
@@ -56,13 +53,8 @@ SELDOM = 0.1
 
 def read_dataflash(file: Path, options: ReadOptions) -> Recording:
     """Read a DataFlash log."""
-    try:
-        with file.open("rb") as stream:
-            content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    except (OSError, ValueError) as error:
-        expected = "a readable DataFlash log"
-        received = f"'{file.name}', which cannot be read ({error})"
-        raise CorruptLogError(expected, received, "Copy it from the vehicle again.") from error
+    with file.open("rb") as stream:
+        content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     tables, findings = _tables(content)
     parameters = _parameters(tables)
     ardupilot.choose_estimator(tables, parameters, findings)
@@ -95,11 +87,10 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
 
 def _add_all(reading: ardupilot.MessageReading) -> None:
     counts = {name: table.count for name, table in reading.tables.items()}
-    for name, sources in ardupilot.CHANNEL_SOURCES.items():
-        by_choice = by_rate(sources, lambda source: counts.get(source.message, 0))
-        for source in by_choice if name in ardupilot.CHOSEN_BY_RATE else sources:
-            if name not in reading.channels:
-                _add(reading, name, source)
+    sources = ardupilot.CHANNEL_SOURCES, ardupilot.CHOSEN_BY_RATE
+    for name, source in in_preference(*sources, lambda source: counts.get(source.message, 0)):
+        if name not in reading.channels:
+            _add(reading, name, source)
     channels.add_attitude(reading)
     channels.add_setpoints(reading)
     channels.add_sweeps(reading)
@@ -207,10 +198,9 @@ FORMATS = (
         "ArduPilot DataFlash",
         lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
         read_dataflash,
-        advice=_advice,
-        setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the "
-        "command), RCIN.C3 (the stick, when a pilot flies).",
-        sweeps="ArduPilot's System ID mode (SID_AXIS, SID_MAGNITUDE)",
+        advice=advised(ardupilot.TABLES["advice"]["all"], _advice),
+        setpoints=ardupilot.TABLES["advice"]["setpoints"],
+        sweeps=ardupilot.TABLES["advice"]["sweeps"],
         endings=(".bin", ".log"),
     ),
 )

@@ -104,10 +104,10 @@ class MessageSource:
 
 
 #: Sources of each channel, the preferred one first.
-_TABLES = common.source_tables("eivor.logs.dataflash")
-CHANNEL_SOURCES = common.channel_sources(_TABLES, MessageSource)
+TABLES = common.source_tables("eivor.logs.dataflash")
+CHANNEL_SOURCES = common.channel_sources(TABLES, MessageSource)
 #: How often each message is logged, and what raises it.
-RATES: Mapping[str, str] = _TABLES["rates"]
+RATES: Mapping[str, str] = TABLES["rates"]
 
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
@@ -147,7 +147,7 @@ NEEDED = frozenset(
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
+    **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
 }
 
 

@@ -15,6 +15,7 @@ from eivor.logs.common import (
     FolderParts,
     LogFormat,
     ReadOptions,
+    advised,
     channel_findings,
     channel_sources,
     logged_channel,
@@ -316,25 +317,10 @@ def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel
 
 # -- Formats --
 
-#: Topics to record by channel, of PX4's own and of mavros.
-TO_RECORD: Mapping[str, str] = _TABLES["to_record"]
-_ADVICE = (
-    "Take the vehicle's own log where there is one (ULog of PX4, .bin of ArduPilot): it has the same "
-    "quantities at higher rates, and parameters.",
-    "Of PX4, record what dds_topics.yaml sends out, with vehicle_local_position, vehicle_attitude, "
-    "sensor_combined, vehicle_thrust_setpoint, trajectory_setpoint and vehicle_land_detected among it, "
-    "each at 100 Hz or more where the link can.",
-    "Of mavros, record local_position/odom, local_position/velocity_local, imu/data, imu/data_raw, "
-    "setpoint_raw/target_attitude, setpoint_raw/target_local and extended_state, and raise their rates to "
-    "50 Hz or more (the service set_message_interval of mavros; SR parameters of ArduPilot).",
-    "Fly height steps, so that the height reference changes: a hover cannot be identified.",
-)
-
 
 def _advice(channel: str) -> tuple[str, ...]:
-    if not channel:
-        return _ADVICE
-    return (f"Record {TO_RECORD[channel]}.",) if channel in TO_RECORD else ()
+    known = _TABLES["to_record"].get(channel)
+    return (f"Record {known}.",) if known else ()
 
 
 def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
@@ -345,9 +331,8 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         lambda head, file: head.startswith(magic) or (folders and containers.is_bag_folder(file)),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
-        advice=_advice,
-        setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
-        "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
+        advice=advised(_TABLES["advice"]["all"], _advice),
+        setpoints=_TABLES["advice"]["setpoints"],
         endings=(ending,),
         parts=lambda folder: containers.bag_parts(folder) if folders else FolderParts(),
     )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_you_mean
-from eivor.logs.channel_map import ChannelMap
+from eivor.logs.channel_map import ChannelMap, ChannelRule, columns_of
 from eivor.logs.common import MAX_SPAN_S, Columns, noted
-from eivor.logs.mapping import delay_findings, fitted_rules, listed, mapped_channels
+from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed
 from eivor.logs.rosbag.containers import Budget, opened
 from eivor.logs.rosbag.messages import (
     MessageLayout,
@@ -332,7 +332,7 @@ def topic_of(column: str) -> str:
 
 def mapped_topics(chosen: ChannelMap) -> set[str]:
     """Return the topics that a map names."""
-    return {topic_of(column) for rule in chosen.rules for column in rule.expression.columns}
+    return set(map(topic_of, columns_of(chosen.rules)))
 
 
 def map_channels(
@@ -350,21 +350,19 @@ def map_channels(
         if values.dtype.kind != "S"
     ]
     rules = fitted_rules(chosen, [*CLOCKS, *names], name)
-    start = start_ns(topics) if topics else 0
-    channels: dict[str, Channel] = {}
-    for item in topics:
-        served = [rule for rule in rules if topic_of(rule.expression.columns[0]) == item.name]
-        needed = dict.fromkeys(column for rule in served for column in rule.expression.columns)
-        fields = tables[item.name]
-        values = {
-            column: fields[column.partition(".")[2]].astype(np.float64, copy=False) for column in needed
-        }
-        values[chosen.time_column] = item.seconds(start)
-        clock = frozenset({chosen.time_column})
-        if served:
-            made, result = mapped_channels(chosen, served, Columns(values, seconds=clock), name)
-            channels |= made
-            findings += result
+    start, clock = start_ns(topics) if topics else 0, frozenset({chosen.time_column})
+
+    def served() -> Iterator[tuple[list[ChannelRule], Columns]]:
+        for item in topics:
+            of_topic = [rule for rule in rules if topic_of(rule.expression.columns[0]) == item.name]
+            fields = (
+                (column, tables[item.name][column.partition(".")[2]]) for column in columns_of(of_topic)
+            )
+            values = {column: field.astype(np.float64, copy=False) for column, field in fields}
+            if of_topic:
+                yield of_topic, Columns({**values, chosen.time_column: item.seconds(start)}, seconds=clock)
+
+    channels = channels_by_clock(chosen, served(), name, findings)
     if not channels:
         expected = "a bag with values"
         raise EmptyLogError(expected, f"'{name}', in which every mapped field is empty", "Check the map.")

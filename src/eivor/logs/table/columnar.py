@@ -27,12 +27,13 @@ from eivor.errors import (
     MissingReaderError,
     UsageError,
 )
-from eivor.logs.channel_map import load_channel_map
+from eivor.logs.channel_map import columns_of, load_channel_map
 from eivor.logs.common import (
     DECODER_ERRORS,
     Columns,
     LogFormat,
     ReadOptions,
+    advised,
     begins_with,
     element_of,
     noted,
@@ -112,7 +113,7 @@ def decode_in_child(
         raise corrupt_table(file.name, f"{kind} that {reason}", _DAMAGED)
 
 
-# -- Parquet probe --
+# -- Parquet --
 
 #: Longest time that the child may take [s].
 PARQUET_TIMEOUT_S = 300.0
@@ -135,16 +136,6 @@ def exactly(column: str) -> str:
     letters = "".join(f"\\x{{{ord(letter):x}}}" for letter in column)
     return f"^{letters}$"
 
-
-def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
-    """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
-    request, limit_s = {"patterns": [*map(exactly, columns)]}, PARQUET_TIMEOUT_S
-    decode_in_child(
-        file, _PARQUET_CODE, request, max_bytes=max_bytes, timeout_s=limit_s, kind="a Parquet file"
-    )
-
-
-# -- Parquet --
 
 #: Most rows that are read: a Parquet file may say much more than its size holds.
 MAX_ROWS = 50_000_000
@@ -196,7 +187,16 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns
     held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
     # the package's own file is known to be whole, and a probe takes a process
     if file.resolve().parent != Path(str(resources.files("eivor.data"))).resolve():
-        probe_parquet(file, [*dict.fromkeys(held)], PARQUET_DECODER_BYTES + ROW_BYTES * rows)
+        request = {"patterns": [exactly(base) for base in dict.fromkeys(held)]}
+        most = PARQUET_DECODER_BYTES + ROW_BYTES * rows
+        decode_in_child(
+            file,
+            _PARQUET_CODE,
+            request,
+            max_bytes=most,
+            timeout_s=PARQUET_TIMEOUT_S,
+            kind="a Parquet file",
+        )
 
     def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
         kind = schema[base]
@@ -566,11 +566,14 @@ def _typed(value: Any, kind: type) -> Any:
 # -- Formats --
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADVICE = (
-    "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
-    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
-    "vertical acceleration, the attitude, and the height reference.",
-    "Log setpoints as they are commanded, not filtered or interpolated.",
+_ADVISED = advised(
+    [
+        "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
+        "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or "
+        "the vertical acceleration, the attitude, and the height reference.",
+        "Log setpoints as they are commanded, not filtered or interpolated.",
+    ],
+    lambda channel: (f"Add a column '{channel}', or map one in a channel map.",),
 )
 _SETPOINTS = (
     "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
@@ -584,10 +587,6 @@ def _is_csv(head: bytes, _file: Path) -> bool:
         return is_delimited(decoder.decode(head))
     except UnicodeDecodeError:
         return False
-
-
-def _advice(channel: str) -> tuple[str, ...]:
-    return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
 
 
 def _table(
@@ -607,9 +606,9 @@ def _table(
             findings += [finding] if finding is not None else []
         else:
             chosen = load_channel_map(options.channel_map)
-        columns = [column for rule in chosen.rules for column in rule.expression.columns]
-        rules = fitted_rules(chosen, with_elements(columns, source.names), file.name)
-        needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
+        names = with_elements(tuple(columns_of(chosen.rules)), source.names)
+        rules = fitted_rules(chosen, names, file.name)
+        needed = chosen.needed_by(rules)
         if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])
             sentence = "Columns without a canonical name are not used: {}."
@@ -617,7 +616,7 @@ def _table(
         recording = mapped_recording(
             chosen,
             rules,
-            source.read(list(needed)),
+            source.read(needed),
             name=file.name,
             log_format=name,
             sha256=options.sha256,
@@ -626,7 +625,7 @@ def _table(
         return restore(recording, source.metadata) if alone else recording
 
     return LogFormat(
-        name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings
+        name, label, sniff, read, takes_map=True, advice=_ADVISED, setpoints=_SETPOINTS, endings=endings
     )
 
 

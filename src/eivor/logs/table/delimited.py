@@ -210,11 +210,8 @@ class _Layout:
 
 def open_csv(file: Path) -> TableSource:
     """Check the lines of a delimited text and name its columns."""
-    try:
-        with file.open("rb") as stream:
-            layout = _layout(_Lines(stream, file.name))
-    except OSError as error:
-        raise corrupt_table(file.name, f"which cannot be read: {error}", "Copy it again.") from error
+    with file.open("rb") as stream:
+        layout = _layout(_Lines(stream, file.name))
     findings = []
     if layout.cut:
         findings.append(Finding("truncated", "The last line is incomplete; it was left out."))

@@ -319,11 +319,10 @@ def read_topics(
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, clocks, late, max(ends, default=0.0), findings)
     sizes = {name: topic.size for name, topic in topics.items()}
-    for name, sources in px4.CHANNEL_SOURCES.items():
-        by_choice = common.by_rate(sources, lambda source: sizes.get(source.topic, 0))
-        for source in by_choice if name in px4.CHOSEN_BY_RATE else sources:
-            if name not in reading.channels:
-                reading.add(name, source)
+    sources = px4.CHANNEL_SOURCES, px4.CHOSEN_BY_RATE
+    for name, source in common.in_preference(*sources, lambda source: sizes.get(source.topic, 0)):
+        if name not in reading.channels:
+            reading.add(name, source)
     _add_controller_velocity(reading)
     _add_modes(reading)
     for name, topic, values, label in attitude_setpoints(topics, clocks):

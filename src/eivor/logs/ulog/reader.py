@@ -135,9 +135,7 @@ MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """How to set PX4's logger; for a channel, at which rate its topics are logged."""
-    if not channel:
-        return _PX4_ADVICE
+    """At which rate PX4's logger logs the topics of a channel."""
     topics = list(dict.fromkeys(source.topic for source in px4.CHANNEL_SOURCES.get(channel, ())))
     known = {entry.topic: entry for entry in px4.TOPIC_LOGGING}
     return tuple(_topic_sentence(known[topic]) for topic in topics if topic in known)
@@ -152,22 +150,6 @@ def _topic_sentence(entry: px4.TopicLogging) -> str:
         return f"{sentence}; {bits} logs it at its full rate."
     return f"{sentence}."
 
-
-_PX4_ADVICE = (
-    "Set SDLOG_PROFILE to 25. Bit 0 is the default set; bit 3 is system identification (accelerations, rates "
-    "and motor commands at full rate). Bit 4 is high rate (thrust setpoint, attitude and stick "
-    "at full rate).",
-    "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz. Copy "
-    "etc/logging/logger_topics.txt onto the card, with the topics of the profile and the lines "
-    + ", ".join(f"'{line}'" for line in px4.EXTRA_TOPIC_LINES)
-    + " (topic, interval in ms). That file replaces the profile.",
-    "Fly altitude steps, so that the height reference changes: a hover cannot be identified.",
-)
-
-_SETPOINTS = (
-    "trajectory_setpoint or vehicle_local_position_setpoint (the height reference), "
-    "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies)."
-)
 
 # -- Frames --
 
@@ -445,11 +427,8 @@ PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic no
 
 def read_ulog(file: Path, options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
-    try:
-        with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            clean = clean_log(data, PARSED, file.name)
-    except OSError as error:
-        raise _corrupt(file, error) from error
+    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        clean = clean_log(data, PARSED, file.name)
     ulog, printed = _decode(clean, file)
     findings = _file_findings(clean, ulog, printed)
     parameters = _parameters(ulog)
@@ -476,12 +455,6 @@ def read_ulog(file: Path, options: common.ReadOptions) -> Recording:
     )
 
 
-def _corrupt(file: Path, error: Exception) -> CorruptLogError:
-    expected = "a readable ULog"
-    received = f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})"
-    return CorruptLogError(expected, received, "The file is damaged; copy it from the vehicle again.")
-
-
 def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
     """Decode the clean messages; what still goes wrong is a damaged file, as is what the decoder prints."""
     from pyulog.core import ULog, ULogException
@@ -491,7 +464,9 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
         with contextlib.redirect_stdout(printed):
             ulog = ULog(io.BytesIO(clean.content), list(PARSED), disable_str_exceptions=True)
     except (ULogException, *common.DECODER_ERRORS) as error:
-        raise _corrupt(file, error) from error
+        received = f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})"
+        remedy = "The file is damaged; copy it from the vehicle again."
+        raise CorruptLogError("a readable ULog", received, remedy) from error
     return ulog, bool(printed.getvalue())
 
 
@@ -532,14 +507,15 @@ def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.n
 
 # -- Formats --
 
+ADVICE = common.advised(px4.TABLES["advice"]["all"], _advice)
 FORMATS = (
     common.LogFormat(
         "ulog",
         "ULog",
         common.begins_with(MAGIC),
         read_ulog,
-        advice=_advice,
-        setpoints=_SETPOINTS,
+        advice=ADVICE,
+        setpoints=px4.TABLES["advice"]["setpoints"],
         endings=ULOG_ENDINGS,
     ),
     # a folder of the tables that `ulog2csv` makes of one
@@ -548,8 +524,8 @@ FORMATS = (
         "ulog2csv folder",
         lambda _head, folder: bool(tables_of(folder)),
         read_csv_folder,
-        advice=_advice,
-        setpoints=_SETPOINTS,
+        advice=ADVICE,
+        setpoints=px4.TABLES["advice"]["setpoints"],
         parts=csv_parts,
     ),
 )

@@ -42,8 +42,8 @@ class TopicSource:
 
 
 #: Sources of each channel, the preferred one first.
-_TABLES = source_tables("eivor.logs.ulog")
-CHANNEL_SOURCES = channel_sources(_TABLES, TopicSource)
+TABLES = source_tables("eivor.logs.ulog")
+CHANNEL_SOURCES = channel_sources(TABLES, TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
@@ -108,14 +108,7 @@ class TopicLogging:
 #: Names of the bits of SDLOG_PROFILE that matter here.
 PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
 
-TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in _TABLES["logging"].items())
-
-#: Topics whose rate no profile bit raises, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
-EXTRA_TOPIC_LINES: tuple[str, ...] = (
-    "vehicle_local_position 20",
-    "vehicle_local_position_setpoint 20",
-    "trajectory_setpoint 20",
-)
+TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in TABLES["logging"].items())
 
 
 def _with_profile(source: TopicSource) -> str:
@@ -129,7 +122,7 @@ def _with_profile(source: TopicSource) -> str:
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
-    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
+    **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
 }
 
 
