@@ -24,12 +24,10 @@ from eivor.lab.scenario_files import (
     COURSES,
     DISTURBANCES,
     EXCITATIONS,
-    FLIGHT_KIND,
     NOISES,
     parameters_of,
-    shipped_scenarios,
+    shipped_files,
 )
-from eivor.lab.scenario_files import SHIPPED as SHIPPED_RIGID_BODIES
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import SensorNoise
@@ -46,7 +44,6 @@ from validation.pages import markdown, page_with
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "studies" / "scenarios.md"
-SHIPPED = ROOT / "src" / "eivor" / "lab"
 #: What a value of a type is called.
 WORDS: Mapping[Any, str] = {
     float: "a number",
@@ -184,13 +181,9 @@ def cell(text: str) -> str:
 
 def shipped() -> str:
     """Table of the scenarios that come with the package, by their first comment."""
-    files = {name: SHIPPED / "scenarios" / f"{name}.toml" for name in shipped_scenarios()}
-    files |= {
-        name: SHIPPED / "scenario_flights" / f"{name}.toml" for name in (FLIGHT_KIND, *SHIPPED_RIGID_BODIES)
-    }
     rows = []
-    for name in sorted(files):
-        lines = files[name].read_text(encoding="utf-8").splitlines()
+    for name, path in sorted(shipped_files().items()):
+        lines = path.read_text(encoding="utf-8").splitlines()
         comment = [line.removeprefix("#").strip() for line in lines[: _first_without_mark(lines)]]
         rows.append((f"`{name}`", cell(" ".join(comment))))
     return markdown(("name", "what it is"), rows)

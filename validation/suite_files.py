@@ -14,11 +14,12 @@ from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import (
     MOST_SAMPLES,
+    SCENARIOS,
     located,
     method_choice,
     read_scenario,
+    shipped_files,
     shipped_scenario,
-    shipped_scenarios,
 )
 from eivor.lab.study import Study
 from eivor.strict_toml import TomlTable, read_toml
@@ -111,8 +112,9 @@ def coverage_suite() -> Suite:
 
 
 def _scenario(top: TomlTable, word: str, folder: Path) -> Scenario:
-    if word in shipped_scenarios():
+    known = shipped_files(SCENARIOS)
+    if word in known:
         return shipped_scenario(word)
     if not word.endswith(".toml"):
-        raise top.wrong("scenarios", f"names out of {', '.join(shipped_scenarios())}, or files", f"'{word}'")
+        raise top.wrong("scenarios", f"names out of {', '.join(known)}, or files", f"'{word}'")
     return read_scenario(folder / word)

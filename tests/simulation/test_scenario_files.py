@@ -18,14 +18,14 @@ from eivor.lab.disturbances import paper_disturbance
 from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, OpenLoop, VelocityControl
 from eivor.lab.scenario_files import KINDS as PAGE_KINDS
 from eivor.lab.scenario_files import (
-    SHIPPED,
+    SCENARIOS,
     flight_from_table,
-    read_rigid_body_flight,
     read_scenario,
     read_study,
+    rigid_body_flight_from_table,
+    shipped_files,
     shipped_rigid_body_flight,
     shipped_scenario,
-    shipped_scenarios,
 )
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import (
@@ -223,7 +223,7 @@ def test_missing_files_and_folders(tmp_path):
 
 
 def test_shipped_scenarios_read_and_simulate():
-    names = shipped_scenarios()
+    names = shipped_files(SCENARIOS)
     assert {"v", "p", "rich", "rich-high", "rich-dynamic", "white"} <= set(names)
     for name in names:
         scenario = shipped_scenario(name)
@@ -418,7 +418,7 @@ def file(tmp_path):
 
 def test_everything_is_read(file):
     file.write_text(VEHICLE.replace("0.2", '0.2\ntrajectory = "chirp"', 1) + REST, encoding="utf-8")
-    flight = read_rigid_body_flight(file)
+    flight = rigid_body_flight_from_table(read_toml(file, "a flight"))
     assert flight.vehicle.rotors.positions[1] == (0.12, -0.12, 0.0)
     assert flight.vehicle.rotors.spins == (1, -1, 1, -1)
     assert flight.vehicle.drag.linear == (0.1, 0.1, 0.2)
@@ -457,7 +457,7 @@ def test_wrong_files_are_told(file, right, wrong, message):
     assert right in text
     file.write_text(text.replace(right, wrong), encoding="utf-8")
     with pytest.raises(InputError, match=message):
-        read_rigid_body_flight(file)
+        rigid_body_flight_from_table(read_toml(file, "a flight"))
 
 
 def test_there_is_none_of_that_name():
@@ -467,7 +467,7 @@ def test_there_is_none_of_that_name():
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", ["crazyflie", "quadrotor"])
 def test_shipped_flights_fly(name):
     (flight,) = simulate_rigid_body_flights([replace(shipped_rigid_body_flight(name), duration=2.5, seed=1)])
     assert flight.flew
@@ -507,5 +507,7 @@ def test_examples_are_read_and_simulated(tmp_path):
     (flights,) = simulate_vertical_flights([flight_from_table(read_toml(path, "a flight"))])
     assert flights.flew
     path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
-    (flight_of_all,) = simulate_rigid_body_flights([read_rigid_body_flight(path)])
+    (flight_of_all,) = simulate_rigid_body_flights(
+        [rigid_body_flight_from_table(read_toml(path, "a flight"))]
+    )
     assert flight_of_all.flew

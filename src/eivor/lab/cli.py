@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from eivor.cli.export import supplied
 from eivor.cli.outputs import (
     PAPER_FILES,
-    STANDARD_OUTPUT,
     STUDY_FILES,
     ExitCode,
     JsonOption,
@@ -23,14 +21,13 @@ from eivor.cli.outputs import (
     Writes,
     complain,
     completion,
-    deliver,
+    deliver_result,
     flag,
     guarded,
     keep_inputs,
     option,
     output_file,
     progress_bar,
-    show,
     show_table,
     step,
     write,
@@ -55,15 +52,7 @@ from eivor.lab.figures import (
 )
 from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
-from eivor.lab.scenario_files import (
-    FLIGHT_KIND,
-    flight_from_table,
-    rigid_body_flight_from_table,
-    scenario_from_table,
-    shipped_file,
-    study_from_table,
-)
-from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
+from eivor.lab.scenario_files import SIMULATED, Simulated, shipped_file, study_from_table
 from eivor.lab.study import (
     SHARD_TRIALS,
     TOGETHER,
@@ -79,8 +68,7 @@ from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
 from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
-from eivor.simulation.vertical import VerticalFlightSpec
-from eivor.strict_toml import TomlTable, read_toml
+from eivor.strict_toml import read_toml
 from eivor.tools import printable
 
 if TYPE_CHECKING:
@@ -146,32 +134,40 @@ def paper(
             progress(len(results), 2 * len(chosen))
     seconds = time.perf_counter() - start_s
 
-    nearest_group = by_reading(results)[nearest(results)]
-    outputs: dict[Callable[[], None], bool] = {
-        partial(_print_paper, results, whole=bool(named)): json != STANDARD_OUTPUT,
-        lambda: write_out(json_text(paper_document(results, seconds=seconds)), json): bool(json),
-        lambda: _draw(Path(out), paper_figures(nearest_group)): bool(out),
-    }
-    deliver(*(output for output, wanted in outputs.items() if wanted))
+    groups = by_reading(results)
+    nearest_group = groups[nearest(results)]
+    deliver_result(
+        lambda: _paper_report(results, [*groups.values()] if named else [nearest_group], whole=bool(named)),
+        lambda: json_text(paper_document(results, seconds=seconds)),
+        json,
+        *_drawing(Path(out), lambda: paper_figures(nearest_group), wanted=bool(out)),
+    )
     return ExitCode.IDENTIFIED
 
 
-def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:
+def _paper_report(
+    results: Sequence[PaperResult], groups: Sequence[Sequence[PaperResult]], *, whole: bool
+) -> RenderableType:
+    from rich.console import Group
     from rich.text import Text
 
-    groups = by_reading(results)
-    for group in groups.values() if whole else [groups[nearest(results)]]:
-        for part in reading_report(group):
-            show(part)
-    for part in overview_report(results):
-        show(part)
-    if not whole:
-        show(Text(f"Every reading's tables: eivor paper --readings {ALL}"))
+    more = [] if whole else [Text(f"Every reading's tables: eivor paper --readings {ALL}")]
+    return Group(
+        *(part for group in groups for part in reading_report(group)), *overview_report(results), *more
+    )
 
 
-def _draw(folder: Path, figures: Iterable[tuple[str, Figure]]) -> None:
-    with step("Drawing the figures"), writing(folder):
-        write_figures(figures, folder)
+def _drawing(
+    folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]], *, wanted: bool
+) -> Iterator[Callable[[], None]]:
+    """Drawing of figures into a folder, where they are wanted."""
+
+    def draw() -> None:
+        with step("Drawing the figures"), writing(folder):
+            write_figures(figures(), folder)
+
+    if wanted:
+        yield draw
 
 
 def _folder(text: str) -> Path:
@@ -186,10 +182,6 @@ def _folder(text: str) -> Path:
 
 
 # -- Simulate --
-
-if TYPE_CHECKING:
-    #: Whatever a file may describe.
-    Simulated: TypeAlias = Scenario | VerticalFlightSpec | RigidBodyFlightSpec
 
 LOG_FORMATS = (".parquet", ".csv")
 #: Logs of flights that are slower are not identified.
@@ -298,13 +290,9 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     if not source.exists() and not source.suffix and source.name == str(source):
         source = shipped_file(source.name)
     table = read_toml(source, "a scenario")
-    readers: dict[str, Callable[[TomlTable], Simulated]] = {
-        "vertical": scenario_from_table,
-        FLIGHT_KIND: flight_from_table,
-        RIGID_BODY: rigid_body_flight_from_table,
-    }
-    kind = table.choose("kind", table.values.get("kind", "vertical"), tuple(readers))
-    return readers[kind](table), table.files
+    return SIMULATED[table.choose("kind", table.values.get("kind", "vertical"), tuple(SIMULATED))](
+        table
+    ), table.files
 
 
 def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyFlightSpec:
@@ -389,12 +377,12 @@ def study(
         return ExitCode.INTERRUPTED
     results = scores(result)
 
-    outputs: dict[Callable[[], None], bool] = {
-        lambda: show(_report(result, results)): json != STANDARD_OUTPUT,
-        lambda: write_out(json_text(_document(result, results)), json): bool(json),
-        lambda: _draw(result.folder, study_figures(result)): figures,
-    }
-    deliver(*(output for output, wanted in outputs.items() if wanted))
+    deliver_result(
+        lambda: _report(result, results),
+        lambda: json_text(_document(result, results)),
+        json,
+        *_drawing(result.folder, lambda: study_figures(result), wanted=figures),
+    )
     return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
 
 

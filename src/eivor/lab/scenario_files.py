@@ -10,7 +10,7 @@ from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -20,6 +20,7 @@ from eivor.lab import disturbances
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
 from eivor.lab.study import MethodChoice, Study
+from eivor.process_pool import check_among
 from eivor.signals.noise import (
     AutoregressiveNoise,
     FractionalNoise,
@@ -282,17 +283,16 @@ def _of_table(table: TomlTable, annotation: Any) -> Any:
     return of_kind(table, annotation) if annotation in KINDS else built(table, annotation)
 
 
-# -- Flight file --
+# -- Flight files --
 
-#: What a file of a flight says of itself.
-FLIGHT_KIND = "flight"
 #: Folders of what comes with the package.
-_FLIGHTS, _SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
+FLIGHTS, SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
 
-def shipped_files() -> dict[str, Path]:
+def shipped_files(*folders: Path) -> dict[str, Path]:
     """Files of the flights and scenarios that come with the package, by their names."""
-    return {path.stem: path for folder in (_FLIGHTS, _SCENARIOS) for path in folder.glob("*.toml")}
+    every = (path for folder in folders or (FLIGHTS, SCENARIOS) for path in sorted(folder.glob("*.toml")))
+    return {path.stem: path for path in every}
 
 
 def shipped_file(name: str) -> Path:
@@ -306,7 +306,7 @@ def shipped_file(name: str) -> Path:
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
-    table.choose("kind", table.values.get("kind", ""), (FLIGHT_KIND,))
+    table.choose("kind", table.values.get("kind", ""), ("flight",))
     known: dict[str, object] = {"seed": 0}
     if "noise" in table.values:
         # The log of vertical motion has no angular rates.
@@ -359,31 +359,19 @@ def ratio_to_signal(table: TomlTable) -> float | None:
     return table.convert(_Ratio).ratio_to_signal
 
 
-# -- Rigid body file --
-
-#: What a file of such a flight says of itself.
-RIGID_BODY_KIND = "rigid-body"
-#: Flights that come with the package.
-SHIPPED = ("crazyflie", "quadrotor")
 #: Most steps of a flight from a file.
 MOST_STEPS = 2_000_000
 
 
-def read_rigid_body_flight(path: Path) -> RigidBodyFlightSpec:
-    """Flight from a file, with the seed zero."""
-    return rigid_body_flight_from_table(read_toml(path, "a flight of a rigid body"))
-
-
 def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
-    """Flight that comes with the package."""
-    if name not in SHIPPED:
-        raise UsageError(f"a flight out of {', '.join(SHIPPED)}", f"'{name}'", "Name one of them.")
-    return read_rigid_body_flight(_FLIGHTS / f"{name}.toml")
+    """Flight of all axes that comes with the package, with the seed zero."""
+    check_among("a flight", name, ("crazyflie", "quadrotor"))
+    return rigid_body_flight_from_table(read_toml(shipped_file(name), "a flight of a rigid body"))
 
 
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
-    table.choose("kind", table.values.get("kind", ""), (RIGID_BODY_KIND,))
+    table.choose("kind", table.values.get("kind", ""), ("rigid-body",))
     flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, "kind", seed=0)
     if flight.count > MOST_STEPS:
         raise table.wrong("duration", f"{MOST_STEPS} steps or fewer", f"{flight.count}", "Ask for fewer.")
@@ -401,18 +389,11 @@ def read_scenario(path: Path) -> Scenario:
     return scenario_from_table(read_toml(path, "a scenario"))
 
 
-def shipped_scenarios() -> tuple[str, ...]:
-    """Names of the scenarios that come with the package."""
-    return tuple(sorted(path.stem for path in _SCENARIOS.glob("*.toml")))
-
-
 def shipped_scenario(name: str) -> Scenario:
     """Return a scenario that comes with the package ("rich" is one); raises UsageError, which names all."""
     checks.text("name", name)
-    if name not in shipped_scenarios():
-        expected = f"a scenario out of {', '.join(shipped_scenarios())}"
-        raise UsageError(expected, f"'{name}'", "Name one of them.")
-    return read_scenario(_SCENARIOS / f"{name}.toml")
+    check_among("a scenario", name, known := shipped_files(SCENARIOS))
+    return read_scenario(known[name])
 
 
 def scenario_from_table(table: TomlTable) -> Scenario:
@@ -434,6 +415,15 @@ def check_sample_count(table: TomlTable) -> None:
     samples = table.values.get("samples")
     if isinstance(samples, int) and samples > MOST_SAMPLES:
         raise table.wrong("samples", f"{MOST_SAMPLES} samples or fewer", f"{samples}", "Ask for fewer.")
+
+
+#: Whatever a file may describe to be simulated, and what reads each kind.
+Simulated: TypeAlias = Scenario | VerticalFlightSpec | RigidBodyFlightSpec
+SIMULATED: Mapping[str, Callable[[TomlTable], Simulated]] = {
+    "vertical": scenario_from_table,
+    "flight": flight_from_table,
+    "rigid-body": rigid_body_flight_from_table,
+}
 
 
 # -- Study file --
