@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from eivor.cli.main import EXAMPLES, PANELS, app
+from eivor.cli.main import COMMANDS, EXAMPLES, app
 from eivor.cli.outputs import FIRST_OPTIONS
 from eivor.logs.read import readable_formats
 
@@ -73,7 +73,7 @@ def commands(command=COMMAND, path=()):
 
 
 def test_commands_and_options_stand_in_groups():
-    assert {name for names in PANELS.values() for name in names} == set(COMMAND.commands)
+    assert set(COMMANDS) == set(COMMAND.commands)
     for _, command in commands():
         options = [item for item in command.params if item.param_type_name == "option" and not item.hidden]
         assert sum(item.rich_help_panel is None for item in options) <= FIRST_OPTIONS

@@ -39,15 +39,6 @@ WrongUsage: Any = typer.BadParameter.__base__
 if TYPE_CHECKING:
     app: typer.Typer
 
-#: Headings of help, in its order, and their commands.
-PANELS = {
-    "Identify": ("identify", "report", "track"),
-    "Look": ("inspect", "frequency-response", "serve", "example"),
-    "Use the result": ("export", "validate"),
-    "Plan": ("plan", "vehicle", "machine"),
-    "Simulate and study": ("simulate", "study", "paper"),
-    "Fleets": ("fleet",),
-}
 #: What a message about a missing argument shows.
 EXAMPLES = {
     "export": "fit.json --to px4",
@@ -61,45 +52,55 @@ EXAMPLES = {
     "vehicle show": "quadrotor-x",
     "machine show": "rover",
 }
-#: Where each command of the library or group of them is, and what `eivor --help` says of it. The module of a
-#: command holds NAME_EXIT_CODES too.
+#: Commands in the order of help: heading, where the command or group is, and what `eivor --help` says. The
+#: module of a command holds NAME_EXIT_CODES too; those of other rooms and packages are entry points.
 COMMANDS = {
     "identify": (
+        "Identify",
         "eivor.cli.identify:identify",
         "Identify a motion from a flight log, with intervals and a verdict.",
     ),
-    "report": ("eivor.cli.identify:report", "Identify logs, and write the result as one page of HTML."),
-    "inspect": ("eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
-    "track": ("eivor.cli.identify:track", "Follow a parameter over a flight."),
+    "report": (
+        "Identify",
+        "eivor.cli.identify:report",
+        "Identify logs, and write the result as one page of HTML.",
+    ),
+    "track": ("Identify", "eivor.cli.identify:track", "Follow a parameter over a flight."),
+    "inspect": ("Look", "eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
     "frequency-response": (
+        "Look",
         "eivor.cli.identify:frequency_response",
         "Bode plot in closed loop with bands, orders and a controller.",
     ),
-    "validate": ("eivor.cli.identify:validate", "Compare a fit with another flight of the vehicle."),
-    "export": ("eivor.cli.export:export", "Write a result for an autopilot, a controller or a simulator."),
-    "plan": ("eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
-    "vehicle": ("eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
-    "machine": ("eivor.cli.tools:machine_app", "Machines that are declared: equations in ten lines."),
-    "example": ("eivor.cli.tools:example_app", "Logs to try Eivor with."),
+    "serve": ("Look", "", "Open a page on this machine, on which logs are dropped."),
+    "example": ("Look", "eivor.cli.tools:example_app", "Logs to try Eivor with."),
+    "export": (
+        "Use the result",
+        "eivor.cli.export:export",
+        "Write a result for an autopilot, a controller or a simulator.",
+    ),
+    "validate": (
+        "Use the result",
+        "eivor.cli.identify:validate",
+        "Compare a fit with another flight of the vehicle.",
+    ),
+    "plan": ("Plan", "eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
+    "vehicle": ("Plan", "eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
+    "machine": ("Plan", "eivor.cli.tools:machine_app", "Machines that are declared: equations in ten lines."),
+    "simulate": ("Simulate and study", "", "Simulate motion with known parameters into a log."),
+    "study": ("Simulate and study", "", "Run a Monte Carlo study."),
+    "paper": ("Simulate and study", "", "Make the tables and figures of the paper again."),
+    "fleet": ("Fleets", "", "Many logs as one table: run, query, report."),
 }
 #: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.
 ENTRY_POINTS = "eivor.commands"
-#: Help of the commands of entry points that come with Eivor, and the extra that one needs.
-ADDED = {
-    "serve": ("Open a page on this machine, on which logs are dropped.", "serve"),
-    "simulate": ("Simulate motion with known parameters into a log.", ""),
-    "study": ("Run a Monte Carlo study.", ""),
-    "paper": ("Make the tables and figures of the paper again.", ""),
-    "fleet": ("Many logs as one table: run, query, report.", ""),
-}
 
 
 def _targets() -> dict[str, str]:
     """Where each command is, in the order of help."""
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    known = {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
-    ordered = [name for names in PANELS.values() for name in names if name in known]
-    return {name: known[name] for name in (*ordered, *known)}
+    known = {name: target for name, (_, target, _) in COMMANDS.items()} | added
+    return {name: target for name, target in known.items() if target}
 
 
 @contextmanager
@@ -161,40 +162,33 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
     )
     made.callback()(_eivor)
     targets = _targets()
-    helps = {name: about for name, (_, about) in COMMANDS.items()} | {
-        name: about for name, (about, _) in ADDED.items()
-    }
     for name in names or targets:
+        panel, _, about = COMMANDS.get(name, (None, "", ""))
         if loaded:
-            _add(made, name, targets[name])
+            _add(made, name, targets[name], panel)
         else:
-            made.command(name, help=helps.get(name, ""), rich_help_panel=_panel(name))(lambda: None)
+            made.command(name, help=about, rich_help_panel=panel)(lambda: None)
     return made
 
 
-def _panel(name: str) -> str | None:
-    return next((panel for panel, names in PANELS.items() if name in names), None)
-
-
-def _add(made: typer.Typer, name: str, target: str) -> None:
+def _add(made: typer.Typer, name: str, target: str, panel: str | None) -> None:
     home, _, attribute = target.partition(":")
     try:
         module = import_module(home)
     except ModuleNotFoundError as error:
-        extra = ADDED.get(name, ("", ""))[1]
-        if not extra or (error.name or "").startswith("eivor"):
+        if name != "serve" or (error.name or "").startswith("eivor"):
             raise
         raise InputError(
             f"the packages of eivor {name}",
             f"no package '{error.name}'",
-            f"Install them: pip install 'eivor[{extra}]'.",
+            f"Install them: pip install 'eivor[{name}]'.",
         ) from error
     command = getattr(module, attribute)
     if isinstance(command, typer.Typer):
-        made.add_typer(command, rich_help_panel=_panel(name))
+        made.add_typer(command, rich_help_panel=panel)
     else:
         epilog = getattr(module, f"{name.upper().replace('-', '_')}_EXIT_CODES")
-        made.command(epilog=epilog, cls=ReadableCommand, rich_help_panel=_panel(name))(command)
+        made.command(epilog=epilog, cls=ReadableCommand, rich_help_panel=panel)(command)
 
 
 def __getattr__(name: str) -> object:

@@ -44,6 +44,7 @@ from eivor.cli.parsing import (
     read_logs,
 )
 from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
+from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body.vehicle import (
     ENDING,
@@ -54,6 +55,7 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
+from eivor.process_pool import check_among
 from eivor.report.inspection import (
     calibration_document,
     inspection_document,
@@ -69,7 +71,6 @@ from eivor.report.terminal import on_terminal
 
 # -- Examples --
 
-EXAMPLE_FLIGHT = "example_flight.parquet"
 REGISTRY = "public_logs.toml"
 #: Folder of the downloads, in place of the user's cache folder.
 CACHE_VARIABLE = "EIVOR_CACHE"
@@ -472,10 +473,5 @@ def new_machine(
     ] = "rover",
 ) -> ExitCode:
     """Write a machine's file to begin with: a shipped one, to be changed."""
-    if like not in shipped_machines():
-        raise UsageError(
-            f"a machine out of {', '.join(shipped_machines())}",
-            f"'{like}'",
-            did_you_mean(like, shipped_machines(), "Name one of them."),
-        )
+    check_among("a machine", like, shipped_machines())
     return _begun("a machine", machine_text(like), file)

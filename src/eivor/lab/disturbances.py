@@ -238,7 +238,11 @@ class Sinusoids(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class BoundedAdversary(Disturbance):
-    """Unknown but bounded: at one bound or the other, with periods that shrink to spare no frequency."""
+    """Unknown but bounded: always at one bound or the other, which is all that is known of it.
+
+    It switches with a period that shrinks geometrically over the record, so that no frequency band is spared,
+    and it need not have mean zero.
+    """
 
     bound: float  # Largest absolute value, in the unit of the equation
     longest_s: float  # Period at the beginning and at the end of the record [s]
@@ -284,7 +288,15 @@ class SumOfDisturbances(Disturbance):
 
 
 def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
-    """(34): c_1 w[k-1] + c_2 w[k-2] + sin(0.01 t) + sin(10 t), whose std of w the paper leaves open."""
+    """Disturbance of the paper's (34): c_1 w[k-1] + c_2 w[k-2] + sin(0.01 t) + sin(10 t).
+
+    The random coefficients are c_1 ~ N(0, 1) and c_2 ~ N(3, 1), drawn at each sample.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of w, which the paper leaves open.
+    """
     moving = RandomCoefficientMovingAverage(means=(0.0, 3.0), stds=(1.0, 1.0), std=std)
     return SumOfDisturbances((moving, Sinusoids((1.0, 1.0), (0.01, 10.0))))
 
@@ -315,7 +327,10 @@ class OrnsteinUhlenbeck(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class ThresholdMovingAverage(Disturbance):
-    """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies."""
+    """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies.
+
+    Stationary for all coefficients. One step at a time: about 1 ms for 4000 samples.
+    """
 
     # Ascending, in the unit of the equation; a value on a threshold belongs to the regime below
     thresholds: tuple[float, ...]
@@ -372,7 +387,10 @@ class BilinearTerm:
 
 @dataclass(frozen=True, slots=True)
 class Bilinear(Disturbance):
-    """Strongly subdiagonal bilinear, uncorrelated: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m]."""
+    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
+
+    Uncorrelated, but not independent: its extremes come from its own past.
+    """
 
     terms: tuple[BilinearTerm, ...]  # One or more
     std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
@@ -401,7 +419,17 @@ class Bilinear(Disturbance):
 
 
 def bilinear(coefficient: float, series_lag: int = 2, shock_lag: int = 1, std: float = 1.0) -> Bilinear:
-    """`Bilinear` of one term: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag]."""
+    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+    """
     return Bilinear((BilinearTerm(coefficient, series_lag, shock_lag),), std)
 
 

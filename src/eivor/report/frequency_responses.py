@@ -32,6 +32,7 @@ from eivor.models.transfer_functions import (
 )
 from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis
 from eivor.motions.table import motion_by_name
+from eivor.process_pool import check_among
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, table
 from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, mosaic, page
 from eivor.report.json_document import Json, document
@@ -79,8 +80,7 @@ def response_motions(axis: str) -> dict[str, Motion[Any]]:
     turning: dict[str, Motion[Any]] = {item.name: OneAxis(item) for item in AXES}
     if not axis:
         return turning
-    if axis not in RESPONSE_AXES:
-        raise UsageError(f"an axis out of {', '.join(RESPONSE_AXES)}", f"'{axis}'", "Name one of them.")
+    check_among("an axis", axis, RESPONSE_AXES)
     return {axis: _VERTICAL if axis == VERTICAL else turning[axis]}
 
 
@@ -150,7 +150,7 @@ def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogRespons
     except EstimationError as error:
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None:
-        findings += _model_findings(models, response)
+        findings += _model_findings(models.chosen.p_value, response)
         is_sound = not response.is_direct and models.chosen.p_value >= UNLIKELY and response.shown.any()
         if turning and is_sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
@@ -187,9 +187,7 @@ def _reference(flights: list[PreparedFlight], axis: str, named: str) -> tuple[st
         item.channel for item in sources if item.channel in logged and (not axis or item.axis == axis)
     )
     if named:
-        if named not in flights[0].recording.channels:
-            known = ", ".join(sorted(flights[0].recording.channels))
-            raise UsageError(f"a channel out of {known}", f"'{named}'", "Name one of them.")
+        check_among("a channel", named, tuple(sorted(flights[0].recording.channels)))
         if not exogenous(named):
             raise InstrumentError(
                 "a reference that does not answer the vehicle",
@@ -246,14 +244,12 @@ def _filter(flight: PreparedFlight, turning: object) -> Any:
     return low_pass
 
 
-def _model_findings(models: TransferFunctions, response: FrequencyResponse) -> list[str]:
-    p_value = models.chosen.p_value
-    if p_value < UNLIKELY:
-        why = " of the direct estimate" if response.is_direct else ""
-        return [
-            f"No order up to 4 explains the response{why} (p = {p_value:.1g}): its intervals are too narrow."
-        ]
-    return []
+def _model_findings(p_value: float, response: FrequencyResponse) -> list[str]:
+    why = " of the direct estimate" if response.is_direct else ""
+    sentence = (
+        f"No order up to 4 explains the response{why} (p = {p_value:.1g}): its intervals are too narrow."
+    )
+    return [sentence] if p_value < UNLIKELY else []
 
 
 # -- Document --

@@ -34,6 +34,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from eivor.cli.options import options_schema
 from eivor.errors import EivorError
+from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.process_pool import Limits
 from eivor.report.html import SHAPES, Sources, own, rendered, report_sources, whole_page
 from eivor.serve.jobs import (
@@ -63,7 +64,6 @@ LAST_S = 2
 #: Connections at a time, and bytes of a request's head and of a request that is no log.
 MOST_CONNECTIONS, MOST_HEAD, MOST_JSON = 64, 65_536, 1_000_000
 MOST_FIELDS = 20
-EXAMPLE = "example_flight.parquet"
 _REOPEN = "Open the address that `eivor serve` has printed."
 _RELOAD = "Load the page again."
 _HEADERS = {
@@ -312,9 +312,9 @@ class _Routes:
         return JSONResponse({"log": log, "name": name, "bytes": size})
 
     def keep_example(self, _request: Request) -> Response:
-        content = resources.files("eivor.data").joinpath(EXAMPLE).read_bytes()
-        log = self._logs.keep(EXAMPLE, len(content), [("", iter([content]))], self._jobs.in_use)
-        return JSONResponse({"log": log, "name": EXAMPLE, "bytes": len(content)})
+        content = resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT).read_bytes()
+        log = self._logs.keep(EXAMPLE_FLIGHT, len(content), [("", iter([content]))], self._jobs.in_use)
+        return JSONResponse({"log": log, "name": EXAMPLE_FLIGHT, "bytes": len(content)})
 
     def forget_log(self, request: Request) -> Response:
         log = request.path_params["log"]

@@ -67,9 +67,6 @@ class Work:
         """Outcome of a task."""
         return resolve_name("eivor.serve.worker:outcome_of")(item, report)
 
-    def __reduce__(self) -> tuple[Callable[[str], WorkFunction], tuple[str]]:
-        return resolve_name, ("eivor.serve.worker:outcome_of",)
-
 
 # -- Workers --
 
