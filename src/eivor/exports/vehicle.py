@@ -15,7 +15,7 @@ from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, listed
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
-from eivor.motions.rigid_body.dynamics import Coefficients, elements
+from eivor.motions.rigid_body.dynamics import Coefficients, coefficients_of
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import (
     NO_BODY_UNCERTAINTY,
@@ -429,70 +429,53 @@ def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
     return values["arm_scale"][:, None, None] * np.array(made.vehicle.positions) - centre[:, None, :]
 
 
-def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
-    """Equations of motion of the first vehicle; its rotors drag where they are, or in the centre of mass."""
-    value, rotor = first(made.values), first(rotors_of(made))
-    inertia, at = np.diag([value[name] for name in INERTIAS]), places(made)[0]
+#: Rotors of a fitted vehicle reach this many times their speed at hover, where no largest command is given.
+REACH = 2.0
+
+
+def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, dict[str, tuple[float, ...]]]:
+    """The first vehicle, whose rotors drag where they are or in the centre of mass, and its body's drags."""
+    value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
     drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
     x, y = (rotor["hover_speed"] * np.sum(at**2, axis=0)).tolist()
     if any(name in value for name in TORQUES):
         torque -= (along * y, along * x, across * (x + y))
     of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
-    spins = map(float, made.vehicle.spins)
-    rate = 1.0 / value.get("actuator_lag", LEAST["actuator_lag"])
-    return Coefficients(
-        rotors=made.vehicle.count,
-        gyroscopic="rotor_inertia" in value,
-        weight_acceleration=GRAVITY,
-        mass=value["mass"],
-        inertia=elements(inertia),
-        inverse_inertia=elements(np.linalg.inv(inertia)),
-        places=tuple((x, y, 0.0, spin) for (x, y), spin in zip(at.tolist(), spins, strict=True)),
-        thrust_linear=0.0,
+    lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
+    rotors = Rotors(
+        positions=tuple((x, y, 0.0) for x, y in at.tolist()),
+        spins=made.vehicle.spins,
+        highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
         thrust_quadratic=rotor["thrust_constant"],
         torque_ratio=value["torque_ratio"],
-        rotor_inertia=value.get("rotor_inertia", 0.0),
-        rate_up=rate,
-        rate_down=rate,
+        lag_up=lag,
+        lag_down=lag,
+        inertia=value.get("rotor_inertia", 0.0),
+        delay=value.get("delay", 0.0),
         drag=across,
         inflow=along,
         translational_lift=value.get("translational_lift", 0.0) / made.vehicle.count,
-        flapping=0.0,
-        body_linear=tuple((drag - of_rotors).tolist()),
-        body_quadratic=tuple(value.get(name, 0.0) for name in QUADRATIC),
-        body_rotational=tuple(torque.tolist()),
     )
-
-
-#: Rotors of a fitted vehicle reach this many times their speed at hover, where no largest command is given.
-REACH = 2.0
+    drags = {
+        "linear": tuple((drag - of_rotors).tolist()),
+        "quadratic": tuple(value.get(name, 0.0) for name in QUADRATIC),
+        "rotational": tuple(torque.tolist()),
+    }
+    damped = {name: tuple(max(item, 0.0) for item in part) for name, part in drags.items()}
+    inertia = tuple(value[name] for name in INERTIAS)
+    return Vehicle(value["mass"], inertia, rotors, BodyDrag(**damped)), drags
 
 
 def flown(made: VehicleDescription) -> Vehicle:
     """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
-    known: Any = coefficients(made)  # of one vehicle, all of it floats
-    rotor = first(rotors_of(made))
-    largest = rotor["largest_speed"]
-    rotors = Rotors(
-        positions=tuple((x, y, z) for x, y, z, _ in known.places),
-        spins=made.vehicle.spins,
-        highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
-        thrust_quadratic=known.thrust_quadratic,
-        torque_ratio=known.torque_ratio,
-        lag_up=1.0 / known.rate_up,
-        lag_down=1.0 / known.rate_down,
-        inertia=known.rotor_inertia,
-        delay=first(made.values).get("delay", 0.0),
-        drag=known.drag,
-        inflow=known.inflow,
-        translational_lift=known.translational_lift,
-    )
-    linear, quadratic, turning = (
-        tuple(max(float(item), 0.0) for item in part)
-        for part in (known.body_linear, known.body_quadratic, known.body_rotational)
-    )
-    return Vehicle(known.mass, known.inertia, rotors, BodyDrag(linear, quadratic, turning))
+    return _flown(made, lever=True)[0]
+
+
+def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
+    """Equations of motion of the first vehicle, with its drags as they are."""
+    vehicle, drags = _flown(made, lever=lever)
+    return replace(coefficients_of(vehicle), **{f"body_{name}": part for name, part in drags.items()})
 
 
 def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:
