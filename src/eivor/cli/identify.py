@@ -39,8 +39,6 @@ def done_in_results(command: Callable[P, None]) -> Callable[P, ExitCode]:
     return done
 
 
-# -- Identify --
-
 NeedsOption = Annotated[
     str,
     option(
@@ -92,8 +90,6 @@ def identify(
     """Identify what logs support: vertical motion, turning, and the rigid body of a --vehicle."""
 
 
-# -- Report --
-
 REPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: those of eivor identify; the page is written with 3, too. 1 a log that cannot "
     "be read, or a page that cannot be written.\n\n"
@@ -112,8 +108,6 @@ def report(
 ) -> None:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
 
-
-# -- Track --
 
 TRACK_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not. 3 it "
@@ -177,8 +171,6 @@ def track(
     """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
 
 
-# -- Validate --
-
 VALIDATE_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, and the "
     "flight by itself contradicts no quantity. 3 otherwise (the numbers are printed all the same). 2 wrong "
@@ -217,8 +209,6 @@ def validate(
 ) -> None:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
 
-
-# -- Frequency response --
 
 FREQUENCY_RESPONSE_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 shown at some frequencies. 3 nothing is shown, or the log has no reference "

@@ -32,8 +32,6 @@ from eivor.cli.outputs import (
 )
 from eivor.errors import InputError, UsageError, did_you_mean
 
-# -- Main --
-
 #: What the reader of arguments raises; its module is not the same in all versions of Typer.
 WrongUsage: Any = typer.BadParameter.__base__
 if TYPE_CHECKING:

@@ -42,8 +42,6 @@ from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
 
-# -- Parts of a delivery --
-
 
 def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
     """Drawing of a figure, where one is wanted."""
@@ -61,9 +59,6 @@ def write_page(result: LogEstimate, position: str) -> None:
     with outputs.step(f"Writing {Path(position).name}"):
         page = flight_page(result)
     outputs.write_out(page, position)
-
-
-# -- Identify --
 
 
 def write_residuals(result: LogEstimate, folder: Path) -> None:
@@ -91,9 +86,6 @@ def identify(
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 
 
-# -- Report --
-
-
 def report(*, needs: str, out: str, **given: Any) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.report` declares."""
     if not out:
@@ -106,9 +98,6 @@ def report(*, needs: str, out: str, **given: Any) -> outputs.ExitCode:
         first, *_ = log_documents(result)
         outputs.show(on_terminal(replace(first, sections=(where,))))
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
-
-
-# -- Track --
 
 
 def track(
@@ -142,9 +131,6 @@ def track(
     return outputs.ExitCode.IDENTIFIED if tracked.precise_moments else outputs.ExitCode.NOT_IDENTIFIED
 
 
-# -- Validate --
-
-
 def validate(
     *,
     fit: Path,
@@ -172,9 +158,6 @@ def validate(
         *figure_parts(picture, validation.plot),
     )
     return outputs.ExitCode.IDENTIFIED if validation.agrees else outputs.ExitCode.NOT_IDENTIFIED
-
-
-# -- Frequency response --
 
 
 def frequency_response(

@@ -69,8 +69,6 @@ from eivor.report.other_results import plan as planned
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 
-# -- Examples --
-
 REGISTRY = "public_logs.toml"
 #: Folder of the downloads, in place of the user's cache folder.
 CACHE_VARIABLE = "EIVOR_CACHE"
@@ -207,8 +205,6 @@ def path() -> ExitCode:
     return ExitCode.IDENTIFIED
 
 
-# -- Inspect --
-
 INSPECT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say. 2 wrong usage. 1 a log "
     "that cannot be read, or a file that cannot be written (the list is printed all the same)."
@@ -256,8 +252,6 @@ def inspect(
     )
     return ExitCode.IDENTIFIED
 
-
-# -- Plan --
 
 PLAN_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights. 3 planned, and not "
@@ -359,8 +353,6 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
         return read_vehicle(Path(source))
     return Path(source) if source else rough_vehicle(**given)
 
-
-# -- Vehicles and machines --
 
 NEW_FILE = typer.Argument(
     metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False

@@ -22,8 +22,6 @@ from eivor.motions.vertical.model import (
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, Mixed, Power
 
-# -- Autopilot parameters --
-
 #: Quantities that parameters are made of, and what parameters of the first are.
 HOVER, CURVE, HOVER_WORDS = "hover_input", "thrust_curve", "hover throttle"
 
@@ -126,8 +124,6 @@ def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iter
             yield f"'{fitted.input}' is before the curve, whose value in force is beyond what is taken."
 
 
-# -- PX4 --
-
 PX4 = Autopilot(
     "PX4",
     AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS),
@@ -157,8 +153,6 @@ def single(value: float) -> str:
     return np.format_float_positional(np.float32(value), trim="0")
 
 
-# -- ArduPilot --
-
 #: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
 ARDUPILOT = Autopilot(
     "ArduPilot",
@@ -178,8 +172,6 @@ def _ardupilot(fitted: Fitted, supplied: Supplied) -> Exported:
 
 #: Names of the parameters that results propose.
 PARAMETERS = frozenset(item.name for pilot in (PX4, ARDUPILOT) for item in (pilot.hover, pilot.curve))
-
-# -- Parameter changes --
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,8 +207,6 @@ def parameter_changes(fitted: Fitted, logged: Mapping[str, float]) -> tuple[Para
     return tuple(changes)
 
 
-# -- Betaflight --
-
 #: Percent that Betaflight takes, and the outputs over which a curve is made straight.
 MOST_LINEAR, OUTPUTS = 150, np.linspace(0.05, 1.0, 96)
 
@@ -251,8 +241,6 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
     text = [*hash_comments((*fitted.origin(), line)), f"set thrust_linear = {value}", "save"]
     return Exported("\n".join(text) + "\n")
 
-
-# -- Table --
 
 AUTOPILOTS = (
     Target("px4", "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC", ".params", _px4),

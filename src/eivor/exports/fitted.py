@@ -14,8 +14,6 @@ from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
 
-# -- Comments --
-
 #: Longer strings are cut: some readers of parameters have lines of bounded length.
 LONGEST = 400
 
@@ -43,8 +41,6 @@ def listed(names: Sequence[str]) -> str:
     """Names with their verb."""
     return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
-
-# -- Fitted --
 
 #: Verdicts that an export may accept, the worst first.
 ACCEPTABLE = (Status.PROVISIONAL, Status.WEAK)
@@ -212,9 +208,6 @@ class Exported:
     text: str | bytes
     omitted: tuple[str, ...] = ()  # What is not identified
     lost: tuple[str, ...] = ()  # What is identified and the target cannot hold
-
-
-# -- Target --
 
 
 @dataclass(frozen=True, slots=True)

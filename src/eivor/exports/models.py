@@ -32,8 +32,6 @@ from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body_spec import quaternions
 from eivor.tools import Float
 
-# -- State space --
-
 SCHEMA = "eivor.statespace/1"
 #: What the arrays of the vertical motion are made of.
 NEEDED = ("viscous_friction", "input_gain", "hover_input")
@@ -109,8 +107,6 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
     delay = numbers["delay"].value
     return StateSpace(A, B, C, np.zeros((n, n)), states, inputs, rates, delay, numbers)
 
-
-# -- Six axes --
 
 STATES = (
     *(f"velocity_{axis}" for axis in "xyz"),
@@ -227,9 +223,6 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
     return Exported(_document(fitted, (JOINT,), state_space(fitted, supplied), draws=drawn_arrays))
 
 
-# -- CasADi --
-
-
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     """A function ``f(x, u)``, the derivative of the state."""
     if fitted.model == RIGID_BODY:
@@ -251,9 +244,6 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
     return filled("casadi.txt", None, hash_comments(fitted.origin()), vertical=vertical)
-
-
-# -- MATLAB --
 
 
 def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -289,8 +279,6 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     missing = [name for name, is_known in known.items() if not is_known]
     return Exported(buffer.getvalue(), (f"NaN in the file: {fitted.why_not(*missing)}",) if missing else ())
 
-
-# -- Table --
 
 MODELS = (
     Target(

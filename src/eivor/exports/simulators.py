@@ -51,8 +51,6 @@ def _first_rotor(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str
     return first(rotors_of(made, gravity))
 
 
-# -- Drone models --
-
 DRONE_MODELS_REMARKS = (
     "pwm and motor voltages are not of the flight, and not in this file.",
     "The centre of mass is in mixing_matrix. drone-models turns the gyroscopic torque about x the wrong way.",
@@ -90,8 +88,6 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     lines = [*hash_comments(comments), "[vehicle]", *(f"{name} = {item}" for name, item in rows.items())]
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
 
-
-# -- Gazebo --
 
 #: A rotor's share of the mass.
 ROTOR_SHARE = 0.005
@@ -171,8 +167,6 @@ def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
     return np.array([[y * y, -x * y, 0.0], [-x * y, x * x, 0.0], [0.0, 0.0, x * x + y * y]])
 
 
-# -- Isaac Lab --
-
 #: Quantiles that the ranges reach to.
 ISAAC_LAB_QUANTILES = (0.025, 0.975)
 ISAAC_LAB_LACKS = (*DRONE_MODELS_LACK, "drag across the rotors' axes", "rotor inertia")
@@ -216,8 +210,6 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
         medians={name: float(np.median(column)) for name, column in columns.items()},
     )
 
-
-# -- MuJoCo --
 
 MUJOCO_REMARKS = (
     "Controls are mapped commands over that at hover, which is 1; the lag is of them, not of the speed.",
@@ -290,8 +282,6 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
     return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
 
 
-# -- PyBullet --
-
 PYBULLET = "gym-pybullet-drones"
 PYBULLET_LACKS = (TURNING, "quadratic drag", "translational lift", "rotor inertia", "lag of the rotors")
 PYBULLET_REMARKS = (
@@ -334,8 +324,6 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     )
 
 
-# -- RotorPy --
-
 ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia")
 
 
@@ -373,8 +361,6 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
         "motor_noise_std": zero,
     }
 
-
-# -- SIH --
 
 SIH_LACKS = (
     "centre of mass beside the rotors' middle",
@@ -417,8 +403,6 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         values["MPC_THR_HOVER"] = hover
     return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted, made.lost)
 
-
-# -- SITL --
 
 #: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
 SITL_TILT, SITL_FASTEST = math.radians(20.0), 100.0
@@ -465,8 +449,6 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     lines = [*hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)]
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
 
-
-# -- Tables --
 
 SIMULATORS = (
     Target(

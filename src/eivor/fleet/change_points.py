@@ -16,8 +16,6 @@ from eivor.tools import Bool, Float, Int
 Rows: TypeAlias = Float[np.ndarray, " rows"]
 PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
-# -- Ordered flights --
-
 
 @dataclass(frozen=True)
 class Ordered:
@@ -61,8 +59,6 @@ def slope(groups: Groups, weights: Rows, nuisance_values: Rows, values: Rows) ->
     return groups.sums(weights * nuisance_values * values) / np.where(spread > 0.0, spread, np.inf)
 
 
-# -- Deviations --
-
 #: Rows within so many standard errors of their course do not deviate.
 NEAR = 2.0
 
@@ -81,9 +77,6 @@ def deviation_p_values(ordered: Ordered, line: Rows, leverage: Rows, parameters:
     far = (degrees >= 1.0) & (score > NEAR)
     p_values[far] = 2.0 * scipy.special.stdtr(degrees[far], -score[far])
     return p_values
-
-
-# -- Drift --
 
 
 @dataclass(frozen=True)
@@ -128,8 +121,6 @@ def drifts(ordered: Ordered) -> Drifts:
     degrees = np.where(spread > 0.0, np.maximum(groups.sizes - 2, 0), 0)
     return Drifts(result, np.sqrt(variance), degrees, squares, line, leverage)
 
-
-# -- Outliers --
 
 #: Neighbours on each side whose median an estimate is held against.
 SIDE = 3
@@ -192,8 +183,6 @@ def _medians(
     return result
 
 
-# -- Shared slopes --
-
 #: Degrees of freedom that must be left for slopes to be estimated.
 FEWEST_DEGREES = 5
 #: Directions in which covariates vary by less than this share of their whole variation have no slope.
@@ -254,8 +243,6 @@ def shared_slopes(
     scale = np.where(enough, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
     return SharedSlopes(values, scale[:, None, None] * inverse)
 
-
-# -- Step --
 
 #: Estimates on each side of a step, at least: fewer are members that deviate.
 FEWEST = 3

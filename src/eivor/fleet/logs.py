@@ -23,8 +23,6 @@ from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
 
-# -- Covariates from a file --
-
 #: Columns by which rows belong to flights: the first that is there.
 COVARIATE_KEYS = ("sha256", "name")
 
@@ -73,8 +71,6 @@ def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
         f"{name}.given" for name in both
     )
 
-
-# -- Log list --
 
 #: Logs that are taken from the list in one go.
 PAGE_LOGS = 500
@@ -131,8 +127,6 @@ class LogList:
                 for name, path, metadata, sha256, problem in part.iter_rows()
             )
 
-
-# -- List of logs from a file --
 
 #: Ends of the names of lists, and the column of paths in a list that is a table.
 LINES, GIVEN_LIST_TABLE, PATH_COLUMN = ".txt", ".csv", "path"
@@ -204,9 +198,6 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
             ) from error
 
 
-# -- Walk through folders --
-
-
 def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tuple[str, str], None, None]:
     """Files, folder after folder."""
     waiting = [""]
@@ -227,8 +218,6 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
         except OSError as error:
             note(error)
 
-
-# -- Search for logs --
 
 #: Folders whose parts are known at a time: files come folder after folder.
 FOLDERS = 64
@@ -348,8 +337,6 @@ def _logs_of_list(path: Path) -> LogList:
         raise UsageError("a list of logs", f"'{path}', which names none", "Write a path into each line.")
     return logs
 
-
-# -- Vehicles named by paths --
 
 #: What a pattern may ask of a path, by the name of the table's column.
 PATH_KEYS = ("vehicle", "type")

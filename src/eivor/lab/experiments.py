@@ -17,8 +17,6 @@ from eivor.signals.noise import MeasurementNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
 
-# -- Experiment --
-
 
 class Experiment(ABC):
     """What a trial repeats: a record with new noises, and an equation to estimate from it."""
@@ -63,8 +61,6 @@ class VerticalExperiment(Experiment):
         """Rows (-z', u) and z'': simulated records are deviations from hover, without an intercept."""
         return VerticalMotion(intercept=False).regression(signals, instruments)
 
-
-# -- Difference equation --
 
 #: Channels of a record.
 OUTPUT, INPUT = "output", "input"

@@ -29,8 +29,6 @@ from eivor.signals.noise import fractional_weights, order_slope
 from eivor.signals.signals import Signals
 from eivor.tools import Complex, Float
 
-# -- Column --
-
 
 @dataclass(frozen=True, slots=True)
 class FractionalPart:
@@ -50,9 +48,6 @@ FractionalColumn = tuple[FractionalPart, ...]
 def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
     """Channels that columns are made of."""
     return sorted({part.channel for column in columns for part in column})
-
-
-# -- Operator --
 
 
 class FractionalOperator(ABC):
@@ -119,8 +114,6 @@ class FractionalDerivative(FractionalOperator):
         return np.asarray((change / step_s) ** order * (1.0 + 0.5 * order * change))
 
 
-# -- Side --
-
 #: Points of the unit circle, from so near to one on, at which the equation's roots are counted.
 CIRCLE_POINTS = 20_000
 NEAREST_ANGLE = 1e-9
@@ -159,8 +152,6 @@ class Side:
         # From one back to one below the real axis is the mirror image: twice the half circle.
         return abs(round(float(turned[-1] - turned[0]) / np.pi))
 
-
-# -- Terms --
 
 #: Largest order, in absolute value.
 LARGEST_ORDER = 3.0
@@ -281,8 +272,6 @@ def _span(term: FractionalTerm) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-# -- Filtered signals --
-
 #: Series by channel, order, and whether they are the derivative by it; of order zero the channel itself.
 Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
 
@@ -401,9 +390,6 @@ class FilteredSignals:
         return result
 
 
-# -- Regression --
-
-
 @dataclass(frozen=True)
 class FractionalRegression(LinearProblem):
     """Rows of a fractional difference equation whose orders are known."""
@@ -461,8 +447,6 @@ class FractionalRegression(LinearProblem):
         known = tuple(column for column in self.instrument_columns if column.channel in declared)
         return bool(np.any(self.filtered.shared_noise(known, self._columns, self.first)))
 
-
-# -- Problem --
 
 #: Values of an order at which its search begins.
 GRID_POINTS = 11
@@ -523,8 +507,6 @@ class FractionalProblem(LinearisableProblem):
         remedy = "Use generalized_iv, or another method of the page on fractional equations."
         raise UsageError(expected, f"one that asks for its spectra at {dict(nuisances)}", remedy)
 
-
-# -- Model --
 
 #: Smallest sum of the coefficients of y(k), as a share of the largest, that y(k) can be solved for.
 LEAST_OWN_COEFFICIENT = 1e-12

@@ -25,8 +25,6 @@ from eivor.linalg.total_least_squares import (
 )
 from eivor.tools import Float
 
-# -- Regularised --
-
 #: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
 DECADES, POINTS = (-14, 4), 20
 
@@ -150,9 +148,6 @@ class RegularisedTotalLeastSquares(ErrorsInColumns):
         left = system.equations - split.exact.size
         problem = ReducedProblem(split.R, split.right, split.outside, split.smallest**2, towards, left, 1.0)
         return split.solution(*self.scheme.solve(problem, split.theta))
-
-
-# -- Regularised --
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,6 @@ from eivor.signals.channels import canonical_channel, canonical_channels, held_b
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording, clean_channel, utc_time
 from eivor.tools import Bool, Float
 
-# -- Mapping --
-
 #: First stamps beyond this are a calendar's, not a log's [s].
 EPOCH_S = 1e7
 _MOST_LISTED = 12
@@ -400,9 +398,6 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         noise=rule.noise,
         curve_side=rule.curve_side,
     )
-
-
-# -- Arrays --
 
 
 @runtime_checkable

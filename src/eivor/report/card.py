@@ -105,9 +105,6 @@ def _contradicts(reason: Reason) -> bool:
     return reason.status is Status.REFUSED and reason.cause is Cause.CONTRADICTION
 
 
-# -- Parameters --
-
-
 def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
     """Parameters of the autopilot that the flights have in common."""
     first, logged = result.prepared[0], [flight.recording.parameters for flight in result.prepared]
@@ -148,9 +145,6 @@ def _remark(change: ParameterChange) -> str:
     outside, off = f"{old:.4g} is outside the interval", change.flown.value - old
     side = "higher" if off > 0.0 else "lower"
     return f"{outside}: {what} is {abs(off / old):.0%} {side}." if old > 0.0 else f"{outside}."
-
-
-# -- Lines --
 
 
 def _line(entry: CardEntry) -> CardLine:
@@ -214,9 +208,6 @@ def _remedy(entry: CardEntry) -> str:
     if reason.cause is Cause.EXCITATION and sweeps:
         return f"Fly {sweeps}."
     return f"{_first(reason.remedy)}." if reason.remedy else ""
-
-
-# -- Title --
 
 
 def _title(by_look: Mapping[Look, Sequence[CardEntry]]) -> tuple[str, Look]:

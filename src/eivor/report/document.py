@@ -9,8 +9,6 @@ from typing import TypeAlias
 
 from eivor.inference.verdict import Status
 
-# -- Printable --
-
 #: Names of logs are cut to so many letters in titles.
 LONGEST_NAME = 48
 
@@ -23,9 +21,6 @@ def short_name(name: str) -> str:
 def capitalised(words: str) -> str:
     """Words with a capital letter first."""
     return words if len(words) < 3 else f"{words[:1].upper()}{words[1:]}"  # symbols stay as they are
-
-
-# -- Document --
 
 
 class Tone(Enum):

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Multi-step prediction --
-
 AHEAD_COLOURS = (plots.RED, plots.BLUE, "#8a6d3b")
 WIDTH_INCHES, ROW_INCHES = 11.0, 2.3
 #: So much of a flight is drawn over time [s].
@@ -136,9 +134,6 @@ def _unbroken(
     return time, without_gaps
 
 
-# -- Files --
-
-
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, SVG or PDF, recognised by the ending; whole."""
     with atomic_write(path) as file:
@@ -153,8 +148,6 @@ def write_figure(figure: Figure, file: BytesIO | BinaryIO, kind: str) -> None:
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(file, format=kind, metadata=metadata)
 
-
-# -- Noise --
 
 #: Periodogram bins are averaged in bands of so many for each decade of frequency.
 BANDS_PER_DECADE = 12
@@ -188,8 +181,6 @@ def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: fl
     axes.grid(alpha=0.25, which="both")
     plots.legend(axes)
 
-
-# -- Residual figures --
 
 PANELS = ("time", "autocorrelation", "spectrum")
 #: Lags of the autocorrelation, and the largest share of the record that they may reach.
@@ -293,8 +284,6 @@ def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int
     plots.labelled(axes, x=f"lag [samples of {1.0 / rate_hz:.3g} s]", y="autocorrelation [-]")
     plots.legend(axes, size=7)
 
-
-# -- Signal figures --
 
 SIGNAL_WIDTH, PANEL_HEIGHT = 10.0, 2.3
 #: How channels are called on an axis; others by their names.

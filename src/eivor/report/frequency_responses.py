@@ -252,9 +252,6 @@ def _model_findings(p_value: float, response: FrequencyResponse) -> list[str]:
     return [sentence] if p_value < UNLIKELY else []
 
 
-# -- Document --
-
-
 def response_document(item: LogResponse) -> Document:
     """Document of the response of one axis."""
     response = item.response
@@ -418,9 +415,6 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
         "loop": None if item.loop is None else item.loop.columns(),
         "findings": item.findings,
     }
-
-
-# -- Figure --
 
 
 def response_figure(results: Sequence[LogResponse]) -> Figure:

@@ -22,8 +22,6 @@ from eivor.tools import printable
 if TYPE_CHECKING:
     from jinja2 import Template
 
-# -- Templates --
-
 #: A shape for each verdict and look, drawn in a square of 20: colour is never alone.
 SHAPES = {
     Status.IDENTIFIED.value: "M4.5 10.5l3.6 3.8 7.4-8.6",
@@ -70,9 +68,6 @@ def rendered(file: str, /, **values: object) -> Markup:
     return Markup(template(file).render(values))  # noqa: S704 - the template has escaped it
 
 
-# -- Vendored --
-
-
 def uplot() -> dict[str, str]:
     """uPlot, which draws series over time: name and version, and texts of script, style and licence."""
     folder = resources.files("eivor.report").joinpath("vendored", "uplot")
@@ -86,8 +81,6 @@ def own(name: str) -> str:
     """Source of a file of the page itself."""
     return resources.files("eivor.report").joinpath("static", name).read_text(encoding="utf-8")
 
-
-# -- Shell --
 
 #: Characters that could end a script or open a comment, as JSON writes them otherwise.
 UNSAFE = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from eivor.flights.quantity import Quantity, QuantitySpec
 from eivor.report.document import Cell, TableColumn, TableOf, table
 
-# -- Quantities --
-
 #: What to print where there is no number.
 NO_NUMBER = "–"
 #: Values outside this range are written with an exponent.
@@ -105,9 +103,6 @@ def symbol_of(wording: QuantitySpec) -> str:
 def axis_of(wording: QuantitySpec) -> str:
     """Words of an axis for a quantity in its shown unit."""
     return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
-
-
-# -- Number tables --
 
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:

@@ -33,9 +33,6 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# -- Saved fit --
-
-
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
 
@@ -314,8 +311,6 @@ def _known_pair(name: str, pair: tuple[float, ...]) -> KnownNumber:
     return known_number(float(pair[0]), float(pair[1]))
 
 
-# -- Read fit --
-
 #: Larger files are no result.
 LARGEST_BYTES = 100_000_000
 
@@ -451,8 +446,6 @@ def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantit
 def _number(value: float | None, missing: float) -> float:
     return missing if value is None else value
 
-
-# -- Table of draws --
 
 #: The mass is drawn from a stream of its own, so that it leaves the other draws alone.
 MASS_STREAM = 1

@@ -36,8 +36,6 @@ from eivor.serve.jobs import REPORT, RESULT, File, KeptLog, Outcome, Task
 from eivor.serve.requests import MOST_FILES, JobRequest, refusal
 from eivor.signals.recording import Finding, Recording
 
-# -- Choices --
-
 
 def choices() -> dict[str, object]:
     """Models, methods, maps, vehicles, targets of exports, kinds of plans, and what logs are in folders."""
@@ -75,8 +73,6 @@ def choices() -> dict[str, object]:
 def _named(name: str, words: str) -> dict[str, object]:
     return {"name": name, "words": words}
 
-
-# -- Outcomes of tasks --
 
 #: Names of what comes with Eivor; anything else is the text of a file.
 _NAME = re.compile(r"[\w.-]{1,100}")
@@ -177,8 +173,6 @@ def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
 def _reworded(error: EivorError, changed: Callable[[str], str]) -> EivorError:
     return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
-
-# -- Exports and plans --
 
 #: What is known beside the flight and typed for it, by its name on the page.
 WordsOf = Mapping[str, str]

@@ -45,8 +45,6 @@ def _advice(channel: str) -> tuple[str, ...]:
     )
 
 
-# -- Reader --
-
 #: An instance with a smaller share of the messages of the most frequent one is damage, or was lost at once.
 SELDOM = 0.1
 
@@ -189,8 +187,6 @@ def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.Message
         curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
     )
 
-
-# -- Format --
 
 FORMATS = (
     LogFormat(

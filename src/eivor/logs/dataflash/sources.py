@@ -15,8 +15,6 @@ from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
 from eivor.tools import Bool, Float
 
-# -- Origin --
-
 ORIGIN_MESSAGES = frozenset({"GPS"})
 #: What the firmware says of itself when a log begins: its name and version, the board's id, the frame.
 _FIRMWARE = re.compile(r"(?:APM:|Ardu)\w+ V\d\S*")
@@ -56,8 +54,6 @@ def _start(table: Messages | None) -> datetime | None:
     utc = GPS_EPOCH_S + weeks * WEEK_S + milliseconds * 1e-3 - LEAP_S
     return utc_time(float(np.median((utc - table.time_s())[dated])))
 
-
-# -- Sources --
 
 #: What each estimator's first core is logged as, the preferred one first.
 ESTIMATORS = ("XKF1", "NKF1", "EKF1")
@@ -151,8 +147,6 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
 }
 
 
-# -- Estimators --
-
 #: ATT.AEKF and AHRS_EKF_TYPE of each estimator.
 _TYPES = {3: "XKF1", 2: "NKF1", 1: "EKF1"}
 #: Where the core in use is logged, by estimator.
@@ -207,8 +201,6 @@ def _most(table: Messages | None, column: str) -> int:
     values, counts = np.unique(table.stored(column), return_counts=True)
     return int(values[np.argmax(counts)])
 
-
-# -- Reading --
 
 #: Of stamps that take more, those of one table at a time are kept [bytes].
 LONG_BYTES = 1 << 23

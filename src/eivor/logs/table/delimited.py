@@ -44,8 +44,6 @@ def is_delimited(text: str) -> bool:
     return any(mark in header for mark in DELIMITERS)
 
 
-# -- Chunks --
-
 #: Rows read at a time.
 CHUNK_ROWS = 1_000_000
 
@@ -146,8 +144,6 @@ def polars_errors(raised: Callable[[BaseException], EivorError]) -> Iterator[Non
         raise raised(error) from error
 
 
-# -- Source --
-
 #: More columns than any log has; a header beyond it is not one.
 MAX_COLUMNS = 4096
 
@@ -181,8 +177,6 @@ def corrupt_table(name: str, reason: str, remedy: str) -> CorruptLogError:
     """Return the error for a table that cannot be read."""
     return CorruptLogError("a readable table", f"'{name}', {reason}", remedy)
 
-
-# -- Delimited --
 
 MAX_LINE_BYTES = 1 << 20
 #: A cell that is a list, and what stands in it.
