@@ -32,7 +32,6 @@ from eivor.signals.thrust_map import Mixed, Power
 from eivor.simulation.rigid_body_spec import quaternions
 from eivor.tools import Float
 
-SCHEMA = "eivor.statespace/1"
 #: What the arrays of the vertical motion are made of.
 NEEDED = ("viscous_friction", "input_gain", "hover_input")
 LAGS = ("actuator_lag", "delay")
@@ -62,12 +61,12 @@ class StateSpace:
         return control.ss(self.A, self.B, self.C, self.D, **names)
 
 
-def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> StateSpace:
-    """State space about hover of a result; of a rigid body about forward flight at a speed too."""
+def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
+    """State space about hover of a result."""
     if fitted.model == RATES:
         return _of_rates(fitted, supplied)
     if fitted.model == RIGID_BODY:
-        return linearised(describe(fitted, supplied, "a state space", BODY), speed_m_s)
+        return linearised(describe(fitted, supplied, "a state space", BODY))
     fitted.check_vertical("a state space")
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
     numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
@@ -174,7 +173,7 @@ def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.n
 
 def _document(fitted: Fitted, comments: tuple[str, ...], made: StateSpace, **parts: object) -> str:
     document = {
-        "schema": SCHEMA,
+        "schema": "eivor.statespace/1",
         "comments": [one_line(line) for line in (*fitted.origin(), *comments)],
         **{name: getattr(made, name).tolist() for name in "ABCD"},
         "states": made.states,

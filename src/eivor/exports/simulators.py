@@ -219,7 +219,6 @@ NO_LIMIT = "No largest command is known: controls are limited to 100 times that 
 MUJOCO_LACKS = ("translational lift", "rotor inertia")
 #: Density of a fluid whose added mass is none [kg/m^3].
 THIN = 1e-6
-MUJOCO_DRAWS_SCHEMA = "eivor.draws.mujoco/1"
 
 
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -275,7 +274,7 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
         "site_pos": np.concatenate([middle, rotors], axis=1),
     }
     document = {
-        "schema": MUJOCO_DRAWS_SCHEMA,
+        "schema": "eivor.draws.mujoco/1",
         "comments": [one_line(line) for line in (JOINT, *made.comments, *MUJOCO_REMARKS)],
         "fields": {name: column.tolist() for name, column in fields.items()},
     }

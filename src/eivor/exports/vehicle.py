@@ -433,7 +433,7 @@ def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
 REACH = 2.0
 
 
-def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, dict[str, tuple[float, ...]]]:
+def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tuple[float, ...]]]:
     """The first vehicle, whose rotors drag where they are or in the centre of mass, and its body's drags."""
     value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
     drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
@@ -457,14 +457,11 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, dict[str,
         inflow=along,
         translational_lift=value.get("translational_lift", 0.0) / made.vehicle.count,
     )
-    drags = {
-        "linear": tuple((drag - of_rotors).tolist()),
-        "quadratic": tuple(value.get(name, 0.0) for name in QUADRATIC),
-        "rotational": tuple(torque.tolist()),
-    }
-    damped = {name: tuple(max(item, 0.0) for item in part) for name, part in drags.items()}
+    quadratic = [value.get(name, 0.0) for name in QUADRATIC]
+    drags = [tuple(part) for part in ((drag - of_rotors).tolist(), quadratic, torque.tolist())]
+    damped = (tuple(max(item, 0.0) for item in part) for part in drags)
     inertia = tuple(value[name] for name in INERTIAS)
-    return Vehicle(value["mass"], inertia, rotors, BodyDrag(**damped)), drags
+    return Vehicle(value["mass"], inertia, rotors, BodyDrag(*damped)), drags
 
 
 def flown(made: VehicleDescription) -> Vehicle:
@@ -474,8 +471,9 @@ def flown(made: VehicleDescription) -> Vehicle:
 
 def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
     """Equations of motion of the first vehicle, with its drags as they are."""
-    vehicle, drags = _flown(made, lever=lever)
-    return replace(coefficients_of(vehicle), **{f"body_{name}": part for name, part in drags.items()})
+    vehicle, (linear, quadratic, turning) = _flown(made, lever=lever)
+    known = coefficients_of(vehicle)
+    return replace(known, body_linear=linear, body_quadratic=quadratic, body_rotational=turning)
 
 
 def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:

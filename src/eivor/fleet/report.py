@@ -40,7 +40,7 @@ from eivor.report.document import (
     capitalised,
     table,
 )
-from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
+from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
@@ -359,12 +359,10 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
 
 # -- JSON fleet --
 
-SCHEMA = "eivor.fleet_report/1"
-
 
 def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
     """Document of the reports of a fleet, one for each motion; numbers are in SI units."""
-    return document(SCHEMA, motions=[_motion_json(report) for report in reports])
+    return document("eivor.fleet_report/1", motions=[_motion_json(report) for report in reports])
 
 
 def _motion_json(report: FleetReport) -> dict[str, Json]:
@@ -408,8 +406,8 @@ def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, s
     for report in reports:
         drawn = {}
         if report.vehicles.height:
-            drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
-            drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
+            drawn[FOREST] = figures.html([("", tuple(_forests(report)))])
+            drawn[LINES] = figures.html([("", tuple(_over_hours(report, links)))])
         note = NO_REPORTS if report.vehicles.height and not links else ""
         motions.append((fleet_document(report, title, links), note, drawn))
     body = rendered("fleet.html", title=title, motions=motions)

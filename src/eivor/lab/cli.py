@@ -325,7 +325,6 @@ def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
 
 # -- Study --
 
-SCHEMA = "eivor.study/1"
 STUDY_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the study is complete. 2 wrong usage, such as a folder that holds another "
     "study. 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
@@ -452,7 +451,7 @@ def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> di
     study = result.study
     about = {name: getattr(study, name) for name in ("name", "identity", "runs", "seed")}
     return document(
-        SCHEMA,
+        "eivor.study/1",
         study=about | {"level": study.level if study.intervals else None},
         truth=dict(study.experiment.truth),
         methods=[_method(method_score) for method_score in method_scores],

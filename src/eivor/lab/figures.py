@@ -272,7 +272,6 @@ def histogram_figure(result: paper.PaperResult, column: str) -> Figure:
 
 # -- Paper table --
 
-SCHEMA = "eivor.paper/1"
 METHOD_WORDS: Mapping[str, str] = {
     "least_squares": "LS",
     "total_least_squares": "LS, TLS form",
@@ -395,7 +394,7 @@ def _plain(*columns: str) -> Table:
 def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> dict[str, Json]:
     """Document of the study, ready for `json_text`."""
     made: dict[str, Json] = {
-        "schema": SCHEMA,
+        "schema": "eivor.paper/1",
         "version": version("eivor"),
         "runs": len(results[0].estimates),
         "seed": paper.SEED,

@@ -413,7 +413,6 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
         Columns(columns),
         name=file.name,
         log_format="blackbox",
-        sha256=options.sha256,
         findings=findings,
     )
     origin = LogOrigin(firmware=head.firmware, airframe=head.values.get("Craft name", ""), start=_start(head))

@@ -223,7 +223,6 @@ def mapped_recording(
     *,
     name: str,
     log_format: str,
-    sha256: str = "",
     findings: Sequence[Finding] = (),
 ) -> Recording:
     """Return the recording of a table."""
@@ -242,7 +241,6 @@ def mapped_recording(
         format=log_format,
         channels=channels,
         frame=chosen.frame,
-        sha256=sha256,
         input_map=chosen.input_map,
         looked_for=looked_for(chosen) | absent,
         findings=(*findings, *result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),

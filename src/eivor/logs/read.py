@@ -7,6 +7,7 @@ import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from pkgutil import resolve_name
@@ -341,7 +342,7 @@ def _recording(file: Path, channel_map: str | os.PathLike[str] | None) -> Record
         expected = f"a channel map only with logs whose columns have any names ({taking})"
         received = f"a channel map with the {chosen.label} '{file.name}'"
         raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-    return chosen.read(file, common.ReadOptions(channel_map, sha256))
+    return replace(chosen.read(file, common.ReadOptions(channel_map, sha256)), sha256=sha256)
 
 
 def _head(file: Path) -> tuple[bytes, str]:

@@ -236,12 +236,8 @@ class Picture:
         axes.set_title(self.title, fontsize=9, parse_math=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Pictures:
-    """Pictures that belong together: those over time share their axis."""
-
-    heading: str  # May be empty
-    pictures: tuple[Picture, ...]
+#: Pictures that belong together, with their heading, which may be empty: those over time share their axis.
+Pictures: TypeAlias = tuple[str, tuple[Picture, ...]]
 
 
 #: At most so much of a flight is drawn over time [s].

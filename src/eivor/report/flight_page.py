@@ -135,10 +135,10 @@ class Figures:
     def html(self, groups: Iterable[Pictures]) -> Markup:
         """Groups of pictures."""
         drawn = []
-        for group in groups:
-            entries = [self._entry(picture) for picture in group.pictures]
+        for heading, pictures in groups:
+            entries = [self._entry(picture) for picture in pictures]
             charts = [entry for entry in entries if isinstance(entry[1].drawn, Chart)]
-            drawn.append((group.heading, charts, [entry for entry in entries if entry not in charts]))
+            drawn.append((heading, charts, [entry for entry in entries if entry not in charts]))
         return rendered("figures.html", groups=drawn)
 
     def _entry(self, picture: Picture) -> tuple[str, Picture, str]:
@@ -195,7 +195,7 @@ def forests(
             drawn.append(replace(quantity_interval("all together", whole[name]), whole=True))
         wording = motion.quantities[name]
         pictures.append(forest_picture(capitalised(wording.words), axis_of(wording), drawn))
-    return [Pictures("", tuple(pictures))]
+    return [("", tuple(pictures))]
 
 
 def prediction_pictures(prediction: MultiStepPrediction) -> list[Pictures]:
@@ -205,7 +205,7 @@ def prediction_pictures(prediction: MultiStepPrediction) -> list[Pictures]:
         Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
         for models in prediction.by_quantity
     )
-    return [Pictures("", tuple(pictures))]
+    return [("", tuple(pictures))]
 
 
 # -- Over time --
@@ -225,7 +225,7 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
         runs_kept = [run for run in runs if run.flight == index]
         fitted = _fitted(index, flight, traces, runs_kept) if runs_kept else ()
         pictures = (*fitted, *_flown(index, flight, result))
-        yield Pictures(flight.recording.name if several else "", pictures)
+        yield flight.recording.name if several else "", pictures
 
 
 def _fitted(
@@ -324,7 +324,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     results, first = tuple(whole.motions.values()), whole.first
     documents, card = log_documents(whole, card=True), result_card(results)
     over_time = [list(flights_over_time(item)) for item in results]
-    pictures = (picture.drawn for groups in over_time for group in groups for picture in group.pictures)
+    pictures = (picture.drawn for groups in over_time for _, group in groups for picture in group)
     charts = [drawn for drawn in pictures if isinstance(drawn, Chart)]
     figures = Figures(sum(len(chart.lines) for chart in charts))
     motions = [
@@ -373,7 +373,7 @@ def _motion(
         "ahead": [] if prediction is None else prediction_pictures(prediction),
         "flights": forests(result, result.flights, {row.name: row for row in reported_rows(result)}),
         "methods": forests(result, result.comparisons, {}),
-        "flight": [*over_time, *([Pictures("", of_fit)] if of_fit else [])],
+        "flight": [*over_time, *([("", of_fit)] if of_fit else [])],
     }
     prefix = "" if alone else f"{result.motion.name}-"
     sections = []

@@ -209,15 +209,12 @@ def _summary(channel: Channel) -> ChannelSummary:
 
 # -- Inspection JSON --
 
-INSPECT_SCHEMA = "eivor.inspect/1"
-POOLED_SCHEMA = "eivor.inspect_pool/1"
-
 
 def inspection_json(inspection: Inspection) -> dict[str, Json]:
     """Document of an inspection, ready for `json_text`."""
     log, airborne = inspection.recording, inspection.airborne
     return document(
-        INSPECT_SCHEMA,
+        "eivor.inspect/1",
         log={
             "name": log.name,
             "format": log.format,
@@ -261,7 +258,7 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
 def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
     """Document of several logs, ready for `json_text`."""
     return document(
-        POOLED_SCHEMA,
+        "eivor.inspect_pool/1",
         logs=[inspection_json(log) for log in pooled.logs],
         findings=[] if pooled.result is None else pooled.result.findings,
         verdict=pooled.verdict,

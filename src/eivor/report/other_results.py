@@ -312,8 +312,6 @@ def track_json(track: Track) -> dict[str, Json]:
 
 # -- Plan --
 
-PLAN_SCHEMA = "eivor.plan/1"
-
 
 def plan(
     source: SavedFit | FlightEstimate | VehicleGuess | str | Path,
@@ -413,7 +411,7 @@ def plan_json(made: FlightPlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
     low, high, speed = made.reached
     return document(
-        PLAN_SCHEMA,
+        "eivor.plan/1",
         target=made.target,
         sentence=made.sentence,
         shape={"kind": made.shape.kind, "words": made.shape.words},

@@ -419,14 +419,12 @@ def _share(error: PredictionError) -> str:
 
 # -- JSON validation --
 
-VALIDATE_SCHEMA = "eivor.validate/1"
-
 
 def validation_json(validation: Validation) -> dict[str, Json]:
     """Document of a validation, ready for `json_text`."""
     log, fitted = validation.flight.recording, validation.fit.document
     return document(
-        VALIDATE_SCHEMA,
+        "eivor.validate/1",
         log={"name": log.name, "sha256": log.sha256 or None},
         fit={
             "logs": fitted.provenance.logs,

@@ -561,7 +561,6 @@ def read_crazyflie(file: Path, options: common.ReadOptions) -> Recording:
         format=NAME,
         channels=channels,
         frame=chosen.frame,
-        sha256=options.sha256,
         input_map=chosen.input_map,
         looked_for=looked,
         findings=(*findings, *common.channel_findings(channels)),

@@ -49,7 +49,7 @@ def _advice(channel: str) -> tuple[str, ...]:
 SELDOM = 0.1
 
 
-def read_dataflash(file: Path, options: ReadOptions) -> Recording:
+def read_dataflash(file: Path, _options: ReadOptions) -> Recording:
     """Read a DataFlash log."""
     with file.open("rb") as stream:
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
@@ -74,7 +74,6 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         format="dataflash",
         channels=reading.channels.finished(),
         frame=Frame.NED,
-        sha256=options.sha256,
         parameters=parameters,
         looked_for=ardupilot.LOOKED_FOR,
         findings=(*findings, *findings_of(reading.profiles, reading.channels)),

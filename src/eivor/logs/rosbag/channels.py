@@ -377,7 +377,6 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
         format=log_format,
         channels=channels,
         frame=frame,
-        sha256=options.sha256,
         input_map=input_map,
         looked_for=looked,
         findings=(*findings, *channel_findings(channels)),

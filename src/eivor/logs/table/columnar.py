@@ -619,7 +619,6 @@ def _table(
             source.read(needed),
             name=file.name,
             log_format=name,
-            sha256=options.sha256,
             findings=findings,
         )
         return restore(recording, source.metadata) if alone else recording

@@ -73,7 +73,7 @@ _FIELD = re.compile(r"[A-Za-z_][\w.\[\]]*")
 _LAST_US = float(1 << 62)
 
 
-def read_csv_folder(folder: Path, options: common.ReadOptions) -> Recording:
+def read_csv_folder(folder: Path, _options: common.ReadOptions) -> Recording:
     """Read a folder of `ulog2csv`."""
     tables = tables_of(folder)
     logs = sorted({table.log for table in tables})
@@ -99,7 +99,6 @@ def read_csv_folder(folder: Path, options: common.ReadOptions) -> Recording:
         format="ulog2csv",
         channels=channels,
         frame=Frame.NED,
-        sha256=options.sha256,
         looked_for=px4.LOOKED_FOR,
         findings=(*findings, *common.channel_findings(channels)),
         vehicle=px4.vehicle_of(topics, {}),
@@ -425,7 +424,7 @@ def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
 PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic not in px4.NEEDED_TOPICS))
 
 
-def read_ulog(file: Path, options: common.ReadOptions) -> Recording:
+def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         clean = clean_log(data, PARSED, file.name)
@@ -446,7 +445,6 @@ def read_ulog(file: Path, options: common.ReadOptions) -> Recording:
         format="ulog",
         channels=channels,
         frame=Frame.NED,
-        sha256=options.sha256,
         parameters=parameters,
         looked_for=px4.LOOKED_FOR,
         findings=(*findings, *common.channel_findings(channels)),
