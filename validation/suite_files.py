@@ -19,7 +19,6 @@ from eivor.lab.scenario_files import (
     method_choice,
     read_scenario,
     shipped_files,
-    shipped_scenario,
 )
 from eivor.lab.study import Study
 from eivor.strict_toml import TomlTable, read_toml
@@ -112,9 +111,8 @@ def coverage_suite() -> Suite:
 
 
 def _scenario(top: TomlTable, word: str, folder: Path) -> Scenario:
-    known = shipped_files(SCENARIOS)
-    if word in known:
-        return shipped_scenario(word)
-    if not word.endswith(".toml"):
+    if word.endswith(".toml"):
+        return read_scenario(folder / word)
+    if word not in (known := shipped_files(SCENARIOS)):
         raise top.wrong("scenarios", f"names out of {', '.join(known)}, or files", f"'{word}'")
-    return read_scenario(folder / word)
+    return read_scenario(known[word])
