@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import nullcontext
-from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import Phase, settings
@@ -73,28 +74,27 @@ def pytest_runtest_makereport(item):
     return report
 
 
-@dataclass(frozen=True)
-class CommandRun:
-    """What a command left behind."""
+@cache
+def command():
+    """The command `eivor`, as each call of its app makes it."""
+    from typer.main import get_command
 
-    code: int
-    out: str
-    err: str
+    from eivor.cli.main import app
+
+    return get_command(app)
 
 
 @pytest.fixture
 def command_line(capsys, monkeypatch):
     """The command `eivor` as a user meets it, called in this process."""
-    from eivor.cli.main import app
-
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.delenv("EIVOR_DEBUG", raising=False)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as left:
-            app([str(argument) for argument in arguments], prog_name="eivor")
+            command()([str(argument) for argument in arguments], prog_name="eivor")
         captured = capsys.readouterr()
-        return CommandRun(int(left.value.code or 0), captured.out, captured.err)
+        return SimpleNamespace(code=int(left.value.code or 0), out=captured.out, err=captured.err)
 
     return call
 

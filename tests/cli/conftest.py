@@ -5,28 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import resources
+from types import SimpleNamespace
 
 import polars
 import pytest
-import typer
 
 from coarse_search import identified_once
-from eivor.cli.main import app
-
-COMMAND = typer.main.get_command(app)  # as each call of `app` makes it
-
-
-@dataclass(frozen=True)
-class Run:
-    code: int
-    out: str
-    err: str
-
-
-Caller = Callable[..., Run]
 
 
 @pytest.fixture(autouse=True)
@@ -37,18 +22,10 @@ def results_once():
 
 
 @pytest.fixture
-def eivor(capsys, monkeypatch):
-    """Call in this process."""
+def eivor(command_line, monkeypatch):
+    """Call in this process, in a wider terminal."""
     monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.delenv("EIVOR_DEBUG", raising=False)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            COMMAND([str(argument) for argument in arguments], prog_name="eivor")
-        captured = capsys.readouterr()
-        return Run(int(left.value.code or 0), captured.out, captured.err)
-
-    return call
+    return command_line
 
 
 @pytest.fixture
@@ -64,7 +41,7 @@ def shell(tmp_path):
             cwd=tmp_path,
             env={**os.environ, **environment},
         )
-        return Run(done.returncode, done.stdout, done.stderr)
+        return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr)
 
     return call
 

@@ -501,13 +501,10 @@ def test_examples_are_read_and_simulated(tmp_path):
     path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")
     assert ev.simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
     path.write_text(about_hover, encoding="utf-8")
-    record = ev.simulate(read_scenario(path), np.random.default_rng(0))
-    assert record.signals.sample_count == 4000
+    assert ev.simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 4000
     path.write_text(flight, encoding="utf-8")
     (flights,) = simulate_vertical_flights([flight_from_table(read_toml(path, "a flight"))])
     assert flights.flew
     path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
-    (flight_of_all,) = simulate_rigid_body_flights(
-        [rigid_body_flight_from_table(read_toml(path, "a flight"))]
-    )
-    assert flight_of_all.flew
+    flight_of_all = rigid_body_flight_from_table(read_toml(path, "a flight"))
+    assert simulate_rigid_body_flights([flight_of_all])[0].flew
