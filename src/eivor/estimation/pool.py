@@ -146,8 +146,8 @@ class PoolJoint:
         """What is shared adds so much to the variance of a combination of the flights' own parameters."""
         first, H = self.flight_parameter_count, self.sensitivity
         moved = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
-        largest = [item[first:, first:] for item in (self.classical, self.by_cosines)]
-        return max(float(moved @ covariance @ moved) for covariance in largest)
+        both = (self.classical, self.by_cosines)
+        return max(float(moved @ covariance[first:, first:] @ moved) for covariance in both)
 
     def flight_parameter_variance(self, positions: list[int]) -> Float[np.ndarray, " F"]:
         """Variance of a parameter of each flight's own, were what is shared known."""
@@ -335,10 +335,8 @@ class Pooled:
         return [parameters.index(name) for name in names]
 
     def whole(self) -> Estimate:
-        """Estimate of the pool: what is shared, and the common value or the mean of what is not.
-
-        Of rows of all flights, their response less what a flight's own parameters differ from the mean.
-        """
+        """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
+        # of rows of all flights, their response less what a flight's own parameters differ from the mean
         joint, positions = self.joint, self._positions(self.flight_specific)
         means = dict(zip(positions, map(self.mean, self.flight_specific), strict=True))
         theta = self.theta[0].copy()

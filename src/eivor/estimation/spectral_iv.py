@@ -198,11 +198,8 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         plain = GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
-    count = result.theta.size
-    between = result.theta - plain.theta
-    spread = result.covariance[:count, :count] + plain.covariance[:count, :count]
-    distance = float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
-    if distance > hotelling_quantile(ALLOWED, count, COSINE_AVERAGES):
+    distance = _squared_distance(result, plain)
+    if distance > hotelling_quantile(ALLOWED, result.theta.size, COSINE_AVERAGES):
         return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
     return with_noises(problem, result)
 
@@ -216,6 +213,14 @@ def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
 def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     reason = fallback(why, "Compare with reference_iv; fly longer, or with more excitation.")
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
+
+
+def _squared_distance(estimate: Estimate, other: Estimate) -> float:
+    """Squared distance of the linear parameters of two estimates."""
+    count = estimate.theta.size
+    between = estimate.theta - other.theta
+    spread = estimate.covariance[:count, :count] + other.covariance[:count, :count]
+    return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
 
 #: Least share of the input's variance that a search begins at.

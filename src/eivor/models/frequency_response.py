@@ -314,12 +314,10 @@ class FrequencyResponse:
 
         The windows of the first and the last of them do not overlap, except at lines.
         """
-        significant = self.points.significance < SIGNIFICANT
+        significant, f = self.points.significance < SIGNIFICANT, self.frequency_hz
         kept = np.zeros_like(significant)
         for part in stretches(significant):
-            apart = (
-                self.is_periodic or self.frequency_hz[part.stop - 1] >= APART * self.frequency_hz[part.start]
-            )
+            apart = self.is_periodic or f[part.stop - 1] >= APART * f[part.start]
             kept[part] = apart and part.stop - part.start >= NEIGHBOURS
         return kept & np.isfinite(self.bands[0][:, 1])
 

@@ -212,8 +212,8 @@ class SignalRegression(LinearProblem):
     @cached_property
     def _rows(self) -> Regression:
         Phi = np.column_stack([self.column(column) for column in self.regressor_columns])
-        instruments = [self.column(column) for column in self.instrument_columns]
-        Psi = np.column_stack(instruments) if instruments else np.empty((Phi.shape[0], 0))
+        instruments = (self.column(column) for column in self.instrument_columns)
+        Psi = np.column_stack([np.empty((Phi.shape[0], 0)), *instruments])
         response, noise = self.column(self.equation.response), self.declared_noise()
         return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
