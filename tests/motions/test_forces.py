@@ -52,7 +52,7 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
 )
 from eivor.motions.rigid_body.verdict import (
-    Order,
+    Contradiction,
     identified_ratios,
     observed_order,
     rotor_inertia_ratios,
@@ -571,7 +571,7 @@ def ordered(*acts_as: int) -> KnownVehicle:
     return replace(TRUE, positions=tuple(positions), spins=tuple(spins))
 
 
-def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Order | None:
+def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Contradiction | None:
     return observed_order([flight], vehicle)
 
 
@@ -603,9 +603,9 @@ def test_the_right_order_is_not_accused(flight):
 def test_another_order_is_named(flight, acts_as, words):
     result = shown(flight, ordered(*acts_as))
     assert result is not None
-    assert result.acts_as == acts_as
+    assert tuple(result.numbers.values())[:4] == acts_as
     assert result.sentence.startswith(words)
-    assert result.explained > 0.9
+    assert result.numbers["order_explained"] > 0.9
 
 
 def test_signs_alone_are_left_to_the_gains(flight):
@@ -632,7 +632,7 @@ def test_of_more_rotors_two_may_be_exchanged():
     assert shown(flight, six) is None
     result = shown(flight, swapped)
     assert result is not None
-    assert result.acts_as == (1, 2, 3, 5, 4, 6)
+    assert tuple(result.numbers.values())[:6] == (1, 2, 3, 5, 4, 6)
 
 
 @pytest.mark.thorough

@@ -327,10 +327,10 @@ def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
         "yaw_drag": rotors.drag * hover * (forward + left),
         "rotor_inertia": rotors.inertia,
     }
-    assert {row.name for row in parameters.rows} == set(truth)
-    for row in parameters.rows:
-        assert row.estimate is not None, row.sentence
-        assert row.estimate.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
+    assert set(parameters.numbers) == set(truth)
+    for row in parameters.numbers.values():
+        assert row.value is not None, row.sentence
+        assert row.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
     assert parameters.contradictions == ()
 
 
@@ -361,10 +361,8 @@ RATIO = QUADROTOR.rotors.torque_ratio
 )
 def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remedy):
     known = known_of(QUADROTOR, **dict.fromkeys(left_out))
-    row = physical_parameters(exact(combinations_of(QUADROTOR)), known)[name]
-    assert row.estimate is None
-    assert row.instead is not None
-    assert row.instead.symbol == symbol
+    row = physical_parameters(exact(combinations_of(QUADROTOR)), known).numbers[name]
+    assert row.value is None
     assert row.sentence.startswith(f"{symbol} = ")
     assert row.sentence.endswith(f"is all that the flight gives without {remedy[len('Supply ') :]} {remedy}")
 
@@ -372,25 +370,26 @@ def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remed
 def test_what_is_left_is_right():
     ixx, _, izz = QUADROTOR.inertia
     result = exact(combinations_of(QUADROTOR))
-    log_only = physical_parameters(result, known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None))
-    assert all(row.estimate is None for row in log_only.rows)
-    assert log_only["inertia_xx"].instead.value == pytest.approx(ixx / QUADROTOR.mass)
-    assert log_only["inertia_zz"].instead.value == pytest.approx(izz / ixx)
-    assert log_only["torque_ratio"].instead.value == pytest.approx(RATIO)
-    assert log_only["drag_x"].instead.value == pytest.approx(combinations_of(QUADROTOR)["drag_x"])
+    known = known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None)
+    log_only = physical_parameters(result, known).numbers
+    assert all(row.value is None for row in log_only.values())
+    assert f" = {ixx / QUADROTOR.mass:.4g} (" in log_only["inertia_xx"].sentence
+    assert f" = {izz / ixx:.4g} (" in log_only["inertia_zz"].sentence
+    assert f" = {RATIO:.4g} (" in log_only["torque_ratio"].sentence
+    assert f" = {combinations_of(QUADROTOR)['drag_x']:.4g} (" in log_only["drag_x"].sentence
 
 
 def test_izz_by_the_torque_ratio():
     errors = with_errors(combinations_of(QUADROTOR), **SHORT)
     known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.1 * RATIO))
     parameters = physical_parameters(errors, known)
-    izz = parameters["inertia_zz"].estimate
+    izz = parameters.numbers["inertia_zz"]
     assert izz.value == pytest.approx(QUADROTOR.inertia[2])
     assert izz.std_error == pytest.approx(0.1 * izz.value, rel=0.05)
-    assert "It rests on the torque ratio that was supplied." in parameters["inertia_zz"].sentence
-    assert parameters["torque_ratio"].estimate is None, "what was supplied is not found again"
-    assert parameters["yaw_drag"].estimate is not None
-    assert parameters["rotor_inertia"].estimate.value == pytest.approx(QUADROTOR.rotors.inertia)
+    assert "It rests on the torque ratio that was supplied." in parameters.numbers["inertia_zz"].sentence
+    assert parameters.numbers["torque_ratio"].value is None, "what was supplied is not found again"
+    assert parameters.numbers["yaw_drag"].value is not None
+    assert parameters.numbers["rotor_inertia"].value == pytest.approx(QUADROTOR.rotors.inertia)
 
 
 def test_izz_by_an_assumption_says_so():
@@ -398,9 +397,9 @@ def test_izz_by_an_assumption_says_so():
     ixx, iyy, izz = QUADROTOR.inertia
     known = known_of(QUADROTOR, yaw_inertia_ratio=KnownNumber(izz / (0.5 * (ixx + iyy))))
     parameters = physical_parameters(errors, known)
-    assert parameters["inertia_zz"].estimate.value == pytest.approx(izz)
-    assert "that was supplied, not on the flight" in parameters["inertia_zz"].sentence
-    assert parameters["torque_ratio"].estimate.value == pytest.approx(RATIO)
+    assert parameters.numbers["inertia_zz"].value == pytest.approx(izz)
+    assert "that was supplied, not on the flight" in parameters.numbers["inertia_zz"].sentence
+    assert parameters.numbers["torque_ratio"].value == pytest.approx(RATIO)
 
 
 @pytest.mark.thorough
@@ -429,8 +428,8 @@ def test_no_number_of_what_is_not_told(change, error, name, told):
         errors[change] = error * values[change]
     else:
         values[change] *= error
-    row = physical_parameters(with_errors(values, **errors), known_of(QUADROTOR))[name]
-    assert row.estimate is None
+    row = physical_parameters(with_errors(values, **errors), known_of(QUADROTOR)).numbers[name]
+    assert row.value is None
     assert row.sentence.startswith(told)
 
 
@@ -439,16 +438,16 @@ def test_no_number_of_what_has_no_finite_variance(error):
     values = combinations_of(QUADROTOR)
     errors = with_errors(values, drag_x=error, roll_coupling=error, pitch_coupling=error)
     parameters = physical_parameters(errors, known_of(QUADROTOR))
-    assert parameters["drag_x"].sentence == "The flight identifies no drag_x."
-    assert parameters["inertia_zz"].estimate is None
-    assert parameters["inertia_xx"].estimate is not None
+    assert parameters.numbers["drag_x"].sentence == "The flight identifies no drag_x."
+    assert parameters.numbers["inertia_zz"].value is None
+    assert parameters.numbers["inertia_xx"].value is not None
 
 
 def test_drag_below_zero_is_none():
     values = combinations_of(QUADROTOR)
     values["roll_damping"] = -2.5
-    row = physical_parameters(exact(values), known_of(QUADROTOR))["roll_drag"]
-    assert row.estimate.value < 0.0
+    row = physical_parameters(exact(values), known_of(QUADROTOR)).numbers["roll_drag"]
+    assert row.value < 0.0
     assert "not the air's drag" in row.sentence
 
 
@@ -511,11 +510,11 @@ def test_thrust_maps_have_constants_of_their_own():
         parameters = physical_parameters(
             values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map)
         )
-        names = {row.name for row in parameters.rows if row.name.startswith("thrust_")}
+        names = {name for name in parameters.numbers if name.startswith("thrust_")}
         assert names == set(constants)
         for name, (value, unit) in constants.items():
-            assert parameters[name].estimate.value == pytest.approx(value)
-            assert parameters[name].estimate.unit == unit
+            assert parameters.numbers[name].value == pytest.approx(value)
+            assert parameters.numbers[name].unit == unit
 
 
 def test_wrong_calls_are_told():
@@ -534,7 +533,7 @@ def _coverage(seeds, relative):
     root, covariance = np.linalg.cholesky(correlations), correlations * np.outer(errors, errors)
     truth = physical_parameters(exact(values), known_of(QUADROTOR))
     supplied = {"arm_scale": (1.0, 0.01), "mass": (QUADROTOR.mass, 0.02), "speed_scale": (1.0, 0.02)}
-    held = {row.name: 0 for row in truth.rows}
+    held = {row.name: 0 for row in truth.numbers.values()}
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         drawn = dict(zip(values, vector + errors * (root @ rng.standard_normal(vector.size)), strict=True))
@@ -543,9 +542,9 @@ def _coverage(seeds, relative):
             for name, (value, share) in supplied.items()
         }
         parameters = physical_parameters(of_values(drawn, covariance), known_of(QUADROTOR, **given))
-        for row in parameters.rows:
-            low, high = row.estimate.interval
-            held[row.name] += low <= truth[row.name].estimate.value <= high
+        for row in parameters.numbers.values():
+            low, high = row.interval
+            held[row.name] += low <= truth.numbers[row.name].value <= high
     return {name: count / seeds for name, count in held.items()}
 
 

@@ -345,21 +345,22 @@ def _parts(
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
         identified = _identified(fitted)
-        rows = physical_parameters(identified, known, LEVEL)
+        implied = physical_parameters(identified, known, LEVEL)
         for name in (*PHYSICAL, *FURTHER):
-            row = rows[name]
-            low = -math.inf if row.estimate is None else row.estimate.interval[0]
-            if row.estimate is not None and (
-                name in CENTRE or (row.estimate.value > 0.0 and (name in PHYSICAL or low > 0.0))
+            number, formula = implied.numbers[name], implied.formulas[name]
+            value, interval = number.value, number.interval
+            if (
+                value is not None
+                and interval is not None
+                and (name in CENTRE or (value > 0.0 and (name in PHYSICAL or interval[0] > 0.0)))
             ):
-                source = f"{fitted.source(*row.formula.needed)}. {row.sentence}"
-                number = Number(row.estimate.value, row.estimate.interval, source)
-                parts[name] = SimulatorNumber(number, row.formula.expression.evaluate)
-            elif name in FURTHER and row.estimate is not None:
-                bounds.append(f"{WORDS[name]}: below {max(row.estimate.interval[1], 0.0):.3g}, left out")
+                source = f"{fitted.source(*formula.needed)}. {number.sentence}"
+                parts[name] = SimulatorNumber(Number(value, interval, source), formula.expression.evaluate)
+            elif name in FURTHER and interval is not None:
+                bounds.append(f"{WORDS[name]}: below {max(interval[1], 0.0):.3g}, left out")
             elif name in PHYSICAL:
-                lacking = (item for item in row.formula.needed if not fitted.is_identified(item))
-                missing[name] = tuple(lacking) or row.sentence
+                lacking = (item for item in formula.needed if not fitted.is_identified(item))
+                missing[name] = tuple(lacking) or number.sentence
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
         if root_number is None:

@@ -28,7 +28,6 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import (
     Implications,
-    Implied,
     Kind,
     QuantityEstimate,
     QuantitySpec,
@@ -38,7 +37,6 @@ from eivor.flights.quantity import (
     flight_card,
 )
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
@@ -48,7 +46,6 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import refined_by_output_error
 from eivor.motions.rigid_body.physical_parameters import (
     Combinations,
-    PhysicalEstimateRow,
     physical_parameters,
 )
 from eivor.motions.rigid_body.predict import rigid_body_prediction
@@ -464,13 +461,6 @@ WORDS = Words(
     advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
 )
 
-#: Half-widths of what follows for the vehicle, as shares: identified, and rough; those of what the air does.
-WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
-OF_THE_AIR = frozenset(
-    {*(f"{kind}_{axis}" for kind in ("drag", "quadratic_drag") for axis in ALONG), "translational_lift"}
-    | {f"{turning}_drag" for turning in TURNING}
-)
-
 # -- Motion --
 
 #: What the rotors did before a log begins in the air is not known, and matters for so long [s].
@@ -584,7 +574,7 @@ class RigidBody(Motion[LaggedRuns]):
         if self.vehicle is None:
             return Implications()
         parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
-        return Implications(tuple(map(_implied, parameters.rows)), parameters.contradictions)
+        return Implications(tuple(parameters.numbers.values()), parameters.contradictions)
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> RigidBodyChecks:
         """Where a flight contradicts the vehicle file: its rotors' order, and the filters it names."""
@@ -618,15 +608,3 @@ class RigidBody(Motion[LaggedRuns]):
         how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
         symbols = f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
         return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))
-
-
-def _implied(row: PhysicalEstimateRow) -> Implied:
-    item = row.estimate
-    if item is None:
-        return Implied(row.name, row.words, "", "", None, None, None, row.sentence)
-    numbers, (low, high) = (item.value, item.std_error, item.interval), item.interval
-    identified, weak = WIDE_AIR if row.name in OF_THE_AIR else WIDE
-    share = 0.5 * (high - low) / abs(item.value) if low * high > 0.0 else np.inf
-    status = Status.IDENTIFIED if share <= identified else Status.WEAK if share <= weak else Status.REFUSED
-    needs = row.formula.needed
-    return Implied(row.name, row.words, item.symbol, item.unit, *numbers, row.sentence, status, needs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -13,8 +13,10 @@ import numpy as np
 from eivor.errors import ShapeError
 from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from
 from eivor.estimation.estimate import Estimate
+from eivor.flights.quantity import Implied
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import check_level
+from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
@@ -495,42 +497,18 @@ def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
 DRAGS = ("drag_x", "drag_y", "drag_z", "roll_drag", "pitch_drag", "yaw_drag")
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicalEstimate:
-    """A number with its interval."""
-
-    symbol: str
-    unit: str
-    value: float
-    std_error: float
-    interval: tuple[float, float]  # Lowest and highest value
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        return f"{self.symbol} = {self.value:.4g} ({low:.4g} to {high:.4g}) {self.unit}".rstrip()
-
-
-@dataclass(frozen=True, slots=True)
-class PhysicalEstimateRow:
-    """A physical parameter, or why it is not identified."""
-
-    name: str
-    words: str
-    formula: Formula  # The parameter's
-    estimate: PhysicalEstimate | None
-    instead: PhysicalEstimate | None
-    sentence: str
+#: Half-widths as shares: identified, and rough; those of what the air does.
+WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
+OF_THE_AIR = frozenset({*DRAGS, *(f"quadratic_drag_{axis}" for axis in "xyz"), "translational_lift"})
 
 
 @dataclass(frozen=True, slots=True)
 class PhysicalParameters:
     """All of them, and what speaks against them."""
 
-    rows: tuple[PhysicalEstimateRow, ...]
+    numbers: Mapping[str, Implied]  # By name
+    formulas: Mapping[str, Formula]  # Of each
     contradictions: tuple[str, ...]
-
-    def __getitem__(self, name: str) -> PhysicalEstimateRow:
-        return next(row for row in self.rows if row.name == name)
 
 
 def physical_parameters(
@@ -540,25 +518,43 @@ def physical_parameters(
     check_level(level)
     combinations = combinations.finite()
     yaw = yaw_inertia(combinations, known, level)
-    rows = tuple(_row(item, combinations, known, level) for item in sought(yaw, input_map(known.thrust_map)))
-    return PhysicalParameters(rows, tuple(contradictions(combinations, known, yaw, level)))
+    wanted = list(sought(yaw, input_map(known.thrust_map)))
+    return PhysicalParameters(
+        {item.name: _number(item, combinations, known, level) for item in wanted},
+        {item.name: item.formulas[0] for item in wanted},
+        tuple(contradictions(combinations, known, yaw, level)),
+    )
 
 
-def _row(
+def _number(
     parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
-) -> PhysicalEstimateRow:
-    fullest, number = parameter.formulas[0], None
+) -> Implied:
+    """A physical parameter, or why it is not identified and what is left of it."""
+    fullest, left = parameter.formulas[0], ""
     reason, missing = _why_not_identified(fullest, combinations, level), fullest.missing(known)
     for formula in parameter.formulas:
         if not formula.missing(known) and not _why_not_identified(formula, combinations, level):
             result = combinations.value(formula, level, known, LARGEST_BEND)
-            numbers = result.value, result.std_error, result.interval
-            number = PhysicalEstimate(formula.symbol, formula.unit, *numbers)
+            (low, high), value = result.interval, result.value
             if formula is fullest and not parameter.refusal:
-                basis = _basis(parameter, number, fullest)
-                return PhysicalEstimateRow(parameter.name, parameter.words, fullest, number, None, basis)
+                identified, weak = WIDE_AIR if parameter.name in OF_THE_AIR else WIDE
+                share = 0.5 * (high - low) / abs(value) if low * high > 0.0 else math.inf
+                rough = Status.WEAK if share <= weak else Status.REFUSED
+                return Implied(
+                    parameter.name,
+                    parameter.words,
+                    formula.symbol,
+                    formula.unit,
+                    value,
+                    result.std_error,
+                    result.interval,
+                    _basis(parameter, high, fullest),
+                    Status.IDENTIFIED if share <= identified else rough,
+                    formula.needed,
+                )
+            number = f"{formula.symbol} = {value:.4g} ({low:.4g} to {high:.4g}) {formula.unit}".rstrip()
+            left = f"{number} is all that the flight gives"
             break
-    left = "" if number is None else f"{number} is all that the flight gives"
     if parameter.refusal:
         helps = tuple(name for name in parameter.helps if getattr(known, name) is None)
         selected = [parameter.refusal, f"{left}." if left else reason, _remedy(helps, " or ")]
@@ -567,7 +563,7 @@ def _row(
     else:
         selected = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
     sentence = " ".join(part for part in selected if part)
-    return PhysicalEstimateRow(parameter.name, parameter.words, fullest, None, number, sentence)
+    return Implied(parameter.name, parameter.words, "", "", None, None, None, sentence)
 
 
 def _why_not_identified(formula: Formula, combinations: Combinations, level: float) -> str:
@@ -584,12 +580,12 @@ def _why_not_identified(formula: Formula, combinations: Combinations, level: flo
     return ""
 
 
-def _basis(parameter: PhysicalParameter, number: PhysicalEstimate, formula: Formula) -> str:
+def _basis(parameter: PhysicalParameter, high: float, formula: Formula) -> str:
     """What a value rests on, and what is strange about it."""
     selected = [parameter.remark]
     if formula.supplied:
         selected.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
-    if parameter.name in DRAGS and number.interval[1] < 0.0:
+    if parameter.name in DRAGS and high < 0.0:
         selected.append(
             "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
         )

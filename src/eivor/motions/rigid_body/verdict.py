@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -239,38 +239,30 @@ FAR_BETTER = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class FiltersNotPassed:
-    """Filters of the vehicle file without which the references agree far better."""
+class Contradiction:
+    """What a flight says against the vehicle file, its own axes or calm air."""
 
-    with_all: float  # J of the references with the filters of the vehicle file
-    without: Mapping[str, float]
+    sentence: str
+    remedy: str
+    numbers: Mapping[str, float]  # The same as numbers of a result
 
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The same as numbers of a result."""
-        return {"filters_j": self.with_all} | {f"{key}_left_out_j": J for key, J in self.without.items()}
 
-    @property
-    def sentence(self) -> str:
-        """What it says of the vehicle file."""
-        which = " and ".join(FILTERS[key] for key in self.without)
-        many = len(self.without) > 1
-        fall = ", ".join(f"{J:.3g}" for J in self.without.values())
-        return (
-            f"The log does not look as if it had passed {which} filter{'s' * many} of the vehicle file: "
-            f"without {'each' if many else 'it'} the references disagree far less (J {fall} instead of "
-            f"{self.with_all:.3g})."
-        )
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return f"Take {' and '.join(self.without)} out of the vehicle file where the log is not filtered."
+def contradicting_filters(with_all: float, without: Mapping[str, float]) -> Contradiction:
+    """Filters without which the references agree far better, by their J with and without."""
+    which, many = " and ".join(FILTERS[key] for key in without), len(without) > 1
+    fall = ", ".join(f"{J:.3g}" for J in without.values())
+    return Contradiction(
+        f"The log does not look as if it had passed {which} filter{'s' * many} of the vehicle file: "
+        f"without {'each' if many else 'it'} the references disagree far less (J {fall} instead of "
+        f"{with_all:.3g}).",
+        f"Take {' and '.join(without)} out of the vehicle file where the log is not filtered.",
+        {"filters_j": with_all} | {f"{key}_left_out_j": J for key, J in without.items()},
+    )
 
 
 def filters_not_passed(
     problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], vehicle: KnownVehicle
-) -> FiltersNotPassed | None:
+) -> Contradiction | None:
     """Filters of the vehicle file that flights have not passed; None where nothing says so."""
     named = [key for key in FILTERS if getattr(vehicle, key) is not None]
     if not named or not estimate.assembler.needs_instruments:
@@ -291,7 +283,7 @@ def filters_not_passed(
         for key in named
     }
     without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
-    return FiltersNotPassed(with_all, without) if without else None
+    return contradicting_filters(with_all, without) if without else None
 
 
 def _disagreement(problem: LaggedRuns, method: str) -> float:
@@ -325,40 +317,25 @@ DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", F
 FAR = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class LagConsistencyTest:
+def disagreeing_lags(lag_s: float, changes_s: Mapping[str, float], p_value: float) -> Contradiction:
     """Axes that do not agree about the lag."""
-
-    remedy: ClassVar[str] = (
+    each = [
+        f"{name} asks for {1e3 * (lag_s + change):.0f} ms"
+        if abs(change) <= FAR * lag_s
+        else f"{name} for a much {'longer' if change > 0.0 else 'shorter'} one"
+        for name, change in changes_s.items()
+    ]
+    return Contradiction(
+        f"The axes disagree about the lag (p-value {p_value:.1g}). For all of them it is "
+        f"{1e3 * lag_s:.0f} ms; by itself {', '.join(each)}.",
         "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
-        "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike."
+        "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike.",
+        {"lag_agreement_p": p_value, "lag_of_all_s": lag_s}
+        | {f"{name}_lag_change_s": change for name, change in changes_s.items()},
     )
-    lag_s: float
-    changes_s: Mapping[str, float]
-    p_value: float
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The same as numbers of a result."""
-        changes = {f"{name}_lag_change_s": change for name, change in self.changes_s.items()}
-        return {"lag_agreement_p": self.p_value, "lag_of_all_s": self.lag_s, **changes}
-
-    @property
-    def sentence(self) -> str:
-        """What each axis says."""
-        each = ", ".join(f"{name} {self._change_words(change)}" for name, change in self.changes_s.items())
-        return (
-            f"The axes disagree about the lag (p-value {self.p_value:.1g}). For all of them it is "
-            f"{1e3 * self.lag_s:.0f} ms; by itself {each}."
-        )
-
-    def _change_words(self, change: float) -> str:
-        if abs(change) <= FAR * self.lag_s:
-            return f"asks for {1e3 * (self.lag_s + change):.0f} ms"
-        return f"for a much {'longer' if change > 0.0 else 'shorter'} one"
 
 
-def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
+def lag_consistency_test(estimate: Estimate) -> Contradiction | None:
     """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
     if estimate.assembler.needs_instruments:
         return None
@@ -370,7 +347,7 @@ def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     if not p_value < BEYOND_DOUBT:
         return None
     lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
-    return LagConsistencyTest(lag_s, dict(zip(results, changes.tolist(), strict=True)), p_value)
+    return disagreeing_lags(lag_s, dict(zip(results, changes.tolist(), strict=True)), p_value)
 
 
 def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
@@ -383,15 +360,13 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
         # what of a column other columns do not explain
-        column = moves[on_axis]
-        others = rows.regressors[on_axis]
+        column, others = moves[on_axis], rows.regressors[on_axis]
         sizes = np.linalg.norm(others, axis=0)
         basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
         left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
-        neighbours = left
-        squares = float(neighbours @ neighbours)
+        squares = float(left @ left)
         if squares > 0.0:
-            change = float(neighbours @ residual[on_axis]) / squares
+            change = float(left @ residual[on_axis]) / squares
             yield name, change, float(np.mean(residual[on_axis] ** 2)) / squares
 
 
@@ -413,47 +388,29 @@ ALIKE = 0.05
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """As which rotors of the vehicle file the commands act."""
+def another_order(acts_as: tuple[int, ...], axis: int, explained: float, before: float) -> Contradiction:
+    """As which rotors commands act, and what that explains of the axis that it improves most, and before."""
+    rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(acts_as, start=1)}
+    by_order = {"order_axis": float(axis), "order_explained": explained, "order_explained_by_file": before}
+    return Contradiction(
+        f"{_which(acts_as)}: so the rotors explain {explained:.0%} of {AXES[axis].name}, and "
+        f"{before:.0%} by the vehicle file.",
+        CORRECT_ROTORS,
+        rotors | by_order,
+    )
 
-    remedy: ClassVar[str] = CORRECT_ROTORS
-    acts_as: tuple[int, ...]
-    axis: int  # Number of the axis that this explains so much better
-    explained: float
-    before: float
 
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The same as numbers of a result."""
-        rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(self.acts_as, start=1)}
-        return {
-            **rotors,
-            "order_axis": float(self.axis),
-            "order_explained": self.explained,
-            "order_explained_by_file": self.before,
-        }
-
-    @property
-    def sentence(self) -> str:
-        """What it says of the vehicle file."""
-        return (
-            f"{self._which}: so the rotors explain {self.explained:.0%} of {AXES[self.axis].name}, and "
-            f"{self.before:.0%} by the vehicle file."
-        )
-
-    @property
-    def _which(self) -> str:
-        moved = [rotor for rotor, item in enumerate(self.acts_as, start=1) if abs(item) != rotor]
-        turned = [abs(item) for item in self.acts_as if item < 0]
-        if not moved:
-            return f"{_rotors(turned)} the other way than the vehicle file says"
-        if len(moved) == 2 and not turned:
-            return f"Rotors {moved[0]} and {moved[1]} look exchanged"
-        commands = ", ".join(map(str, range(1, len(self.acts_as) + 1)))
-        positions = ", ".join(map(str, map(abs, self.acts_as)))
-        order = f"The commands {commands} look to act as the rotors {positions} of the vehicle file"
-        return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
+def _which(acts_as: tuple[int, ...]) -> str:
+    moved = [rotor for rotor, item in enumerate(acts_as, start=1) if abs(item) != rotor]
+    turned = [abs(item) for item in acts_as if item < 0]
+    if not moved:
+        return f"{_rotors(turned)} the other way than the vehicle file says"
+    if len(moved) == 2 and not turned:
+        return f"Rotors {moved[0]} and {moved[1]} look exchanged"
+    commands = ", ".join(map(str, range(1, len(acts_as) + 1)))
+    positions = ", ".join(map(str, map(abs, acts_as)))
+    order = f"The commands {commands} look to act as the rotors {positions} of the vehicle file"
+    return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
 
 
 def _rotors(numbers: Sequence[int]) -> str:
@@ -461,7 +418,7 @@ def _rotors(numbers: Sequence[int]) -> str:
     return f"Rotors {', '.join(others)} and {last} look to spin" if others else f"Rotor {last} looks to spin"
 
 
-def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> Order | None:
+def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> Contradiction | None:
     """Order that flights show where it is clearly another than that of the vehicle file; else None."""
     products = np.sum([_products(flight) for flight in flights], axis=0)
     orders, arms = zip(*_orders(vehicle), strict=True)
@@ -486,7 +443,7 @@ def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> 
     chosen = min(np.flatnonzero(score < best + ALIKE).tolist(), key=changes)
     axis = int(np.argmax(left[0] - left[chosen]))
     explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
-    return Order(orders[chosen], axis, explained, before) if explained > EXPLAINED else None
+    return another_order(orders[chosen], axis, explained, before) if explained > EXPLAINED else None
 
 
 def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
@@ -549,46 +506,30 @@ SURE, LEAST_SPEED = 0.999, 0.5
 _WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
 
 
-@dataclass(frozen=True, slots=True)
-class SteadyWind:
-    """A wind that blew in a flight, over its mean and along the axes of the logged velocity."""
-
-    remedy: ClassVar[str] = "Fly in calm air for these drags, or log the velocity through the air."
-    x: float  # [m/s]
-    y: float  # [m/s]
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The same as numbers of a result."""
-        return {"steady_wind_x": self.x, "steady_wind_y": self.y}
-
-    @property
-    def speed(self) -> float:
-        """Its speed [m/s]."""
-        return math.hypot(self.x, self.y)
-
-    @property
-    def sentence(self) -> str:
-        """What it says of the drags across."""
-        return (
-            f"A steady wind of about {self.speed:.2g} m/s seems to have blown, which the drags along x and y "
-            "suffer from: velocities count over the ground. Gains, couplings and the lag do not."
-        )
-
-
 def steady_wind(
     problem: LaggedRuns, nuisance_values: Values, flights: Sequence[PreparedFlight]
-) -> SteadyWind | None:
+) -> Contradiction | None:
     """The strongest wind that a flight shows; None where none does, or no drag across is identified."""
     if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
     results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
-    return max((item for item in results if item is not None), key=lambda item: item.speed, default=None)
+    wind = max(
+        (item for item in results if item is not None), key=lambda item: math.hypot(*item), default=None
+    )
+    if wind is None:
+        return None
+    return Contradiction(
+        f"A steady wind of about {math.hypot(*wind):.2g} m/s seems to have blown, which the drags along x "
+        "and y suffer from: velocities count over the ground. Gains, couplings and the lag do not.",
+        "Fly in calm air for these drags, or log the velocity through the air.",
+        {"steady_wind_x": wind[0], "steady_wind_y": wind[1]},
+    )
 
 
 def _of_flight(
     problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
-) -> SteadyWind | None:
+) -> tuple[float, float] | None:
+    """Wind over the mean of a flight, along the axes of the logged velocity [m/s]; None for none."""
     signals = flight.signals
     item, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
     along_x = on_body_axes(signals, item, nothing, nothing)
@@ -615,18 +556,18 @@ def _of_flight(
     sure = any(low > 0.0 or high < 0.0 for low, high in intervals)
     if not sure or not drag > 0.0:
         return None
-    wind = SteadyWind(*(estimate.parameters[entry.name] / drag for entry in _WIND))
-    return wind if wind.speed >= LEAST_SPEED else None
+    x, y = (estimate.parameters[entry.name] / drag for entry in _WIND)
+    return (x, y) if math.hypot(x, y) >= LEAST_SPEED else None
 
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyChecks(MotionChecks):
     """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
 
-    order: Order | None = None
-    wind: SteadyWind | None = None
-    lags: LagConsistencyTest | None = None
-    filters: FiltersNotPassed | None = None
+    order: Contradiction | None = None
+    wind: Contradiction | None = None
+    lags: Contradiction | None = None
+    filters: Contradiction | None = None
     filter_early_s: float = 0.0  # By what the gyroscope's filter may be less late than it is taken to be [s]
 
     @property
