@@ -25,8 +25,9 @@ from eivor.flights.timestamps import (
     command_clock,
     corrected_stamps,
     finer_step,
+    jitter_estimate,
     period_from_aliasing,
-    stamps_are_true,
+    truth_of,
     with_corrected_stamps,
 )
 from eivor.inference.verdict import Status
@@ -209,10 +210,10 @@ def height(stamps, instants) -> Channel:
 
 def test_a_smooth_channel_tells_whether_uneven_stamps_are_true():
     even, uneven_times = irregular(0.01, 0.002)
-    assert stamps_are_true([height(uneven_times, uneven_times)]) is True
-    assert stamps_are_true([height(uneven_times, even)]) is False
-    assert stamps_are_true([height(even, even)]) is None
-    assert stamps_are_true([]) is None
+    assert truth_of([jitter_estimate(height(uneven_times, uneven_times))]) is True
+    assert truth_of([jitter_estimate(height(uneven_times, even))]) is False
+    assert truth_of([jitter_estimate(height(even, even))]) is None
+    assert truth_of([]) is None
 
 
 def test_a_logger_that_looks_at_its_own_times_is_told_by_values_that_repeat():

@@ -471,8 +471,8 @@ def test_there_is_none_of_that_name():
 def test_shipped_flights_fly(name):
     (flight,) = simulate_rigid_body_flights([replace(shipped_rigid_body_flight(name), duration=2.5, seed=1)])
     assert flight.flew
-    assert np.abs(flight.truth.angular_rate[:, :2]).max() > 0.5
-    assert np.abs(flight.truth.torque_setpoint).max() < 1.0
+    assert np.abs(flight.truth.record.body[:, 10:12]).max() > 0.5
+    assert np.abs(flight.truth.record.torque).max() < 1.0
 
 
 pytest.importorskip("griffe")

@@ -36,17 +36,17 @@ from eivor.simulation.excitation import (
     WhiteExcitation,
 )
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
-from eivor.simulation.rigid_body import RigidBodyTruth, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import ClosedLoopRecord, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
+    STILL,
     AxisExcitations,
-    HeldInputs,
     Logged,
     RigidBodyFlightSpec,
-    RotorCourse,
     Sensors,
     TorqueDisturbance,
     Wind,
     quaternions,
+    rotor_course,
     runge_kutta,
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
@@ -404,16 +404,16 @@ def test_log_of_exact_sensors_is_the_truth():
     truth = flight.truth
     assert flight.flew
     for stem, parts, expected in (
-        ("angular_rate", "xyz", truth.angular_rate),
+        ("angular_rate", "xyz", truth.record.body[:, 10:13]),
         ("specific_force_body", "xyz", truth.specific_force),
-        ("velocity", "xyz", truth.velocity),
-        ("attitude", "wxyz", truth.attitude),
-        ("rotor_speed", "1234", truth.rotor_speed),
-        ("rotor_command", "1234", truth.rotor_command),
-        ("torque_setpoint", "xyz", truth.torque_setpoint),
+        ("velocity", "xyz", truth.record.body[:, 3:6]),
+        ("attitude", "wxyz", truth.record.body[:, 6:10]),
+        ("rotor_speed", "1234", truth.record.rotor_speed),
+        ("rotor_command", "1234", truth.record.rotor_command),
+        ("torque_setpoint", "xyz", truth.record.torque),
     ):
         np.testing.assert_allclose(vectors(flight, stem, parts), expected, atol=1e-12)
-    np.testing.assert_array_equal(values_of_body(flight, "input"), truth.thrust_setpoint)
+    np.testing.assert_array_equal(values_of_body(flight, "input"), truth.record.thrust)
     assert "injected_torque_x" not in flight.recording.channels
     held = {name for name, channel in flight.recording.channels.items() if channel.held}
     assert held == {
@@ -432,12 +432,12 @@ def test_equations_of_the_truth_hold():
     parameters, step = truth.parameters, QUIET_BODY.step_s
     x, y, _ = np.array(VEHICLE.rotors.positions).T
     spins = np.array(VEHICLE.rotors.spins)
-    p, q, r = truth.angular_rate.T[:, :, None]
-    turn = Rotation.from_quat(truth.attitude, scalar_first=True)
+    p, q, r = truth.record.body[:, 10:13].T[:, :, None]
+    turn = Rotation.from_quat(truth.record.body[:, 6:10], scalar_first=True)
     u, v, w = turn.inv().apply(truth.air_velocity).T[:, :, None]
-    n = truth.rotor_speed
+    n = truth.record.rotor_speed
     lx, ly, lz = u - r * y, v + r * x, w + p * y - q * x
-    phi = mean_squares(truth.rotor_command[:-1], n[:-1], step, 0.04)
+    phi = mean_squares(truth.record.rotor_command[:-1], n[:-1], step, 0.04)
     (first, second, _), (roll, pitch, yaw) = parameters.gyroscopic_ratios, parameters.torque_gains
     for axis, (series, thrust, gain) in enumerate(
         [
@@ -449,7 +449,7 @@ def test_equations_of_the_truth_hold():
         columns = [0.5 * (item[1:] + item[:-1]) for item in series] + [thrust]
         expected = [*((first,), (second,), ())[axis], parameters.rotor_rate_drag[axis], gain]
         scale = np.linalg.norm(columns, axis=1)
-        slope = np.diff(truth.angular_rate[:, axis]) / step
+        slope = np.diff(truth.record.body[:, 10:13][:, axis]) / step
         result = np.linalg.lstsq(np.array(columns).T / scale, slope)[0] / scale
         assert result[-1] == pytest.approx(expected[-1], rel=1e-3)
         np.testing.assert_allclose(result, expected, rtol=0.01)  # trapezoids across kinks
@@ -481,8 +481,10 @@ def test_logged_rates_can_be_means_that_the_controller_does_not_get():
         QUIET_BODY, duration=0.6, sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(averaged_s=0.01))
     )
     flight = fly_body(mean)
-    rates = flight.truth.angular_rate
-    np.testing.assert_array_equal(rates, fly_body(replace(QUIET_BODY, duration=0.6)).truth.angular_rate)
+    rates = flight.truth.record.body[:, 10:13]
+    np.testing.assert_array_equal(
+        rates, fly_body(replace(QUIET_BODY, duration=0.6)).truth.record.body[:, 10:13]
+    )
     expected = np.mean([rates[4 - late : rates.shape[0] - late] for late in range(5)], axis=0)
     np.testing.assert_allclose(vectors(flight, "angular_rate")[4:], expected, atol=1e-12)
     np.testing.assert_allclose(values_of_body(flight, "angular_rate_y")[1], rates[:2, 1].mean(), atol=1e-15)
@@ -516,12 +518,10 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
 
 
 def same(first, second):
-    for part in fields(RigidBodyTruth):
-        item, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
-        if isinstance(item, np.ndarray):
-            np.testing.assert_allclose(item, other, rtol=1e-9, atol=1e-11)
-        else:
-            assert item == other
+    for part in fields(ClosedLoopRecord):
+        item, other = getattr(first.truth.record, part.name), getattr(second.truth.record, part.name)
+        np.testing.assert_allclose(item, other, rtol=1e-9, atol=1e-11)
+    assert first.truth.parameters == second.truth.parameters
     assert first.recording.channels.keys() == second.recording.channels.keys()
     for name in first.recording.channels:
         np.testing.assert_allclose(
@@ -545,7 +545,7 @@ def test_flights_side_by_side_are_those_alone():
     together = list(simulate_rigid_body_flights([short, other, replace(short, seed=6)]))
     same(together[0], fly_body(short))
     same(together[1], fly_body(other))
-    assert not np.array_equal(together[2].truth.attitude, together[0].truth.attitude)
+    assert not np.array_equal(together[2].truth.record.body[:, 6:10], together[0].truth.record.body[:, 6:10])
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -556,7 +556,7 @@ def test_flights_of_several_lengths_keep_their_order():
         replace(QUIET_BODY, duration=0.2, seed=1),
     ]
     flights = list(simulate_rigid_body_flights(specs))
-    assert [flight.truth.time_s.size for flight in flights] == [100, 50, 100]
+    assert [len(flight.truth.record.body) for flight in flights] == [100, 50, 100]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -625,9 +625,8 @@ def test_friction_of_the_truth_is_that_of_the_flights_speeds():
 
     def flown(*climbs, attitude=(1.0, 0.0, 0.0, 0.0)):
         air = np.array([[0.0, 0.0, climb] for climb in climbs])
-        return replace(
-            truth, parameters=dragged, air_velocity=air, attitude=np.tile(attitude, (len(climbs), 1))
-        )
+        record = replace(truth.record, body=np.tile([0.0] * 6 + [*attitude, 0.0, 0.0, 0.0], (len(climbs), 1)))
+        return replace(truth, record=record, parameters=dragged, air_velocity=air)
 
     assert viscous_friction(flown(0.0, 0.0)) == 0.2
     assert viscous_friction(flown(2.0, -2.0)) == pytest.approx(0.2 + 0.05 * 2.0)
@@ -651,7 +650,6 @@ HEXACOPTER = Vehicle(
         lag_down=0.03,
     ),
 )
-STILL = (0.0, 0.0, 0.0)
 
 
 def test_mixer_gives_the_thrust_and_torques_that_are_asked_for():
@@ -691,12 +689,12 @@ def turning(rates):
     return LEVEL[:10] + list(rates)
 
 
-def flown(coefficients, body, speeds, held, *, step_s, seconds):
+def flown(coefficients, body, speeds, command, *, step_s, seconds, wind=STILL):
     """States of body and rotors at the start and after each step."""
     stepper = runge_kutta(coefficients, step_s)
     bodies, rotors = [body], [speeds]
     for _ in range(round(seconds / step_s)):
-        body, speeds = stepper(body, speeds, held)
+        body, speeds = stepper(body, speeds, command, wind, STILL)
         bodies.append(body)
         rotors.append(speeds)
     return np.array(bodies), np.array(rotors)
@@ -712,14 +710,14 @@ unchecked = pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of
 def test_small_steps_agree_with_scipys_integrator():
     vehicle = replace(DRAGGED, rotors=replace(DRAGGED.rotors, lag_down=0.02, inertia=1e-9))
     c, hover = coefficients_of(vehicle), vehicle.hover_speed
-    held = HeldInputs([1.1 * hover, hover, 0.9 * hover, hover], wind=(2.0, 0.0, 0.0))
+    command, wind = [1.1 * hover, hover, 0.9 * hover, hover], (2.0, 0.0, 0.0)
     body, speeds = turning((1.0, -2.0, 0.5)), [hover, hover, 1.1 * hover, 0.9 * hover]
-    bodies, _ = flown(c, body, speeds, held, step_s=0.001, seconds=0.1)
+    bodies, _ = flown(c, body, speeds, command, step_s=0.001, seconds=0.1, wind=wind)
 
     def slope(time, state):
-        now = RotorCourse(c, time).after(speeds, held.command)
-        change = speed_derivative(c, now, held.command)
-        return body_derivative(c, state.tolist(), now, change, held.wind, held.disturbance)
+        now = rotor_course(c, time)(speeds, command)
+        change = speed_derivative(c, now, command)
+        return body_derivative(c, state.tolist(), now, change, wind, STILL)
 
     solved = solve_ivp(slope, (0.0, 0.1), np.array(body), method="DOP853", rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(bodies[-1], solved.y[:, -1], atol=1e-9)
@@ -730,9 +728,7 @@ def test_rotors_that_speed_up_turn_the_body_the_other_way():
     vehicle = replace(SMALL, rotors=replace(ROTORS, inertia=2e-9, torque_ratio=0.0, lag_down=0.03))
     hover = vehicle.hover_speed
     command = [1.2 * hover, 0.9 * hover, 1.2 * hover, 0.9 * hover]
-    bodies, rotors = flown(
-        coefficients_of(vehicle), LEVEL, [hover] * 4, HeldInputs(command), step_s=0.002, seconds=0.2
-    )
+    bodies, rotors = flown(coefficients_of(vehicle), LEVEL, [hover] * 4, command, step_s=0.002, seconds=0.2)
     time = 0.002 * np.arange(bodies.shape[0])
     gained = -0.2 * hover * np.expm1(-time / 0.07), 0.1 * hover * np.expm1(-time / 0.03)
     np.testing.assert_allclose(rotors[:, 0] - hover, gained[0], atol=1e-9)
@@ -751,7 +747,7 @@ def test_rotors_and_body_exchange_momentum():
         coefficients_of(vehicle),
         turning((2.0, -1.0, 1.0)),
         [0.0] * 4,
-        HeldInputs([1000.0, 200.0, 400.0, 0.0]),
+        [1000.0, 200.0, 400.0, 0.0],
         step_s=0.001,
         seconds=1.0,
     )

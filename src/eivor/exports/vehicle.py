@@ -27,7 +27,7 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
-from eivor.simulation.rigid_body_spec import HeldInputs, runge_kutta
+from eivor.simulation.rigid_body_spec import STILL, runge_kutta
 from eivor.tools import Float
 
 if TYPE_CHECKING:
@@ -517,7 +517,7 @@ def replayed(
     speeds: Any = manoeuvre(made, 0.0)[0].tolist()
     states = []
     for command in commands.tolist():
-        body, speeds = step(body, speeds, HeldInputs(command))
+        body, speeds = step(body, speeds, command, STILL, STILL)
         states.append(body)
     return np.array(states)
 

@@ -249,7 +249,8 @@ class LogChannels:
 class VehicleSupport:
     """A motion that depends on a description of the vehicle."""
 
-    load: Callable[[str], Motion[Any]]  # The motion of a vehicle, by the name of a shipped one or a file
+    #: The motion of a vehicle, by the name of a shipped one or a file; None where all vehicles are alike
+    load: Callable[[str], Motion[Any]] | None
     record: Mapping[str, object] | None  # What a result says of the vehicle it was made for, for JSON
     restore: Callable[[object], Motion[Any]]  # The motion of the vehicle that a result holds
 
@@ -401,7 +402,7 @@ def predicts_states(motion: Motion[Any]) -> bool:
 def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
     """Return the motion of a vehicle that a user describes, by a name or a file."""
     support = motion.abilities.vehicle
-    if support is None:
+    if support is None or support.load is None:
         raise UsageError(
             "a motion that asks what flies", f"'{motion.name}', which does not", f"Leave out {vehicle!r}."
         )

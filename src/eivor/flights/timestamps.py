@@ -98,11 +98,6 @@ def has_jitter(channel: Channel) -> bool:
     return float(np.std(steps[steps <= UNEVEN_PAUSE * median])) > EVEN_SHARE * median
 
 
-def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
-    """Whether samples with uneven stamps were taken when these say; None when nothing gives it."""
-    return truth_of(map(jitter_estimate, channels))
-
-
 def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
     """Whether stamps are true, by the coefficients and variances that channels determine."""
     selected = [(value, variance) for value, variance in result if np.isfinite(value) and variance > 0.0]
@@ -331,7 +326,7 @@ ADDED_UP = 1.15
 def with_corrected_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
     """Log with stamps that err evened, and a finding that says so."""
     doubtful = {name: channel for name, channel in log.channels.items() if has_jitter(channel)}
-    if stamps_are_true([item for item in doubtful.values() if not item.held]) is not False:
+    if truth_of(jitter_estimate(item) for item in doubtful.values() if not item.held) is not False:
         return log, ()
     channels, largest_s = dict(log.channels), 0.0
     for name, entry in doubtful.items():

@@ -544,20 +544,32 @@ def direct_rule(words: FlightWords, quantities: tuple[str, ...]) -> Rule:
     )
 
 
-def longest_lag_rule(quantities: tuple[str, ...], remedy: str) -> Rule:
-    """Row of a lag that ended at the longest that is searched."""
+def end_of_grid_rule(
+    nuisance: str,
+    quantities: tuple[str, ...],
+    sentence: Callable[[float, VerdictInputs], str],
+    remedy: Callable[[VerdictInputs], str] | str,
+) -> Rule:
+    """Row of a lag or a delay that ended at the end of its grid, of which the sentence speaks [s]."""
 
     def at_the_end(inputs: VerdictInputs) -> bool:
-        lag = inputs.strength.searched.get(ACTUATOR_LAG.name)
-        return lag is not None and lag.value >= 0.999 * lag.highest
+        item = inputs.strength.searched.get(nuisance)
+        return item is not None and abs(item.value) >= 0.999 * item.highest
 
     return Rule(
         quantities,
         at_the_end,
         Status.WEAK,
-        lambda inputs: (
-            "The lag ran into the top of its grid "
-            f"({inputs.strength.searched[ACTUATOR_LAG.name].highest:.1f} s)."
-        ),
+        lambda inputs: sentence(inputs.strength.searched[nuisance].highest, inputs),
+        remedy,
+    )
+
+
+def longest_lag_rule(quantities: tuple[str, ...], remedy: str) -> Rule:
+    """Row of a lag that ended at the longest that is searched."""
+    return end_of_grid_rule(
+        ACTUATOR_LAG.name,
+        quantities,
+        lambda highest, _: f"The lag ran into the top of its grid ({highest:.1f} s).",
         remedy,
     )

@@ -39,6 +39,7 @@ from eivor.flights.verdict import (
     SystematicPart,
     VerdictInputs,
     clock_part,
+    end_of_grid_rule,
     flight_rules,
     longest_lag_rule,
 )
@@ -390,15 +391,10 @@ class Machine(DeclaredMotion):
         states = any(axis.state for axis in self.axes)
         ahead = partial(equation_prediction, self.axes) if states else None
         return Abilities(
-            vehicle=VehicleSupport(self._refuse_vehicle, {"machine": dict(self.record)}, lambda _: self),
+            vehicle=VehicleSupport(None, {"machine": dict(self.record)}, lambda _: self),
             prediction=Prediction(simple_models, multi_step=ahead),
             excitation=self._excitation,
             findings=self._findings,
-        )
-
-    def _refuse_vehicle(self, name: str) -> Machine:
-        raise UsageError(
-            "a motion that asks what flies", f"'{self.name}', which does not", f"Leave out {name!r}."
         )
 
     def simulate(
@@ -541,7 +537,12 @@ class Machine(DeclaredMotion):
             *flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG),
             *lag,
             longest_lag_rule((), check),
-            _end_of_delays_rule(check),
+            end_of_grid_rule(
+                DELAY.name,
+                (),
+                lambda longest, _: f"The delay ran into the longest that is declared ({longest:.3g} s).",
+                check,
+            ),
             _slow_samples_rule(),
         ]
 
@@ -610,25 +611,6 @@ def _active_rule(activity: Activity) -> Rule:
             f"{LEAST_ACTIVE:.0%} are needed."
         ),
         "Move it for longer, cut the log with --window, or declare another [active].",
-    )
-
-
-def _end_of_delays_rule(remedy: str) -> Rule:
-    """Row of a delay that ended at the longest that is searched."""
-
-    def at_the_end(inputs: VerdictInputs) -> bool:
-        delay = inputs.strength.searched.get(DELAY.name)
-        return delay is not None and delay.value >= 0.999 * delay.highest > 0.0
-
-    return Rule(
-        (),
-        at_the_end,
-        Status.WEAK,
-        lambda inputs: (
-            "The delay ran into the longest that is declared "
-            f"({inputs.strength.searched[DELAY.name].highest:.3g} s)."
-        ),
-        remedy,
     )
 
 

@@ -131,7 +131,7 @@ def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dic
 def viscous_friction(truth: RigidBodyTruth) -> float:
     """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     parameters = truth.parameters
-    w, x, y, z = truth.attitude.T
+    w, x, y, z = truth.record.body[:, 6:10].T
     along_x, along_y, along_z = truth.air_velocity.T
     _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
     squared = np.asarray(climb) ** 2

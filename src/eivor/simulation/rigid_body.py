@@ -42,7 +42,6 @@ from eivor.simulation.controller import (
     mixers_side_by_side,
 )
 from eivor.simulation.rigid_body_spec import (
-    HeldInputs,
     RigidBodyFlightSpec,
     Stepper,
     Surroundings,
@@ -93,25 +92,14 @@ _Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n _ flights"]
 _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple]
 
 
-@dataclass(frozen=True, slots=True)
-class _Read:
-    """What the loop reads at each step, in components."""
-
-    height: _Rows
-    attitude: _Rows
-    injected: _Rows
-    wind: _Rows
-    disturbance: _Rows
-    rate_error: _Rows
-    attitude_error: _Rows
-    velocity_error: _Rows
-    position_error: _Rows
+#: What the loop reads at each step; the rest is of the log.
+READ = Surroundings.__slots__[:9]
 
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
     specs: Sequence[RigidBodyFlightSpec]
-    read: Callable[[int, int], _Read]
+    read: Callable[[int, int], Mapping[str, _Rows]]  # Each of `READ` from a step to another
     senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
     gains: Gains
     mixer: Mixer
@@ -139,10 +127,10 @@ class _Loop:
                 read = self.read(k, k + CHUNK)
                 moments: list[_Moment] = []
             seen = (
-                _sum(body[10:13], read.rate_error[now]),
-                turned(body[6:10], *read.attitude_error[now]),
-                _sum(body[3:6], read.velocity_error[now]),
-                _sum(body[0:3], read.position_error[now]),
+                _sum(body[10:13], read["rate_error"][now]),
+                turned(body[6:10], *read["attitude_error"][now]),
+                _sum(body[3:6], read["velocity_error"][now]),
+                _sum(body[0:3], read["position_error"][now]),
             )
             (p, q, r), attitude, velocity, position = (
                 sense.read(raw) for sense, raw in zip(self.senses, seen, strict=True)
@@ -150,21 +138,21 @@ class _Loop:
             if k % height_every == 0:
                 _, x, y, _ = attitude
                 cosine = 1.0 - 2.0 * (x * x + y * y)
-                z, climb, acceleration = read.height[now]
+                z, climb, acceleration = read["height"][now]
                 thrust = cascade.thrust((z, climb, acceleration), position[2], velocity[2], cosine)
             if k % attitude_every == 0:
-                wanted = read.attitude[now]
+                wanted = read["attitude"][now]
                 if holds:
                     wanted = cascade.holding(wanted, position[:2], velocity[:2])
                 rates = cascade.rates(wanted, attitude)
             if k % every == 0:
-                roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read.injected[now])
+                roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read["injected"][now])
                 torque = (roll, pitch, yaw)
                 command = self.mixer.commands(thrust, torque)
             moments.append((body, speeds, command, thrust, torque, rates))
-            (wx, wy, wz), (mx, my, mz) = read.wind[now], read.disturbance[now]
-            held = HeldInputs(self.line.pass_on(command), (wx, wy, wz), (mx, my, mz))
-            body, speeds = self.stepper(body, speeds, held)
+            (wx, wy, wz), (mx, my, mz) = read["wind"][now], read["disturbance"][now]
+            reaching = self.line.pass_on(command)
+            body, speeds = self.stepper(body, speeds, reaching, (wx, wy, wz), (mx, my, mz))
             if now == CHUNK - 1 or k == first.count - 1:
                 yield moments
 
@@ -193,8 +181,8 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarra
     vehicle, sensors, step_s = spec.vehicle, spec.sensors, spec.step_s
     hover: list[Value] = [vehicle.hover_speed] * vehicle.rotors.count
 
-    def read(first: int, last: int) -> _Read:
-        return _Read(*(getattr(met, name)[first:last].tolist() for name in _Read.__slots__))
+    def read(first: int, last: int) -> dict[str, _Rows]:
+        return {name: getattr(met, name)[first:last].tolist() for name in READ}
 
     senses = tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES)
     gains = gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)
@@ -212,9 +200,8 @@ def _together(
     step_s = first.step_s
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (first.vehicle.rotors.count, 1))
 
-    def read(start: int, stop: int) -> _Read:
-        parts = ([getattr(item, name)[start:stop] for item in met] for name in _Read.__slots__)
-        return _Read(*(np.stack(part, axis=-1) for part in parts))
+    def read(start: int, stop: int) -> dict[str, _Rows]:
+        return {name: np.stack([getattr(item, name)[start:stop] for item in met], axis=-1) for name in READ}
 
     senses = tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
@@ -363,18 +350,9 @@ LOST_M, LOST_COSINE = 5.0, 0.17
 class RigidBodyTruth:
     """What is true of a flight, a row for each step of the simulation, without errors of sensors."""
 
-    time_s: Series
-    position: Vectors  # [m, m/s]
-    velocity: Vectors  # [m, m/s]
-    attitude: Float[np.ndarray, "n 4"]
-    angular_rate: Vectors  # Body rates [rad/s]
+    record: ClosedLoopRecord
     specific_force: Vectors  # On the body's axes [m/s^2]
-    air_velocity: Vectors  # [m/s]
-    rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
-    rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
-    thrust_setpoint: Series  # A share of full thrust
-    torque_setpoint: Vectors
-    disturbance: Vectors  # Torque from outside [N m]
+    air_velocity: Vectors  # Of the vehicle through the air, in the world [m/s]
     parameters: EffectiveParameters  # Combinations of the vehicle's parameters that the flight shows
     control_effectiveness: tuple[float, float, float]  # [rad/s^2]
 
@@ -410,18 +388,9 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopReco
         (met.wind[:, 0], met.wind[:, 1], met.wind[:, 2]),
     )
     truth = RigidBodyTruth(
-        time_s=spec.step_s * np.arange(spec.count),
-        position=body[:, 0:3],
-        velocity=body[:, 3:6],
-        attitude=body[:, 6:10],
-        angular_rate=body[:, 10:13],
+        record=flight,
         specific_force=np.column_stack(force),
         air_velocity=body[:, 3:6] - met.wind,
-        rotor_speed=flight.rotor_speed,
-        rotor_command=flight.rotor_command,
-        thrust_setpoint=flight.thrust,
-        torque_setpoint=flight.torque,
-        disturbance=met.disturbance,
         parameters=effective_parameters(spec.vehicle),
         control_effectiveness=control_effectiveness(spec.vehicle),
     )

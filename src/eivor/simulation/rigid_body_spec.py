@@ -33,32 +33,26 @@ from eivor.tools import Float
 Moved: TypeAlias = tuple[Body, list[Value]]
 
 
-@dataclass(frozen=True, slots=True)
-class HeldInputs:
-    """What acts on a vehicle over a step."""
-
-    command: Sequence[Value]
-    wind: Triple = (0.0, 0.0, 0.0)  # Velocity of the air [m/s]
-    disturbance: Triple = (0.0, 0.0, 0.0)  # Torque from outside, on the body's axes [N m]
-
-
-#: State of body and rotors a step later, of a flight or of several side by side. Performs no checks.
-Stepper: TypeAlias = Callable[[Body, Sequence[Value], HeldInputs], Moved]
+#: State of body and rotors a step later, of a flight or of several side by side, under what is held over it:
+#: commands, velocity of the air in the world [m/s], and torque from outside on the body's axes [N m].
+Stepper: TypeAlias = Callable[[Body, Sequence[Value], Sequence[Value], Triple, Triple], Moved]
+#: Neither wind nor torque.
+STILL: Triple = (0.0, 0.0, 0.0)
 
 
 def runge_kutta(coefficients: Coefficients, step_s: float) -> Stepper:
     """Return steps of this length [s] by the classical method of the fourth order."""
     c, h = coefficients, step_s
-    half = RotorCourse(c, h / 2.0)
+    half = rotor_course(c, h / 2.0)
 
     def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
         return speed_derivative(c, speeds, command) if c.gyroscopic else ()
 
-    def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
-        command, wind, disturbance = held.command, held.wind, held.disturbance
-        middle = half.after(speeds, command)
-        end = half.after(middle, command)
-        change = spin_up(middle, command)
+    def step(
+        body: Body, speeds: Sequence[Value], command: Sequence[Value], wind: Triple, disturbance: Triple
+    ) -> Moved:
+        middle = half(speeds, command)
+        end, change = half(middle, command), spin_up(middle, command)
         k1 = body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
         k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
         k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
@@ -70,19 +64,20 @@ def runge_kutta(coefficients: Coefficients, step_s: float) -> Stepper:
     return step
 
 
-class RotorCourse:
-    """Speeds of rotors a fixed time later, under a held command: the closed form."""
+def rotor_course(
+    coefficients: Coefficients, time_s: float
+) -> Callable[[Sequence[Value], Sequence[Value]], list[Value]]:
+    """Speeds of rotors that much later, by speeds and a held command: the closed form."""
+    down = _decay(time_s * coefficients.rate_down)
+    difference = _decay(time_s * coefficients.rate_up) - down
 
-    def __init__(self, coefficients: Coefficients, time_s: float) -> None:
-        self._down = _decay(time_s * coefficients.rate_down)
-        self._difference = _decay(time_s * coefficients.rate_up) - self._down
-
-    def after(self, speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
-        """Speeds that much later."""
+    def after(speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
         return [
-            item + (speed - item) * (self._down + self._difference * (item > speed))
+            item + (speed - item) * (down + difference * (item > speed))
             for speed, item in zip(speeds, command, strict=True)
         ]
+
+    return after
 
 
 def _decay(lags: Value) -> Value:

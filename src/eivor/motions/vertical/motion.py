@@ -119,7 +119,7 @@ from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.signals.thrust_map import Mixed, input_map
+from eivor.signals.thrust_map import InputMap, Mixed, input_map
 from eivor.tools import Float
 
 # -- Reported thrust curve --
@@ -214,24 +214,27 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 
 
 def _hover(of: Balance) -> QuantityEstimate:
-    """Hover input: the interval of U_h through the input map's inverse; by the weight without a gain."""
+    """Hover input, U_h through the input map's inverse; by the weight without a gain."""
     if of.by_weight:
         return _hover_by_weight(of.weight)
-    item, chosen = linear_quantity(of.estimate, of.hover, ""), of.problem.motion.input_map
-    value, (low, high) = chosen.inverse(item.value), item.interval
-    slope = chosen.slope(value)
-    std_error = item.std_error / slope if slope > 0.0 else NAN
-    return QuantityEstimate(value, "", std_error, (chosen.inverse(low), chosen.inverse(high)))
+    item = linear_quantity(of.estimate, of.hover, "")
+    return _through_map(of.problem.motion.input_map, item.value, item.std_error, item.interval)
 
 
 def _hover_by_weight(of: WeightBalance) -> QuantityEstimate:
     """The same of thrust that is the weight; without an interval where it is not above zero."""
     (value, std_error, half), chosen = of.hover, of.problem.motion.input_map
-    hover = chosen.inverse(value)
-    if not value > half or not chosen.slope(hover) > 0.0:
-        return QuantityEstimate(hover, "", NAN, NO_INTERVAL)
-    ends = chosen.inverse(value - half), chosen.inverse(value + half)
-    return QuantityEstimate(hover, "", std_error / chosen.slope(hover), ends)
+    if not value > half:
+        return QuantityEstimate(chosen.inverse(value), "", NAN, NO_INTERVAL)
+    return _through_map(chosen, value, std_error, (value - half, value + half))
+
+
+def _through_map(
+    chosen: InputMap, value: float, std_error: float, interval: tuple[float, float]
+) -> QuantityEstimate:
+    hover, (low, high) = chosen.inverse(value), interval
+    error = std_error / chosen.slope(hover) if chosen.slope(hover) > 0.0 else NAN
+    return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
 
 
 def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate], VerticalChecks]:

@@ -21,6 +21,7 @@ from eivor.flights.verdict import (
     VerdictInputs,
     direct_rule,
     disagreement_part,
+    end_of_grid_rule,
     flight_rules,
     half_hold_part,
     longest_lag_rule,
@@ -491,11 +492,6 @@ def _beyond(inputs: VerdictInputs, limit: float) -> bool:
     return abs(intercept.value) - intercept.half_width > limit
 
 
-def _at_end_of_delays(inputs: VerdictInputs) -> bool:
-    delay = inputs.strength.searched.get(DELAY.name)
-    return delay is not None and abs(delay.value) >= 0.999 * delay.highest
-
-
 #: A delay that is known less closely is not separated from the lag [s].
 DELAY_HALF_WIDTH_S = 0.02
 
@@ -635,15 +631,13 @@ RULES = (
         "Fly higher, or add --term ground-effect.",
     ),
     longest_lag_rule(_EVERYTHING, CHECK_STAMPS),
-    Rule(
+    end_of_grid_rule(
+        DELAY.name,
         _EVERYTHING,
-        _at_end_of_delays,
-        Status.WEAK,
-        lambda inputs: (
-            f"The delay ran into the top of its grid ({inputs.strength.searched[DELAY.name].highest:.1f} s)."
+        lambda highest, inputs: (
+            f"The delay ran into the top of its grid ({highest:.1f} s)."
             if ACTUATOR_LAG.name in inputs.strength.searched
-            else "The delay of the measured rotors ran into the end of its grid "
-            f"({inputs.strength.searched[DELAY.name].highest * 1e3:.0f} ms)."
+            else f"The delay of the measured rotors ran into the end of its grid ({highest * 1e3:.0f} ms)."
         ),
         lambda inputs: (
             CHECK_STAMPS
