@@ -344,10 +344,10 @@ class QuantityEstimate:
         return 0.5 * (self.interval[1] - self.interval[0])
 
     def times(self, factor: float) -> QuantityEstimate:
-        """Return a multiple of the number, by a factor above zero that is known."""
-        value, error, (low, high) = self.value, self.std_error, self.interval
-        interval = (factor * low, factor * high)
-        return replace(self, value=factor * value, std_error=factor * error, interval=interval)
+        """Return a multiple of the number, by a factor that is known."""
+        low, high = sorted(factor * end for end in self.interval)
+        error = abs(factor) * self.std_error
+        return replace(self, value=factor * self.value, std_error=error, interval=(low, high))
 
     def judged(self, found: Verdict, wording: QuantitySpec) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""

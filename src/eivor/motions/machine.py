@@ -125,14 +125,8 @@ class Derived:
         expression = parsed(self.of)
         steps = [step for step in expression.steps if step is not np.negative]
         if len(steps) == 3 and steps[2] is np.divide and isinstance(steps[1], str):
-            above, sign = steps[0], (-1.0) ** (len(expression.steps) - len(steps))
-            if isinstance(above, float):
-                return ratio_quantity(estimate, sign * above, steps[1], self.unit)
-            result = ratio_quantity(estimate, str(above), steps[1], self.unit)
-            if sign > 0.0:
-                return result
-            low, high = result.interval
-            return replace(result, value=-result.value, interval=(-high, -low))
+            sign = (-1.0) ** (len(expression.steps) - len(steps))
+            return ratio_quantity(estimate, steps[0], steps[1], self.unit).times(sign)
 
         def of_vector(values: Float[np.ndarray, " n"]) -> float:
             return float(expression.evaluate(dict(zip(estimate.names, values, strict=True))))
@@ -236,70 +230,6 @@ class _Simulated:
 def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> None:
     missing = [name for name in names if name not in given]
     checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
-
-
-def _simulated(
-    machine: Machine,
-    values: Mapping[str, float],
-    signals: Mapping[str, Any],
-    noise: Mapping[str, float],
-    disturbance: tuple[float, float],
-    shape: tuple[int, int],
-    step_s: float,
-    rng: np.random.Generator,
-) -> dict[str, np.ndarray]:
-    """Columns of a log, see `Machine.simulate`."""
-    _refuse_missing(
-        "values", [*(term.name for term in machine.terms), *(LAGS if machine.has_lag else ())], values
-    )
-    equations = [
-        _Simulated(
-            _by_order(parsed(axis.response[-1])),
-            tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
-            axis.response[:-1],
-        )
-        for axis in machine.axes
-    ]
-    lag_s, delay_s = (values[name] if machine.has_lag else 0.0 for name in LAGS)
-    longest_s = min(max(LONGEST_STEP_S, 0.1 * lag_s), 4.0 * LONGEST_STEP_S)
-    parts, (lasting_std, lasting_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
-    h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
-    lower = [e.solved[: -1 - n] for e in equations for n in range(e.solved.count("'"))]
-    state = {name: np.zeros(shape[1]) for name in lower}
-    given = [item.name for item in machine.logged if item.role != "response" and item.name not in state]
-    _refuse_missing("signals", given, signals)
-    late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
-    logged = {item.name: np.zeros(shape) for item in machine.logged}
-    push = np.zeros((len(equations), shape[1]))
-    queue: list[dict[str, np.ndarray]] = []
-    acting: dict[str, np.ndarray] = {}
-
-    def slopes(at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        known: dict[str, Any] = {**now, **at}
-        for number, item in enumerate(equations):
-            known[item.solved] = item.derivative(known, acting, push[number])
-        return known
-
-    for k in range(shape[0]):
-        drawn = {name: noise.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
-        measured = {name: state[name] + drawn[name] for name in state if name in logged}
-        made = {name: signals[name] for name in given}
-        now = {n: made[n](k * step_s, measured) if callable(made[n]) else made[n][k] for n in given}
-        now = {name: np.broadcast_to(np.asarray(value, np.float64), shape[1]) for name, value in now.items()}
-        for part in range(parts):
-            queue.append({item.name: now[item.name] for item in machine.logged if item.role == "input"})
-            driving = queue.pop(0) if len(queue) > late else queue[0]
-            acting = {n: value + decay * (acting.get(n, value) - value) for n, value in driving.items()}
-            push = kept * push + lasting_std * math.sqrt(1.0 - kept**2) * rng.standard_normal(push.shape)
-            first = slopes(state)
-            if not part:
-                answers = {n: e.response.evaluate(first) for e in equations for n in e.others}
-                for name, series in logged.items():
-                    series[k] = {**now, **state, **answers}[name] + drawn[name]
-            second = slopes({name: value + h * first[f"{name}'"] for name, value in state.items()})
-            state = {n: v + 0.5 * h * (first[f"{n}'"] + second[f"{n}'"]) for n, v in state.items()}
-    columns = {name: series[:, 0] if shape[1] == 1 else series for name, series in logged.items()}
-    return {"time": step_s * np.arange(shape[0]), **columns}
 
 
 # -- Machine --
@@ -440,8 +370,60 @@ class Machine(DeclaredMotion):
             When a number or a signal is missing, or an equation has no state whose derivative it determines.
         """
         values = parameters.parameters if isinstance(parameters, FlightEstimate) else dict(parameters)
-        shape, rng = (round(seconds / step_s), records), np.random.default_rng(seed)
-        return _simulated(self, values, signals, noise or {}, disturbance, shape, step_s, rng)
+        shape, rng, noises = (round(seconds / step_s), records), np.random.default_rng(seed), noise or {}
+        _refuse_missing(
+            "values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values
+        )
+        equations = [
+            _Simulated(
+                _by_order(parsed(axis.response[-1])),
+                tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
+                axis.response[:-1],
+            )
+            for axis in self.axes
+        ]
+        lag_s, delay_s = (values[name] if self.has_lag else 0.0 for name in LAGS)
+        longest_s = min(max(LONGEST_STEP_S, 0.1 * lag_s), 4.0 * LONGEST_STEP_S)
+        parts, (lasting_std, lasting_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
+        h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
+        lower = [e.solved[: -1 - n] for e in equations for n in range(e.solved.count("'"))]
+        state = {name: np.zeros(shape[1]) for name in lower}
+        given = [item.name for item in self.logged if item.role != "response" and item.name not in state]
+        _refuse_missing("signals", given, signals)
+        late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
+        logged = {item.name: np.zeros(shape) for item in self.logged}
+        push = np.zeros((len(equations), shape[1]))
+        queue: list[dict[str, np.ndarray]] = []
+        acting: dict[str, np.ndarray] = {}
+
+        def slopes(at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            known: dict[str, Any] = {**now, **at}
+            for number, item in enumerate(equations):
+                known[item.solved] = item.derivative(known, acting, push[number])
+            return known
+
+        for k in range(shape[0]):
+            drawn = {name: noises.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
+            measured = {name: state[name] + drawn[name] for name in state if name in logged}
+            made = {name: signals[name] for name in given}
+            now = {n: made[n](k * step_s, measured) if callable(made[n]) else made[n][k] for n in given}
+            now = {
+                name: np.broadcast_to(np.asarray(value, np.float64), shape[1]) for name, value in now.items()
+            }
+            for part in range(parts):
+                queue.append({item.name: now[item.name] for item in self.logged if item.role == "input"})
+                driving = queue.pop(0) if len(queue) > late else queue[0]
+                acting = {n: value + decay * (acting.get(n, value) - value) for n, value in driving.items()}
+                push = kept * push + lasting_std * math.sqrt(1.0 - kept**2) * rng.standard_normal(push.shape)
+                first = slopes(state)
+                if not part:
+                    answers = {n: e.response.evaluate(first) for e in equations for n in e.others}
+                    for name, series in logged.items():
+                        series[k] = {**now, **state, **answers}[name] + drawn[name]
+                second = slopes({name: value + h * first[f"{name}'"] for name, value in state.items()})
+                state = {n: v + 0.5 * h * (first[f"{n}'"] + second[f"{n}'"]) for n, v in state.items()}
+        columns = {name: series[:, 0] if shape[1] == 1 else series for name, series in logged.items()}
+        return {"time": step_s * np.arange(shape[0]), **columns}
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """States, responses and commands, with the noise that is declared."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from eivor.errors import ShapeError, UsageError
+from eivor.errors import UsageError
 from eivor.signals.channels import unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
@@ -254,21 +255,16 @@ class FlightTruth:
     input_gain: float  # [m/s^2 per unit of the mean mapped rotor state]
     hover_input: float  # Rotor state at hover
 
-    def __post_init__(self) -> None:
-        arrays = (self.time_s, self.specific_force_z, self.air_velocity_z, self.rotor_state, self.cos_tilt)
-        counts = [array.shape[0] for array in arrays]
-        if len(set(counts)) != 1 or self.rotor_state.ndim != 2:
-            expected = "arrays with one row for each stamp, the rotor state with one column for each rotor"
-            received = f"rows {counts} and a rotor state of shape {self.rotor_state.shape}"
-            raise ShapeError(expected, received, "Put every array of the truth on the log's grid.")
+
+Truth = TypeVar("Truth")
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedFlight:
+class SimulatedFlight(Generic[Truth]):
     """A recording as a log would hold it, and the truth behind it."""
 
     recording: Recording  # Noisy channels, frame z up
-    truth: FlightTruth  # Noise-free arrays on the recording's grid, and nominal parameters
+    truth: Truth  # What is free of noise, and nominal parameters
     flew: bool  # False when the vehicle was lost; recording and truth then end where it was
 
 

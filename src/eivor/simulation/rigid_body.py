@@ -36,11 +36,11 @@ from eivor.simulation.controller import (
     Sensor,
     control_effectiveness,
     gains_of,
-    gains_side_by_side,
     low_pass,
     mixer_of,
     mixers_side_by_side,
 )
+from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.rigid_body_spec import (
     RigidBodyFlightSpec,
     Stepper,
@@ -208,7 +208,7 @@ def _together(
     line = DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover])
     stepper = runge_kutta(side_by_side(vehicles), step_s)
     body, mixer = np.stack([_start(item) for item in met], axis=1), mixers_side_by_side(vehicles)
-    together = gains_side_by_side(gains)
+    together = stacked(gains)
     return _collected(_Loop(specs, read, senses, together, mixer, line, stepper, body, [hover]))
 
 
@@ -357,13 +357,7 @@ class RigidBodyTruth:
     control_effectiveness: tuple[float, float, float]  # [rad/s^2]
 
 
-@dataclass(frozen=True, slots=True)
-class RigidBodyFlight:
-    """A flight as its log has it, and as it was."""
-
-    recording: Recording
-    truth: RigidBodyTruth
-    flew: bool  # False when the vehicle was lost
+RigidBodyFlight: TypeAlias = SimulatedFlight[RigidBodyTruth]
 
 
 def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterator[RigidBodyFlight]:
@@ -397,4 +391,4 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopReco
     cosine = 1.0 - 2.0 * (body[:, 7] ** 2 + body[:, 8] ** 2)
     away = np.abs(body[:, 2] - met.height[:, 0])
     flew = bool(away.max() < LOST_M and cosine.min() > LOST_COSINE)
-    return RigidBodyFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)
+    return SimulatedFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)

@@ -259,7 +259,7 @@ LOST_M = 5.0
 SIMULATOR = "vertical"
 
 
-def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
+def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight[FlightTruth]]:
     """Fly each specification and give its log and its truth, in order."""
     if len({spec.count for spec in specs}) > 1:
         durations = sorted({spec.duration for spec in specs})
@@ -301,7 +301,7 @@ def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequenc
     return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 
-def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
+def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight[FlightTruth]]:
     each, tilts = zip(*map(_surroundings, specs), strict=True)
     environment = _together(VerticalEnvironment, each, VerticalEnvironment.__slots__)
     motion = simulate_vertical(

@@ -19,12 +19,12 @@ from eivor.motions.rigid_body.dynamics import (
     POSITION,
     VELOCITY,
     continuous,
-    into_body,
+    felt,
     rotation,
     vector_part,
 )
 from eivor.signals.filters import time_derivative
-from eivor.signals.recording import GRAVITY, Channel, Recording
+from eivor.signals.recording import Channel, Recording
 from eivor.tools import Bool, Complex, Float
 
 RATES, FORCES = (
@@ -193,9 +193,7 @@ def _comparison(
     size = np.sqrt((attitude**2).sum(axis=0))
     attitude = attitude / np.where(size > 0.0, size, 1.0)
     if len(others):
-        change = np.stack([time_derivative(axis, grid.step_s) for axis in others])
-        change[2] += GRAVITY
-        derived = np.stack(into_body(rotation(*attitude), *change))
+        derived = felt(rotation(*attitude), others, grid.step_s)
     else:
         change = np.stack([time_derivative(part, grid.step_s) for part in attitude])
         derived = 2.0 * vector_part(attitude, change)

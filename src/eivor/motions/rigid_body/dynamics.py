@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.filters import time_derivative
 from eivor.tools import Float
 
 #: A number of one flight, or those of several, or of several samples.
@@ -82,21 +83,16 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     if len(counts) != 1:
         raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
     each = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
-    parts = {name: stacked([getattr(item, name) for item in each]) for name in _STACKED}
     # (rotors, 4, flights): of every rotor position and spin
     positions = np.array([item.places for item in each]).transpose(1, 2, 0)
     x, y, z, spin = (np.ascontiguousarray(positions[:, part]) for part in range(4))
     return replace(
-        each[0], places=((x, y, z, spin),), gyroscopic=any(item.gyroscopic for item in each), **parts
+        stacked(each),
+        rotors=counts[0],
+        gyroscopic=any(item.gyroscopic for item in each),
+        weight_acceleration=gravity,
+        places=((x, y, z, spin),),
     )
-
-
-#: What differs from vehicle to vehicle, but for the places.
-_STACKED = tuple(
-    name
-    for name in Coefficients.__slots__
-    if name not in {"rotors", "gyroscopic", "weight_acceleration", "places"}
-)
 
 
 def elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
@@ -105,7 +101,12 @@ def elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
 
 
 def stacked(values: Sequence[Any]) -> Any:
-    """Tuples element by element, numbers as an array."""
+    """Dataclasses field by field, tuples element by element, numbers as an array."""
+    if is_dataclass(values[0]):
+        made = {
+            item.name: stacked([getattr(value, item.name) for value in values]) for item in fields(values[0])
+        }
+        return replace(values[0], **made)
     if isinstance(values[0], tuple):
         return tuple(stacked(parts) for parts in zip(*values, strict=True))
     return np.array(values, dtype=np.float64)
@@ -282,6 +283,14 @@ def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value)
     """Vector of the world on the body's axes."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+
+def felt(
+    rows: tuple[Triple, Triple, Triple], velocity: Sequence[Float[np.ndarray, " n"]], step_s: float
+) -> Float[np.ndarray, "3 n"]:
+    """What an accelerometer reads on the body's axes where the velocity in the world changes as it does."""
+    x, y, z = (time_derivative(axis, step_s) for axis in velocity)
+    return np.stack(into_body(rows, x, y, z + GRAVITY))
 
 
 def wrench(

@@ -31,6 +31,7 @@ from eivor.motions.rigid_body.dynamics import (
     POSITION,
     VELOCITY,
     Triple,
+    felt,
     into_body,
     rotation,
 )
@@ -204,10 +205,10 @@ class StatePropagator:
         """What the rotors do to each axis over each step, with the trims of the runs."""
         flight, body = self.logged.flight, self.logged.body
         rows, step_s = rotation(*body[6:10]), flight.signals.step_s
-        change = np.stack([time_derivative(entry, step_s) for entry in (*body[10:13], *body[3:6])])
+        change = [time_derivative(entry, step_s) for entry in body[10:13]]
         if self.logged.moves:
-            change[3:] = into_body(rows, change[3], change[4], change[5] + GRAVITY)
-        trims = [trim(flight, axis) for axis in (change if self.logged.moves else change[:3])]
+            change.extend(felt(rows, body[3:6], step_s))
+        trims = [trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
         for node, rotors in enumerate(self._rotors):

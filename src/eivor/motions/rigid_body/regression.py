@@ -31,7 +31,7 @@ from eivor.models.separable import (
 )
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
-from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, into_body, rotation
+from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Triple, felt, into_body, rotation
 from eivor.motions.rigid_body.terms import (
     ALL_DRAG_MOMENTS,
     ALONG,
@@ -72,19 +72,21 @@ def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise."""
     if not set(NEEDED) <= set(signals.channels):
         return None
-    forward, left, up = (
-        time_derivative(signals.channel(f"velocity_{axis}"), signals.step_s) for axis in "xyz"
-    )
-    return on_body_axes(signals, forward, left, up + GRAVITY)
+    velocity = [signals.channel(f"velocity_{axis}") for axis in "xyz"]
+    return felt(_rows(signals), velocity, signals.step_s).T
 
 
 def on_body_axes(
     signals: Signals, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
     """A vector of the world, turned into the body's axes."""
-    w, x, y, z = (signals.channel(f"attitude_{part}") for part in "wxyz")
-    w = np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0)
-    return np.column_stack(into_body(rotation(w, x, y, z), u, v, s))
+    return np.column_stack(into_body(_rows(signals), u, v, s))
+
+
+def _rows(signals: Signals) -> tuple[Triple, Triple, Triple]:
+    """Rotation of the attitude, and none where it has no length."""
+    w, x, y, z = (signals.channel(part) for part in ATTITUDE)
+    return rotation(np.where(w * w + x * x + y * y + z * z > 0.0, w, 1.0), x, y, z)
 
 
 FORCE = "specific_force_body_z"
