@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -260,7 +260,7 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
     # (rotors, 4, flights)
     shares = np.array([item.shares for item in each]).transpose(1, 2, 0)
     up, left, down, around = (np.ascontiguousarray(shares[:, part]) for part in range(4))
-    return replace(stacked(each), shares=((up, left, down, around),))
+    return stacked(each, shares=((up, left, down, around),))
 
 
 # -- Delay line --

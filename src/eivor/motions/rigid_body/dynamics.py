@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -86,8 +86,8 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     # (rotors, 4, flights): of every rotor position and spin
     positions = np.array([item.places for item in each]).transpose(1, 2, 0)
     x, y, z, spin = (np.ascontiguousarray(positions[:, part]) for part in range(4))
-    return replace(
-        stacked(each),
+    return stacked(
+        each,
         rotors=counts[0],
         gyroscopic=any(item.gyroscopic for item in each),
         weight_acceleration=gravity,
@@ -100,13 +100,12 @@ def elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
     return tuple(float(matrix[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def stacked(values: Sequence[Any]) -> Any:
-    """Dataclasses field by field, tuples element by element, numbers as an array."""
+def stacked(values: Sequence[Any], **given: Any) -> Any:
+    """Dataclasses field by field but for those that are given, tuples by element, numbers as an array."""
     if is_dataclass(values[0]):
-        made = {
-            item.name: stacked([getattr(value, item.name) for value in values]) for item in fields(values[0])
-        }
-        return replace(values[0], **made)
+        names = [item.name for item in fields(values[0]) if item.name not in given]
+        made = {name: stacked([getattr(value, name) for value in values]) for name in names}
+        return type(values[0])(**made, **given)
     if isinstance(values[0], tuple):
         return tuple(stacked(parts) for parts in zip(*values, strict=True))
     return np.array(values, dtype=np.float64)

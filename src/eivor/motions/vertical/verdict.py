@@ -210,6 +210,14 @@ def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     return size_s * sensitivity
 
 
+def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float] | float:
+    """What an offset between the sensors does: of the lag to one side, unless it was taken out."""
+    size = _size(inputs, OFFSET.name)
+    if name not in SEARCHED:
+        return _by_offset(inputs, name, size)
+    return size, size if inputs.corrected(OFFSET.name) else 0.0
+
+
 def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
     """What the clocks of command and motion are apart by, and what is not known of it [s]."""
     apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(
@@ -246,16 +254,18 @@ def _unless_given(size: Callable[[VerdictInputs], float]) -> Callable[[VerdictIn
     return of
 
 
-def _shift_parts(
+def _shift_part(
     size: Callable[[VerdictInputs], float], words: Callable[[VerdictInputs], str]
-) -> tuple[SystematicPart, SystematicPart]:
-    """Rows of commands that come later: the lag takes it up, unless it is given, and else the others do."""
-    of_others = (FRICTION, GAIN)
-    return (
-        SystematicPart(SEARCHED, Counts.ADDED, _unless_given(size), words),
-        SystematicPart(
-            of_others, Counts.ADDED, lambda inputs, name: _by_offset(inputs, name, size(inputs)), words
+) -> SystematicPart:
+    """Row of commands that come later: the lag takes it up, unless it is given, and else the others do."""
+    of_lag = _unless_given(size)
+    return SystematicPart(
+        MOVING,
+        Counts.ADDED,
+        lambda inputs, name: (
+            of_lag(inputs, name) if name in SEARCHED else _by_offset(inputs, name, size(inputs))
         ),
+        words,
     )
 
 
@@ -286,13 +296,11 @@ def _secant_sentence(inputs: VerdictInputs) -> str:
     )
 
 
-def _supply(share: float) -> Callable[[VerdictInputs, str], float]:
-    def size(inputs: VerdictInputs, name: str) -> float:
-        # the line in time is the same change of the hover input, and known closer
-        known = name == HOVER and inputs.checks.drift is not None
-        return 0.0 if known else _by_share(inputs, name, share * inputs.checks.omitted.supply_change)
-
-    return size
+def _supply(inputs: VerdictInputs, name: str) -> float:
+    # the line in time is the same change of the hover input, and known closer
+    if name == HOVER and inputs.checks.drift is not None:
+        return 0.0
+    return _by_share(inputs, name, (0.5 if name == GAIN else 0.25) * inputs.checks.omitted.supply_change)
 
 
 def _drift(inputs: VerdictInputs, name: str) -> float:
@@ -341,25 +349,11 @@ PARTS = (
         _unknown_tilt,
         "The tilt between attitude and accelerometer is not known better: sideways motion enters.",
     ),
-    SystematicPart(
-        (FRICTION, GAIN),
-        Counts.ADDED,
-        lambda inputs, name: _by_offset(inputs, name, _size(inputs, OFFSET.name)),
-        _sensor_sentence(OFFSET.name),
-    ),
-    SystematicPart(
-        SEARCHED,
-        Counts.ADDED,
-        lambda inputs, _: (
-            _size(inputs, OFFSET.name),
-            _size(inputs, OFFSET.name) if inputs.corrected(OFFSET.name) else 0.0,
-        ),
-        _sensor_sentence(OFFSET.name),
-    ),
+    SystematicPart(MOVING, Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
-    *_shift_parts(lambda inputs: _clocks_apart_s(inputs)[0], _drift_sentence),
-    *_shift_parts(lambda inputs: inputs.checks.omitted.slewed_s, _slew_sentence),
+    _shift_part(lambda inputs: _clocks_apart_s(inputs)[0], _drift_sentence),
+    _shift_part(lambda inputs: inputs.checks.omitted.slewed_s, _slew_sentence),
     SystematicPart(
         SEARCHED,
         Counts.INDEPENDENT,
@@ -391,9 +385,8 @@ PARTS = (
             "thrust in air that crosses them."
         ),
     ),
-    SystematicPart((GAIN,), Counts.ADDED, _supply(0.5), lambda inputs: inputs.checks.omitted.supply_sentence),
     SystematicPart(
-        (HOVER,), Counts.ADDED, _supply(0.25), lambda inputs: inputs.checks.omitted.supply_sentence
+        (GAIN, HOVER), Counts.ADDED, _supply, lambda inputs: inputs.checks.omitted.supply_sentence
     ),
     SystematicPart(
         (HOVER,),
