@@ -285,7 +285,7 @@ def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value)
 
 
 def felt(
-    rows: tuple[Triple, Triple, Triple], velocity: Sequence[Float[np.ndarray, " n"]], step_s: float
+    rows: tuple[Triple, Triple, Triple], velocity: Float[np.ndarray, "3 n"], step_s: float
 ) -> Float[np.ndarray, "3 n"]:
     """What an accelerometer reads on the body's axes where the velocity in the world changes as it does."""
     x, y, z = (time_derivative(axis, step_s) for axis in velocity)

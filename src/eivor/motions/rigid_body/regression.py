@@ -72,7 +72,7 @@ def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise."""
     if not set(NEEDED) <= set(signals.channels):
         return None
-    velocity = [signals.channel(f"velocity_{axis}") for axis in "xyz"]
+    velocity = np.stack([signals.channel(f"velocity_{axis}") for axis in "xyz"])
     return felt(_rows(signals), velocity, signals.step_s).T
 
 
