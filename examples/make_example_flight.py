@@ -20,7 +20,7 @@ import polars as pl
 
 from eivor.logs.table.columnar import METADATA_KEY
 from eivor.signals.recording import CONTROLLER_RATE
-from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 
 SPEC = RotorpyFlightSpec(
@@ -55,7 +55,7 @@ KEPT = {
 }
 
 
-def table(flight: SimulatedFlight) -> pl.DataFrame:
+def table(flight: SimulatedFlight[FlightTruth]) -> pl.DataFrame:
     """One column for each channel under its canonical name, rounded to its resolution, and `time` [s]."""
     columns = {"time": flight.truth.time_s}
     for name, channel in sorted(flight.recording.channels.items()):
@@ -64,7 +64,7 @@ def table(flight: SimulatedFlight) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def truth_record(flight: SimulatedFlight) -> dict[str, object]:
+def truth_record(flight: SimulatedFlight[FlightTruth]) -> dict[str, object]:
     """Return what is true of the flight, for the file beside the table."""
     truth = flight.truth
     return {

@@ -256,7 +256,7 @@ class RotorpyFlightSpec:
 
 def simulate_rotorpy_flight(
     spec: RotorpyFlightSpec, reference: Trajectory | None = None, vertical_gains: float = 1.0
-) -> SimulatedFlight:
+) -> SimulatedFlight[FlightTruth]:
     """Fly one closed loop of RotorPy and return its log and its truth."""
     shape, air, sensors = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(3)

@@ -193,7 +193,7 @@ def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
     )
 
 
-def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
+def judged(case: FlightCase, flight: SimulatedFlight[FlightTruth]) -> FlightTrial:
     """Run the recipe and the controls on a flight and put the truth beside them."""
     nothing = {name: dict.fromkeys(scored, NOTHING) for name, scored in ESTIMATORS.items()}
     if not flight.flew:

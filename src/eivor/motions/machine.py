@@ -405,7 +405,7 @@ class Machine(DeclaredMotion):
         for k in range(shape[0]):
             drawn = {name: noises.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
             measured = {name: state[name] + drawn[name] for name in state if name in logged}
-            made = {name: signals[name] for name in given}
+            made: dict[str, Any] = {name: signals[name] for name in given}
             now = {n: made[n](k * step_s, measured) if callable(made[n]) else made[n][k] for n in given}
             now = {
                 name: np.broadcast_to(np.asarray(value, np.float64), shape[1]) for name, value in now.items()
