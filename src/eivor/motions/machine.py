@@ -124,7 +124,12 @@ class Derived:
         """Value and interval: by Fieller's method for a ratio, else by a profile."""
         expression = parsed(self.of)
         steps = [step for step in expression.steps if step is not np.negative]
-        if len(steps) == 3 and steps[2] is np.divide and isinstance(steps[1], str):
+        if (
+            len(steps) == 3
+            and steps[2] is np.divide
+            and isinstance(steps[0], str | float)
+            and isinstance(steps[1], str)
+        ):
             sign = (-1.0) ** (len(expression.steps) - len(steps))
             return ratio_quantity(estimate, steps[0], steps[1], self.unit).times(sign)
 

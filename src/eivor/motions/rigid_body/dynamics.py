@@ -105,7 +105,8 @@ def stacked(values: Sequence[Any], **given: Any) -> Any:
     if is_dataclass(values[0]):
         names = [item.name for item in fields(values[0]) if item.name not in given]
         made = {name: stacked([getattr(value, name) for value in values]) for name in names}
-        return type(values[0])(**made, **given)
+        kind: Any = type(values[0])
+        return kind(**made, **given)
     if isinstance(values[0], tuple):
         return tuple(stacked(parts) for parts in zip(*values, strict=True))
     return np.array(values, dtype=np.float64)
