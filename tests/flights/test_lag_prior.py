@@ -281,7 +281,7 @@ def answering(log: Recording) -> Recording:
     [
         lambda log: every(log, "angular_rate", 3),
         lambda log: every(log, "torque_setpoint", 2),
-        lambda log: changed(log, "torque_setpoint_x"),
+        lambda log: changed(log, *(name for name in log.channels if name.startswith("torque_setpoint"))),
         answering,
     ],
 )

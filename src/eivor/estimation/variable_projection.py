@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -153,11 +153,13 @@ def minimised(
         starts = [points[number] for number in lowest]
         if begun is not None and len(unknown) > 1 and trial(begun).objective <= objective.min():
             starts = [begun]
-        tried = (_refined(trial, item, unknown, grids, coarse, costly) for item in starts)
+        unit_of_grid = abs(float(objective.min()))
+        search = partial(bounded_search, trial, unknown=unknown, unit=unit_of_grid, costly=costly)
+        tried = (_refined(trial, item, unknown, grids, coarse, search) for item in starts)
         best = min(tried, key=lambda item: item.objective)
         if len(unknown) > 1 and not coarse:
             steps = np.array([COARSE * nuisance.tolerance for nuisance in unknown])
-            best = bounded_search(trial, best, unknown, steps, 1.0, costly)
+            best = search(best, steps=steps, tolerance=1.0)
         return best, objective
 
     begun = None if start is None else tuple(start[name] for name in names)
@@ -185,13 +187,13 @@ def _refined(
     unknown: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
     coarse: bool,
-    costly: bool,
+    search: Callable[..., Trial],
 ) -> Trial:
     if not unknown:
         return trial(start)
     if len(unknown) > 1:
         steps = np.array([_step(grid, value) for grid, value in zip(grids, start, strict=True)])
-        return bounded_search(trial, trial(start), unknown, steps, COARSE, costly)
+        return search(trial(start), steps=steps, tolerance=COARSE)
     (nuisance,), (grid,), (value,) = unknown, grids, start
     position = int(np.searchsorted(grid, value))
     bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
@@ -245,12 +247,17 @@ def between(
 def bounded_search(
     trial: Callable[[Point], Trial],
     best: Trial,
+    *,
     unknown: tuple[Nuisance, ...],
     steps: Float[np.ndarray, " q"],
     tolerance: float,
+    unit: float,
     costly: bool,
 ) -> Trial:
-    """Least trial of several nuisances within their grids, from a good one; never worse than that."""
+    """Least trial of several nuisances within their grids, from a good one; never worse than that.
+
+    Gains are small as shares of a `unit`: the objective is zero where equations can be met exactly.
+    """
     # no derivatives, since the objective has a kink where a delay is a whole sample
     from scipy.optimize import Bounds, OptimizeResult, minimize
 
@@ -273,7 +280,7 @@ def bounded_search(
                 to_sums[names.index(nuisance.part_of), number] = 1.0
         to_values, first = np.linalg.inv(to_sums), to_sums @ np.array(best.point)
         simplex = np.vstack([first, first + np.diag(steps)]) / units
-        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * abs(best.objective), "maxfev": most}
+        limits = {"xatol": 1.0, "fatol": tolerance * LEAST_GAIN * unit, "maxfev": most}
         options = {"initial_simplex": simplex, **limits}
         return minimize(
             lambda sums: left_at(to_values @ (sums * units)),
@@ -283,7 +290,7 @@ def bounded_search(
         )
 
     def by_quadratic_models() -> OptimizeResult:
-        sizes, scale = np.abs(steps), abs(best.objective) or 1.0
+        sizes, scale = np.abs(steps), unit or 1.0
         ends = float(min(0.1 * (units / sizes).min(), 1.0))
         return minimize(
             lambda position: left_at(position * sizes) / scale,

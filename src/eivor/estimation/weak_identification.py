@@ -136,8 +136,11 @@ class ErrorAssumption(ABC):
 class AutocorrelatedErrors(ErrorAssumption):
     """Errors may be autocorrelated and heteroskedastic.
 
-    By default there are 0.4 rows^(2/3) cosine averages, and two for each equation at least. Fewer allow for
-    slower errors and make wider sets.
+    Parameters
+    ----------
+    averages : int, optional
+        Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
+        for slower errors and make wider sets.
     """
 
     averages: int | None = None
@@ -225,12 +228,24 @@ class _ConfidenceSets(ABC):
 
 @dataclass(frozen=True)
 class AndersonRubinSet(_ConfidenceSets):
-    """Confidence sets by inversion of the Anderson-Rubin test."""
+    """Confidence sets by inversion of the Anderson-Rubin test.
 
-    parameters: tuple[Parameter, ...]  # All parameters of the problem
-    level: float  # Confidence level
-    errors: ErrorAssumption  # What is supposed of the errors
-    rows: MomentRows = field(repr=False)  # The equations
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        All parameters of the problem.
+    level : float
+        Confidence level.
+    errors : ErrorAssumption
+        What is supposed of the errors.
+    rows : MomentRows
+        The equations.
+    """
+
+    parameters: tuple[Parameter, ...]
+    level: float
+    errors: ErrorAssumption
+    rows: MomentRows = field(repr=False)
     kind: ClassVar[str] = "Anderson-Rubin"
 
     @cached_property
@@ -273,12 +288,24 @@ class AndersonRubinSet(_ConfidenceSets):
 
 @dataclass(frozen=True)
 class SignPerturbedSet(_ConfidenceSets):
-    """Confidence sets by sign perturbation."""
+    """Confidence sets by sign perturbation.
 
-    parameters: tuple[Parameter, ...]  # All parameters of the problem
-    level: float  # Exact coverage of `region`
-    sums: int  # Number of sums that are ranked
-    region: ConfidenceRegion = field(repr=False)  # Of all parameters; its membership is exact
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        All parameters of the problem.
+    level : float
+        Exact coverage of `region`.
+    sums : int
+        Number of sums that are ranked.
+    region : ConfidenceRegion
+        Joint region of all parameters; its membership is exact.
+    """
+
+    parameters: tuple[Parameter, ...]
+    level: float
+    sums: int
+    region: ConfidenceRegion = field(repr=False)
     kind: ClassVar[str] = "sign-perturbed sums"
     assumptions: ClassVar[str] = (
         "Errors are symmetric about zero and independent in time, and the instruments are independent of "

@@ -20,7 +20,13 @@ ROOT_BITS = 80
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceSet:
-    """Union of disjoint closed intervals of the real line; no interval is the empty set.
+    """Union of disjoint closed intervals of the real line.
+
+    Parameters
+    ----------
+    intervals : tuple of (float, float)
+        Lower and upper end of each piece, in ascending order and apart from each other; -inf and inf are
+        allowed as outermost ends. No piece is the empty set.
 
     Raises
     ------
@@ -28,7 +34,6 @@ class ConfidenceSet:
         When an end is NaN, or the pieces are not in order.
     """
 
-    #: Lower and upper end of each piece, in ascending order and apart; outermost ends may be -inf and inf
     intervals: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:

@@ -78,11 +78,21 @@ class RegionFrame:
 
 @dataclass(frozen=True)
 class ConfidenceRegion:
-    """A joint confidence region."""
+    """A joint confidence region.
 
-    names: tuple[str, ...]  # Parameters, in order
-    frame: RegionFrame  # Origin and units of `shape`
-    shape: RegionShape  # What belongs to the region
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters, in order.
+    frame : RegionFrame
+        Origin and units of `shape`.
+    shape : RegionShape
+        What belongs to the region.
+    """
+
+    names: tuple[str, ...]
+    frame: RegionFrame
+    shape: RegionShape
 
     def excess(self, theta: ArrayLike) -> float:
         """Statistic over its critical value: at most one for a member; refuses other shapes than (n,)."""
@@ -272,7 +282,18 @@ FULL_CORRELATION = 1.0 - 1e-15
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Confidence ellipse of a pair of estimates, each in its own unit.
+    """Confidence ellipse of a pair.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (2,)
+        The pair's estimates, each in its own unit.
+    covariance : ndarray, shape (2, 2)
+        Their covariance.
+    level : float
+        Confidence level.
+    degrees : float
+        Degrees of freedom of the covariance; infinite for a known one.
 
     Raises
     ------
@@ -283,10 +304,10 @@ class Ellipse:
         of freedom.
     """
 
-    centre: Float[np.ndarray, " pair"]  # The estimates
+    centre: Float[np.ndarray, " pair"]
     covariance: Float[np.ndarray, "pair pair"]
-    level: float = 0.95  # Confidence level
-    degrees: float = math.inf  # Degrees of freedom of the covariance; infinite for a known one
+    level: float = 0.95
+    degrees: float = math.inf
 
     def __post_init__(self) -> None:
         if self.centre.shape != (2,) or self.covariance.shape != (2, 2):

@@ -239,7 +239,24 @@ class LinearProblem(ABC):
 
 @dataclass(frozen=True)
 class Regression(LinearProblem):
-    """Response, regressors and instruments, row by row; `eivor.regression` makes one of plain arrays.
+    """Response, regressors and instruments, row by row.
+
+    Parameters
+    ----------
+    response : ndarray, shape (rows,)
+        y.
+    regressors : ndarray, shape (rows, n)
+        Phi.
+    instruments : ndarray, shape (rows, p)
+        Psi; zero columns when there are none.
+    parameters : tuple of Parameter
+        One for each column of Phi.
+    layout : RowLayout
+        What the rows are. Default: samples of one flight.
+    regressor_noise : ndarray, shape (n + 1, n + 1), optional
+        Covariance of the measurement noises of [Phi y].
+    instrument_noise : ndarray, shape (p, n + 1), optional
+        Covariance of the noises of Psi with those of [Phi y].
 
     Raises
     ------
@@ -250,12 +267,11 @@ class Regression(LinearProblem):
         When two parameters have one name, or an argument is of another type.
     """
 
-    response: Float[np.ndarray, " rows"]  # y
-    regressors: Float[np.ndarray, "rows n"]  # Phi
-    instruments: Float[np.ndarray, "rows p"]  # Psi; zero columns when there are none
-    parameters: tuple[Parameter, ...]  # One for each column of Phi
-    layout: RowLayout = ONE_FLIGHT  # What the rows are. Default: samples of one flight
-    #: Covariance of the measurement noises of [Phi y], and of those of Psi with them
+    response: Float[np.ndarray, " rows"]
+    regressors: Float[np.ndarray, "rows n"]
+    instruments: Float[np.ndarray, "rows p"]
+    parameters: tuple[Parameter, ...]
+    layout: RowLayout = ONE_FLIGHT
     regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
     instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 

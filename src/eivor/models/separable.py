@@ -123,7 +123,14 @@ class Prior:
     Parameters
     ----------
     mean, std : float
-        Finite value, and its standard error above zero, in the nuisance's unit.
+        Value and standard error, in the nuisance's unit.
+
+    Raises
+    ------
+    ParameterError
+        When the standard error is not positive, or a number is not finite.
+    UsageError
+        When one of them is no number.
     """
 
     mean: float
@@ -148,7 +155,14 @@ class Bounds:
     Parameters
     ----------
     low, high : float
-        Least and largest value, finite, in the nuisance's unit; one value twice when it is known.
+        Least and largest value, in the nuisance's unit; one value twice when it is known.
+
+    Raises
+    ------
+    ParameterError
+        When the least is above the largest, or one is not finite.
+    UsageError
+        When one of them is no number.
     """
 
     low: float

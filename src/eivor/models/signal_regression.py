@@ -160,13 +160,24 @@ class SignalModel(ABC):
 
 @dataclass(frozen=True)
 class SignalRegression(LinearProblem):
-    """Rows of an equation in signals, with instruments or without.
+    """Rows of an equation in signals.
 
+    Parameters
+    ----------
+    signals : Signals
+        Where the columns come from.
+    equation : Equation
+        Response and regressors.
+    instrument_columns : tuple of Column
+        Instruments; may be empty.
+
+    Notes
+    -----
     Rows start at the largest lag of any column, and leave out samples whose history is not valid.
     """
 
-    signals: Signals  # Where the columns come from
-    equation: Equation  # Response and regressors
+    signals: Signals
+    equation: Equation
     instrument_columns: tuple[Column, ...] = ()
     parameters: tuple[Parameter, ...] = field(init=False)
 

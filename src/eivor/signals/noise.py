@@ -175,7 +175,14 @@ class WhiteNoise(UncorrelatedNoise):
 
 @dataclass(frozen=True, slots=True)
 class FractionalNoise(MeasurementNoise):
-    """Delta^order of white noise, started at zero with the record."""
+    """Delta^order of white noise, started at zero with the record.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square; or the order lies outside
+        that range.
+    """
 
     std: float  # Standard deviation of the white noise before the operator, in the channel's unit
     order: float  # Exponent of Delta, from -1 (a random walk) over -0.5 (long memory) to 0.5
@@ -203,7 +210,15 @@ class FractionalNoise(MeasurementNoise):
 
 @dataclass(frozen=True, slots=True)
 class AutoregressiveNoise(MeasurementNoise):
-    """x(k) = coefficient x(k-1) + e(k), started at zero with the record."""
+    """x(k) = coefficient x(k-1) + e(k), started at zero with the record.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    ParameterError
+        When the coefficient lies outside its range.
+    """
 
     std: float  # Standard deviation that x settles to, in the channel's unit
     coefficient: float  # Between -1 and 1, both left out
@@ -242,7 +257,15 @@ class AutoregressiveNoise(MeasurementNoise):
 
 @dataclass(frozen=True, slots=True)
 class HeavyTailedNoise(UncorrelatedNoise):
-    """Uncorrelated noise with the tails of Student's t."""
+    """Uncorrelated noise with the tails of Student's t.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    ParameterError
+        When there are too few degrees of freedom.
+    """
 
     std: float  # Standard deviation, in the channel's unit
     degrees: float = 3.0  # Degrees of freedom, more than two: with fewer there is no standard deviation
