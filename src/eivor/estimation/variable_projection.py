@@ -125,8 +125,8 @@ def minimised(
 ) -> Minimum:
     """Minimise the objective over all nuisances; where `coarse` to make weights only.
 
-    Where a trial is `costly` a quadratic model saves trials. A `start` that is better than the whole grid
-    is where the search begins.
+    Where a trial is `costly` a quadratic model saves trials. A search begins at a `start` that is better
+    than the whole grid as well, and in place of what is near to it.
     """
     unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
     names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
@@ -152,7 +152,8 @@ def minimised(
         lowest = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
         starts = [points[number] for number in lowest]
         if begun is not None and len(unknown) > 1 and trial(begun).objective <= objective.min():
-            starts = [begun]
+            elsewhere = [] if coarse else [item for item in starts if _apart(item, begun, grids)]
+            starts = [begun, *elsewhere]
         unit_of_grid = abs(float(objective.min()))
         search = partial(bounded_search, trial, unknown=unknown, unit=unit_of_grid, costly=costly)
         tried = (_refined(trial, item, unknown, grids, coarse, search) for item in starts)
@@ -179,6 +180,12 @@ def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3,) * table.ndim)
     lowest = np.flatnonzero(table <= windows.reshape(*table.shape, -1).min(axis=-1))
     return lowest[np.argsort(table.ravel()[lowest], kind="stable")][:count].tolist()
+
+
+def _apart(point: Point, other: Point, grids: list[Float[np.ndarray, " _"]]) -> bool:
+    """Whether two points are more than a step of a grid from one another."""
+    pairs = zip(grids, point, other, strict=True)
+    return any(abs(int(np.searchsorted(grid, a) - np.searchsorted(grid, b))) > 1 for grid, a, b in pairs)
 
 
 def _refined(
