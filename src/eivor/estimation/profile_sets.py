@@ -439,7 +439,9 @@ class ProfileSets:
         if not self.available:
             return None
         rows = estimate.rows
-        involved = rows.regressors[:, position] != 0.0
+        ends = np.cumsum([2 * run.count for run in cast("BinRows", rows.layout).runs])[:-1]
+        of_runs = np.split(rows.regressors[:, position], ends)  # some rows of a run may be zero
+        involved = np.concatenate([np.full(part.size, part.any()) for part in of_runs])
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
         criterion, instruments = self._of_all_rows, np.eye(rows.instruments.shape[1])
         if not (involved.all() and moving.size == len(parameters)):
