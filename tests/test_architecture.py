@@ -30,7 +30,7 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 210,
-    "lines": 68_813,  # To be 64,000 again
+    "lines": 68_816,  # To be 64,000 again
     "lines of code without docstrings and imports": 45_087,  # And 41,000
     "files of fewer than 60 lines": 8,
     "files of more than 900 lines": 0,

@@ -439,9 +439,7 @@ class ProfileSets:
         if not self.available:
             return None
         rows = estimate.rows
-        ends = np.cumsum([2 * run.count for run in cast("BinRows", rows.layout).runs])[:-1]
-        of_runs = np.split(rows.regressors[:, position], ends)  # some rows of a run may be zero
-        involved = np.concatenate([np.full(part.size, part.any()) for part in of_runs])
+        involved = np.concatenate([np.full(size, present[position]) for size, present in self._runs])
         moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
         criterion, instruments = self._of_all_rows, np.eye(rows.instruments.shape[1])
         if not (involved.all() and moving.size == len(parameters)):
@@ -510,16 +508,21 @@ class ProfileSets:
         return cast("WhitenedRows", made)
 
     @cached_property
+    def _runs(self) -> list[tuple[int, Bool[np.ndarray, " n"]]]:
+        """Rows of each run, and which regressors move in it, though some of their rows may be zero."""
+        sizes = [2 * run.count for run in cast("BinRows", self.estimate.rows.layout).runs]
+        parts = np.split(self.estimate.rows.regressors, np.cumsum(sizes)[:-1])
+        return [(size, np.any(part, axis=0)) for size, part in zip(sizes, parts, strict=True)]
+
+    @cached_property
     def _sums(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
         """First row, Q' [phi y] and [phi y]' [phi y] of the runs with the same regressors, at every node."""
-        rows, start = self.estimate.rows, 0
         made: dict[bytes, tuple[int, np.ndarray, np.ndarray]] = {}
-        sums = self._weights.sums(self.nodes.points, rows.instruments)
-        for run, (E, P) in zip(cast("BinRows", rows.layout).runs, sums, strict=True):
-            key = rows.regressors[start : start + 2 * run.count].any(axis=0).tobytes()
-            first, *known = made.get(key, (start, 0.0, 0.0))
-            made[key] = (first, known[0] + E, known[1] + P)
-            start += 2 * run.count
+        sums, start = self._weights.sums(self.nodes.points, self.estimate.rows.instruments), 0
+        for (size, present), (E, P) in zip(self._runs, sums, strict=True):
+            first, *known = made.get(present.tobytes(), (start, 0.0, 0.0))
+            made[present.tobytes()] = (first, known[0] + E, known[1] + P)
+            start += size
         return list(made.values())
 
     def _criterion(

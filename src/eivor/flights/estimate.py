@@ -303,7 +303,8 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
     known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
-    lags = {name: maker.of_nuisances(parts) for name, parts in LAG_SUMS.items()}
+    sums = {name: parts for name, parts in LAG_SUMS.items() if name in state.motion.quantities}
+    lags = {name: maker.of_nuisances(parts) for name, parts in sums.items()}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
         known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
@@ -443,8 +444,7 @@ def with_fit(
     estimates = dict(motion.derive(fit.problem, best))
     if fit.by_sets:
         # those that are judged by confidence sets have the hulls of these as intervals
-        shown = {name: item for name, item in fit.by_sets.items() if name in estimates}
-        hulls = {name: replace(estimates[name], interval=item.hull) for name, item in shown.items()}
+        hulls = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
         estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
