@@ -20,7 +20,8 @@ import polars as pl
 
 from eivor.logs.table.columnar import METADATA_KEY
 from eivor.signals.recording import CONTROLLER_RATE
-from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
+from validation.effective_parameters import FlightTruth
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 
 SPEC = RotorpyFlightSpec(

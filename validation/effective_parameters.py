@@ -3,13 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from eivor.errors import CollinearError, ShapeError, TooFewSamplesError
-from eivor.simulation.environment import FlightTruth
+from eivor.simulation.vertical import STEP_S, VerticalFlight, VerticalFlightSpec
 from eivor.tools import Bool, Float
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTruth:
+    """Noise-free arrays of a simulated flight, and its nominal parameters."""
+
+    time_s: Float[np.ndarray, " n"]  # Stamps [s] of the rows
+    specific_force_z: Float[np.ndarray, " n"]  # Acceleration plus g along the world's z [m/s^2]
+    air_velocity_z: Float[np.ndarray, " n"]  # Vertical velocity minus vertical wind [m/s]
+    rotor_state: Float[np.ndarray, "n rotors"]  # Actual rotor states, in the commands' unit
+    cos_tilt: Float[np.ndarray, " n"]  # Cosine of the angle between the body's and the world's z
+    actuator_lag: float  # Time constant of the rotors [s]
+    delay: float  # [s]
+    viscous_friction: float  # K at hover in still air [1/s]
+    input_gain: float  # [m/s^2 per unit of the mean mapped rotor state]
+    hover_input: float  # Rotor state at hover
+
+
+def truth_of(spec: VerticalFlightSpec, flight: VerticalFlight) -> FlightTruth:
+    """Truth of a flight of the own simulator."""
+    met, motion = flight.truth
+    return FlightTruth(
+        STEP_S * np.arange(spec.count),
+        motion.specific_force,
+        motion.velocity - met.gust,
+        motion.rotor_state[:, None],
+        met.cos_tilt,
+        spec.actuator_lag,
+        spec.delay,
+        spec.viscous_friction,
+        spec.input_gain,
+        spec.hover_input,
+    )
 
 
 class BestFittingParameters(NamedTuple):

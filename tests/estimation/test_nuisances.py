@@ -369,7 +369,7 @@ def test_a_flight_tells_a_delay_beyond_the_usual_ones():
     result = identify_flight(flight.recording, input_map="square")
     for name, truth in (
         ("viscous_friction", 0.4),
-        ("input_gain", flight.truth.input_gain),
+        ("input_gain", spec.input_gain),
         ("effective_lag", delay + 0.04),
     ):
         low, high = result.interval(name)

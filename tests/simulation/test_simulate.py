@@ -20,7 +20,6 @@ from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import FlightController, Sensor, mixer_of, torque_limits
 from eivor.simulation.environment import (
-    FlightTruth,
     NoiseKind,
     SensorNoise,
     TrajectoryKind,
@@ -50,7 +49,7 @@ from eivor.simulation.rigid_body_spec import (
     runge_kutta,
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
-from validation.effective_parameters import effective_parameters
+from validation.effective_parameters import effective_parameters, truth_of
 
 NOISY = {
     "velocity_z": ev.FractionalNoise(1.0, -0.4),
@@ -267,15 +266,17 @@ def identical(first, second):
     assert first.recording.channels.keys() == second.recording.channels.keys()
     for name in first.recording.channels:
         np.testing.assert_allclose(values(first, name), values(second, name), rtol=1e-12, atol=1e-12)
-    for part in fields(FlightTruth):
-        np.testing.assert_allclose(
-            getattr(first.truth, part.name), getattr(second.truth, part.name), rtol=1e-12, atol=1e-12
-        )
+    for item, other in zip(first.truth, second.truth, strict=True):
+        for part in fields(item):
+            np.testing.assert_allclose(
+                getattr(item, part.name), getattr(other, part.name), rtol=1e-12, atol=1e-12
+            )
 
 
 def test_log_without_noise_is_the_truth():
-    flight = fly(replace(QUIET, gust_rms=0.5))
-    truth = flight.truth
+    spec = replace(QUIET, gust_rms=0.5)
+    flight = fly(spec)
+    truth = truth_of(spec, flight)
     np.testing.assert_allclose(values(flight, "specific_force_z"), truth.specific_force_z, rtol=1e-12)
     np.testing.assert_allclose(values(flight, "cos_tilt"), truth.cos_tilt, rtol=1e-12)
     lift = QUIET.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
@@ -288,7 +289,7 @@ def test_log_without_noise_is_the_truth():
 @pytest.mark.parametrize(("over", "halfway"), [(0.0, 0.8), (2.0, 0.9)])
 def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, halfway):
     spec = replace(QUIET, gain_after=0.8, gain_changes_at=4.0, gain_changes_over=over)
-    truth = fly(spec).truth
+    truth = truth_of(spec, fly(spec))
     share = (truth.specific_force_z + spec.viscous_friction * truth.air_velocity_z) / (
         spec.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
     )
@@ -299,7 +300,7 @@ def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, h
 
 
 def test_effective_parameters_are_the_nominal_ones():
-    truth = fly(LOUD).truth
+    truth = truth_of(LOUD, fly(LOUD))
     parameters = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)
     np.testing.assert_allclose(
         parameters, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9

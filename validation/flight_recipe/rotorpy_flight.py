@@ -26,7 +26,6 @@ from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
-    FlightTruth,
     SensorErrors,
     SensorNoise,
     SimulatedFlight,
@@ -37,6 +36,7 @@ from eivor.simulation.environment import (
     sensor_errors,
     simulated_recording,
 )
+from validation.effective_parameters import FlightTruth
 
 #: Step of the controller and of the log [s].
 STEP_S = 0.01

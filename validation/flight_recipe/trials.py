@@ -32,10 +32,10 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.environment import FlightTruth, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import SimulatedFlight, TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from validation.drawn import Drawn, Value, Values, check_apart, sensor_noise
-from validation.effective_parameters import effective_parameters
+from validation.effective_parameters import FlightTruth, effective_parameters, truth_of
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.studies import GridStruct, read_as
 
@@ -181,7 +181,10 @@ def flown_together(grid: FlightGrid) -> list[tuple[FlightCase, ...]]:
 
 def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
     specs = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
-    together = simulate_vertical_flights(specs)
+    together = (
+        replace(flight, truth=truth_of(spec, flight))
+        for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True)
+    )
     return tuple(
         judged(
             case,

@@ -28,7 +28,6 @@ from eivor.errors import EivorError, UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import (
-    FlightTruth,
     SensorNoise,
     Trajectory,
     TrajectoryKind,
@@ -42,7 +41,7 @@ from eivor.simulation.vertical import (
     TILT_SMOOTHING_S,
     AltitudeController,
 )
-from validation.effective_parameters import effective_parameters
+from validation.effective_parameters import FlightTruth, effective_parameters
 
 #: Step of the simulation [s]; controllers and delays are whole steps.
 STEP_S = 0.002

@@ -240,22 +240,6 @@ _SHAPES: Mapping[TrajectoryKind, Callable[[Series, float, np.random.Generator], 
 # -- Truth --
 
 
-@dataclass(frozen=True, slots=True)
-class FlightTruth:
-    """Noise-free arrays of a simulated flight, and its nominal parameters."""
-
-    time_s: Series  # Stamps [s] of the rows
-    specific_force_z: Series  # Acceleration plus g along the world's z [m/s^2]
-    air_velocity_z: Series  # Vertical velocity minus vertical wind [m/s]
-    rotor_state: Float[np.ndarray, "n rotors"]  # Actual rotor states, in the commands' unit
-    cos_tilt: Series  # Cosine of the angle between the body's and the world's z
-    actuator_lag: float  # Time constant of the rotors [s]
-    delay: float  # [s]
-    viscous_friction: float  # K at hover in still air [1/s]
-    input_gain: float  # [m/s^2 per unit of the mean mapped rotor state]
-    hover_input: float  # Rotor state at hover
-
-
 Truth = TypeVar("Truth")
 
 

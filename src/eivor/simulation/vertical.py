@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, TypeVar
+from typing import Annotated, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
-    FlightTruth,
     SensorNoise,
     SimulatedFlight,
     TrajectoryKind,
@@ -249,6 +248,8 @@ class VerticalFlightSpec:
 
 # -- Vertical flight --
 
+#: Its truth is what it met and what happened.
+VerticalFlight: TypeAlias = SimulatedFlight[tuple[VerticalEnvironment, SimulatedMotion]]
 #: Flights that are simulated side by side: memory stays flat, about a megabyte for a minute of each.
 BATCH = 48
 #: Roll and pitch wander with this correlation time, and are smooth over the second one [s].
@@ -259,7 +260,7 @@ LOST_M = 5.0
 SIMULATOR = "vertical"
 
 
-def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight[FlightTruth]]:
+def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
     """Fly each specification and give its log and its truth, in order."""
     if len({spec.count for spec in specs}) > 1:
         durations = sorted({spec.duration for spec in specs})
@@ -301,7 +302,7 @@ def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequenc
     return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 
-def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight[FlightTruth]]:
+def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
     each, tilts = zip(*map(_surroundings, specs), strict=True)
     environment = _together(VerticalEnvironment, each, VerticalEnvironment.__slots__)
     motion = simulate_vertical(
@@ -318,8 +319,9 @@ def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight[Flig
         recording = vertical_recording(
             title, SIMULATOR, environment, motion, number, cos_tilt=tilt, bias=spec.accelerometer_bias
         )
-        flew = bool(np.abs(motion.position[:, number] - met.reference_position).max() < LOST_M)
-        yield SimulatedFlight(recording, _truth(spec, met, motion, number), flew)
+        flown = SimulatedMotion(*(getattr(motion, name)[:, number] for name in SimulatedMotion.__slots__))
+        flew = bool(np.abs(flown.position - met.reference_position).max() < LOST_M)
+        yield SimulatedFlight(recording, (met, flown), flew)
 
 
 def vertical_recording(
@@ -349,21 +351,4 @@ def vertical_recording(
             "specific_force_z": force + bias,
             "cos_tilt": environment.cos_tilt[:, number] if cos_tilt is None else cos_tilt,
         },
-    )
-
-
-def _truth(
-    spec: VerticalFlightSpec, met: VerticalEnvironment, motion: SimulatedMotion, number: int
-) -> FlightTruth:
-    return FlightTruth(
-        time_s=STEP_S * np.arange(spec.count),
-        specific_force_z=motion.specific_force[:, number].copy(),
-        air_velocity_z=motion.velocity[:, number] - met.gust,
-        rotor_state=motion.rotor_state[:, [number]],
-        cos_tilt=met.cos_tilt,
-        actuator_lag=spec.actuator_lag,
-        delay=spec.delay,
-        viscous_friction=spec.viscous_friction,
-        input_gain=spec.input_gain,
-        hover_input=spec.hover_input,
     )
