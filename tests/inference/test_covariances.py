@@ -51,12 +51,9 @@ from eivor.inference.kernel import (
 )
 from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.inference.random_effects import (
+    Grouped,
     Groups,
-    moment_between,
     one_group,
-    paule_mandel,
-    q_profile,
-    random_effects_means,
 )
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
@@ -555,14 +552,15 @@ def drawn(seed, sizes, between):
     rng = np.random.default_rng(seed)
     rows = sum(sizes)
     errors = rng.uniform(0.01, 0.05, rows)
-    return (Groups(np.array(sizes)), 0.3 + np.hypot(between, errors) * rng.standard_normal(rows), errors**2)
+    y = 0.3 + np.hypot(between, errors) * rng.standard_normal(rows)
+    return Grouped(Groups(np.array(sizes)), y, errors**2)
 
 
 @pytest.mark.parametrize("between", [0.1, 0.2, 0.4])
 def test_statsmodels_gives_the_same_variances_between_and_means(between):
-    groups, y, v = drawn(3, [4, 9, 20], between)  # of two estimates its iteration does not converge
-    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    moments = moment_between(groups, y, v)
+    made = drawn(3, [4, 9, 20], between)  # of two estimates its iteration does not converge
+    groups, y, v = made.groups, made.y, made.v
+    means, moments = made.means(made.paule_mandel()), made.moment_between()
     for number, start in enumerate(groups.starts):
         rows = slice(start, start + groups.sizes[number])
         iterated = combine_effects(y[rows], v[rows], method_re="iterated", use_t=True, atol=1e-12)
@@ -579,11 +577,12 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     """The same of nine logarithms of a gain whose errors are unlike."""
     y = np.array([3.61, 3.64, 3.58, 3.70, 3.55, 3.66, 3.49, 3.63, 3.60])
     v = np.array([0.02, 0.03, 0.01, 0.05, 0.02, 0.04, 0.03, 0.015, 0.025]) ** 2
-    low, high = q_profile(one_group(9), y, v, near=np.array([1.0]))
+    made = Grouped(one_group(9), y, v)
+    low, high = made.q_profile(near=np.array([1.0]))
     assert (low[0], high[0]) == pytest.approx((0.0006566118607090315, 0.012827818979102555), abs=1e-6)
-    moments = moment_between(one_group(9), y, v)
+    moments = made.moment_between()
     assert moments[0] == pytest.approx(0.00144084, abs=1e-8)
-    means = random_effects_means(one_group(9), y, v, moments)
+    means = made.means(moments)
     assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
 
 

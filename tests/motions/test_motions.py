@@ -22,7 +22,7 @@ from eivor.flights import identify
 from eivor.flights.identify import with_coupled_axes
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Quantity, QuantityEstimate, SimpleModel
-from eivor.flights.verdict import InstrumentStrength, VerdictInputs, reasons_by_quantity
+from eivor.flights.verdict import VerdictInputs, reasons_by_quantity
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.motions import table as motions
 from eivor.motions.rates.motion import Rates
@@ -241,8 +241,7 @@ def test_weak_instruments_refuse_what_has_no_set():
     quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.985, 1.015)) for name in names}
     sets = dict.fromkeys(names[:2], ev.ConfidenceSet(((0.95, 1.05),)))
     for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
-        strength = InstrumentStrength({"drive_gain": F}, robust=robust)
-        inputs = replace(AT, strength=strength, quantities=quantities)
+        inputs = replace(AT, first_stage={"drive_gain": F}, robust=robust, quantities=quantities)
         reasons = reasons_by_quantity(rover.rules, inputs, rover.quantities)
         given = {name: verdict(list(against)).status.value for name, against in reasons.items()}
         assert given["rolling_drag"] == given["breakaway_command"] == wanted

@@ -182,7 +182,7 @@ def flown_together(grid: FlightGrid) -> list[tuple[FlightCase, ...]]:
 def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
     specs = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
     together = (
-        replace(flight, truth=truth_of(spec, flight))
+        SimulatedFlight(flight.recording, truth_of(spec, flight), flight.flew)
         for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True)
     )
     return tuple(

@@ -19,12 +19,9 @@ from scipy import special
 
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.random_effects import (
+    Grouped,
     Groups,
     between_distribution,
-    moment_between,
-    paule_mandel,
-    q_profile,
-    random_effects_means,
 )
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
 from validation.suite_files import versions
@@ -60,13 +57,14 @@ def cell(flights: int, heterogeneity: float, replications: int, std_errors: tupl
     y = np.hypot(heterogeneity, errors) * rng.standard_normal(errors.size)
     following = heterogeneity * rng.standard_normal(replications)
     variances = errors**2
-    means = random_effects_means(groups, y, variances, paule_mandel(groups, y, variances))
-    fixed = random_effects_means(groups, y, variances, np.zeros(replications))
-    laird = random_effects_means(groups, y, variances, moment_between(groups, y, variances))
-    known = between_distribution(groups, y, variances)
+    drawn = Grouped(groups, y, variances)
+    means = drawn.means(drawn.paule_mandel())
+    fixed = drawn.means(np.zeros(replications))
+    laird = drawn.means(drawn.moment_between())
+    known = between_distribution(drawn)
     next_half_widths = known.next_half_widths(means.value)
     plain = special.stdtrit(flights - 2, 0.975) * np.sqrt(means.between + means.variance)
-    low, high = q_profile(groups, y, variances)
+    low, high = drawn.q_profile()
     spread = (low <= heterogeneity**2) & (heterogeneity**2 <= high)
     z = normal_quantile(0.95)
     by_weights = [

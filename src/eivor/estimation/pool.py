@@ -33,7 +33,7 @@ from eivor.inference.covariance import (
     unit_scale,
 )
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, t_quantile
-from eivor.inference.random_effects import moment_between, one_group, random_effects_means
+from eivor.inference.random_effects import Grouped, one_group
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -321,9 +321,8 @@ class Pooled:
         values = np.array([theta[position] for theta in self.theta])
         rows = [int(index[position]) for index in self.joint.indices]
         if self.differs:
-            flights, variances = one_group(values.size), self.joint.flight_parameter_variance(rows)
-            between = moment_between(flights, values, variances)
-            means = random_effects_means(flights, values, variances, between)
+            flights = Grouped(one_group(values.size), values, self.joint.flight_parameter_variance(rows))
+            means = flights.means(flights.moment_between())
             return float(means.value[0]), means.weights, float(means.variance[0])
         covariance = self.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))

@@ -19,7 +19,6 @@ from eivor.fleet.change_points import (
     BestSteps,
     Drifts,
     Ordered,
-    Rows,
     SharedSlopes,
     deviation_p_values,
     drifts,
@@ -42,15 +41,7 @@ from eivor.flights.motion import Motion
 from eivor.flights.quantity import AcrossFlights, Covariate
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile
-from eivor.inference.random_effects import (
-    Groups,
-    between_distribution,
-    paule_mandel,
-    q_profile,
-    random_effects_means,
-    weighted,
-    weights_of,
-)
+from eivor.inference.random_effects import Grouped, Groups, Rows, between_distribution
 from eivor.inference.verdict import Status
 from eivor.motions.table import motion_by_name
 from eivor.process_pool import useful_workers
@@ -276,24 +267,27 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
         x *= groups.spread(vehicles.spread(first / total))
     expected = np.array([item.slope for item in used]), np.array([item.uncertainty for item in used])
     isolation = outlier_test(groups, vehicles, v)
-    between = partial(paule_mandel, groups, together=vehicles)  # variance between flights, common to a type
 
     def without_covariates(
         errors: Rows, before: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
     ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between of the last step."""
-        slopes = shared_slopes(groups, vehicles, y, weights_of(groups, errors, before), trends, x, *expected)
+        slopes = shared_slopes(
+            groups, vehicles, y, Grouped(groups, y, errors).weights(before), trends, x, *expected
+        )
         of_groups = np.repeat(slopes.values, vehicles.sizes, axis=0)
         level = y - np.einsum("pr,rp->r", x, np.repeat(of_groups, groups.sizes, axis=0))
         covariance = np.repeat(slopes.covariance, vehicles.sizes, axis=0)
         if used:
             errors = v + isolation(level)
-        after = between(level, errors, near=before)
-        weights, own_weights = (weights_of(groups, item, after) for item in (errors, v))
+        made = Grouped(groups, level, errors)
+        after = made.paule_mandel(vehicles, before)  # common to a type
+        weights, own_weights = made.weights(after), replace(made, v=v).weights(after)
         ordered = Ordered(groups, level, errors, weights, own_weights, hours, x, covariance)
         return ordered, slopes, after
 
-    ordered, slopes, variance = without_covariates(v + isolation(y), between(y, v), hours[None, :])
+    variance = Grouped(groups, y, v).paule_mandel(vehicles)
+    ordered, slopes, variance = without_covariates(v + isolation(y), variance, hours[None, :])
     if used:  # again, beside the step that is seen now
         both = np.stack([hours, steps(ordered).after])
         ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
@@ -309,7 +303,8 @@ def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
     means = groups.sums(w * ordered.y) / total
     scatter = groups.sums(w * (ordered.y - groups.spread(means)) ** 2) / np.maximum(groups.sizes - 1, 1)
     errors = np.maximum(scatter, 1.0) / total
-    position = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
+    of_vehicles = Grouped(vehicles, means, errors)
+    position = of_vehicles.weighted(of_vehicles.paule_mandel())
     w, none, covariance = position.weights, np.zeros((0, means.size)), np.zeros((vehicles.sizes.size, 0, 0))
     about = Ordered(vehicles, means, errors, w, w, none.sum(axis=0), none, covariance)
     line, leverage = vehicles.spread(position.mean), w / vehicles.spread(position.total)
@@ -329,14 +324,14 @@ ONLY = ("only_low", "only_high")
 def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`."""
     about, groups = groups_of(rows, *VEHICLE)
-    y, v = _arrays(rows, pooled(across))
+    grouped = Grouped(groups, *_arrays(rows, pooled(across)))
     first = rows[groups.starts].select(flight_interval(across))
     only = (
         pl.when(pl.Series(groups.sizes == 1)).then(first[end]).alias(name)
         for name, end in zip(ONLY, first.columns, strict=True)
     )
     shares = rows[SHARE].to_numpy()[groups.starts]
-    return _report(about, groups, y, v, across, shares).with_columns(*only)
+    return _report(about, grouped, across, shares).with_columns(*only)
 
 
 def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
@@ -344,24 +339,18 @@ def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
     about, groups = groups_of(rows, *VEHICLE)
     types, vehicles = groups_of(about, "type")
-    y, v = _arrays(rows, pooled(across))
-    means = weighted(groups, y, v, paule_mandel(groups, y, v, together=vehicles))
+    grouped = Grouped(groups, *_arrays(rows, pooled(across)))
+    means = grouped.weighted(grouped.paule_mandel(vehicles))
     shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
-    return _report(types, vehicles, means.mean, 1.0 / means.total, across, shares)
+    return _report(types, Grouped(vehicles, means.mean, 1.0 / means.total), across, shares)
 
 
 def _report(
-    about: pl.DataFrame,
-    groups: Groups,
-    y: Rows,
-    v: Rows,
-    across: AcrossFlights,
-    shares: Bool[np.ndarray, " groups"],
+    about: pl.DataFrame, of: Grouped, across: AcrossFlights, shares: Bool[np.ndarray, " groups"]
 ) -> pl.DataFrame:
-    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    known = between_distribution(groups, y, v)
+    means, known = of.means(of.paule_mandel()), between_distribution(of)
     half, next_half_widths = known.mean_half_widths(means), known.next_half_widths(means.value)
-    low, high = q_profile(groups, y, v, near=means.between)
+    low, high = of.q_profile(near=means.between)
     reach = [sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)]
     ends = np.stack([means.value, *(means.value + item for item in reach)])
     largest = across.largest
@@ -378,7 +367,7 @@ def _report(
         _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
         for name, number in zip(POOLED, columns, strict=True)
     )
-    return about.with_columns(pl.Series("pooled", groups.sizes), *numbers)
+    return about.with_columns(pl.Series("pooled", of.groups.sizes), *numbers)
 
 
 def _known(name: str, numbers: Rows, known: np.ndarray) -> pl.Series:

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import scipy
 
-from eivor.inference.random_effects import Groups
+from eivor.inference.random_effects import Groups, PerGroup, Rows
 from eivor.tools import Bool, Float, Int
-
-#: A number for each row, and one for each group of rows.
-Rows: TypeAlias = Float[np.ndarray, " rows"]
-PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
 
 @dataclass(frozen=True)

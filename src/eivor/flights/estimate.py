@@ -60,7 +60,6 @@ from eivor.flights.result import (
     flight_findings,
 )
 from eivor.flights.verdict import (
-    InstrumentStrength,
     MotionChecks,
     Searched,
     VerdictInputs,
@@ -450,8 +449,14 @@ def with_fit(
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
-    strength = InstrumentStrength(fit.checks.first_stage, fit.checks.agreement, searched, fit.by_sets)
-    inputs = replace(inputs, strength=strength, quantities=estimates)
+    inputs = replace(
+        inputs,
+        first_stage=fit.checks.first_stage,
+        agreement=fit.checks.agreement,
+        searched=searched,
+        robust=fit.by_sets,
+        quantities=estimates,
+    )
     parts = systematic_uncertainties(motion.parts, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
     if fit.lag_prior is not None and EFFECTIVE_LAG in estimates:

@@ -35,31 +35,6 @@ class Searched:
 
 
 @dataclass(frozen=True, slots=True)
-class InstrumentStrength:
-    """What the instruments identify, in numbers."""
-
-    #: Conditional first-stage F of each joint parameter; NaN without instruments
-    first_stage: Mapping[str, float]
-    agreement: OverIdentification | None = None  # Over-identification test of the flights by themselves
-    #: Nuisance parameters that were searched for
-    searched: Mapping[str, Searched] = field(default_factory=dict)
-    #: Sets of parameters whose interval is theirs: where instruments are weak or the sets have no bounds,
-    #: those that hold all the same; and those of a pool
-    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-
-    @property
-    def p_value(self) -> float:
-        """Of the over-identification test; one without instruments to spare."""
-        return 1.0 if self.agreement is None else self.agreement.p_value
-
-    def weakest(self, names: Sequence[str]) -> tuple[str, float] | None:
-        """Parameter out of some with the least F, where that is weak."""
-        stages = {name: F for name, F in self.first_stage.items() if name in names}
-        weak = {name: F for name, F in stages.items() if not F >= STRONG_FIRST_STAGE}
-        return min(weak.items(), key=lambda item: math.inf if math.isnan(item[1]) else item[1], default=None)
-
-
-@dataclass(frozen=True, slots=True)
 class MotionChecks:
     """What a motion alone finds out about an estimate: for its rules, for reports and for documents."""
 
@@ -96,8 +71,26 @@ class VerdictInputs:
     past_inputs: bool = False  # The instruments are past inputs, which a controller computes
     #: Share of the variance of each joint parameter that what is known beforehand makes
     prior_share: Mapping[str, float] = field(default_factory=dict)
-    strength: InstrumentStrength = field(default_factory=lambda: InstrumentStrength({}))
+    #: Conditional first-stage F of each joint parameter; NaN without instruments
+    first_stage: Mapping[str, float] = field(default_factory=dict)
+    agreement: OverIdentification | None = None  # Over-identification test of the flights by themselves
+    searched: Mapping[str, Searched] = field(default_factory=dict)  # Nuisance parameters on grids
+    #: Sets of parameters whose interval is theirs: where instruments are weak or the sets have no bounds,
+    #: those that hold all the same; and those of a pool
+    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
     quantities: Mapping[str, QuantityEstimate] = field(default_factory=dict)
+
+    @property
+    def p_value(self) -> float:
+        """Of the over-identification test; one without instruments to spare."""
+        return 1.0 if self.agreement is None else self.agreement.p_value
+
+    def weakest(self, names: Sequence[str]) -> tuple[str, float] | None:
+        """Parameter out of some with the least F, where that is weak."""
+        weak = {
+            name: F for name, F in self.first_stage.items() if name in names and not F >= STRONG_FIRST_STAGE
+        }
+        return min(weak.items(), key=lambda item: math.inf if math.isnan(item[1]) else item[1], default=None)
 
     def corrected(self, name: str) -> bool:
         """Whether a difference between the sensors was taken out."""
@@ -183,14 +176,14 @@ def disagreement_part(quantities: tuple[str, ...]) -> SystematicPart:
         sensors = inputs.sensors
         blind = sensors is not None and not any(name.startswith("tilt") for name in sensors.differences)
         of_sensors = sensors.agreement if sensors is not None and blind else None
-        return birge_factor(inputs.strength.agreement), birge_factor(of_sensors)
+        return birge_factor(inputs.agreement), birge_factor(of_sensors)
 
     def factor(inputs: VerdictInputs, name: str) -> tuple[float, float]:
         return inputs.factor(max(factors(inputs)), name)
 
     def sentence(inputs: VerdictInputs) -> str:
         by_references, by_sensors = factors(inputs)
-        who, p_value = "The references disagree", inputs.strength.p_value
+        who, p_value = "The references disagree", inputs.p_value
         if by_sensors > by_references and inputs.sensors is not None:
             who = "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt"
             p_value = inputs.sensors.p_value
@@ -438,33 +431,32 @@ def flight_rules(
     """Rows of what instruments are to identify: quantities by some first stages, judged by one robust set."""
 
     def unidentified(inputs: VerdictInputs) -> bool:
-        strength = inputs.strength
-        known = strength.robust.get(set_of)
-        weak = strength.weakest(stages) is not None if known is None else not known.is_bounded
+        known = inputs.robust.get(set_of)
+        weak = inputs.weakest(stages) is not None if known is None else not known.is_bounded
         return bool(set_of) and weak and not (inputs.direct or inputs.constant_reference)
 
     def weakness(inputs: VerdictInputs) -> str:
-        weakest, F = inputs.strength.weakest(stages) or ("", math.nan)
+        weakest, F = inputs.weakest(stages) or ("", math.nan)
         sentence = "The instruments do not identify how long the lag is at most."
         if weakest:
             sentence = (
                 f"The instruments carry too little information about the {weakest.replace('_', ' ')}: "
                 f"first-stage F is {F:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
             )
-        count = len([name for name in inputs.strength.first_stage if name in stages])
+        count = len([name for name in inputs.first_stage if name in stages])
         if inputs.single_frequency_hz and count > 2:
             sentence += (
                 f" The reference has one frequency ({inputs.single_frequency_hz:.2g} Hz), which identifies "
                 f"two of {count} numbers: two frequencies are needed."
             )
-        known = inputs.strength.robust.get(set_of)
+        known = inputs.robust.get(set_of)
         if known is not None and not known.is_empty:
             low, high = known.hull
             sentence += f" They leave the {set_of.replace('_', ' ')} {_anywhere(low, high)}."
         return f"{sentence}{inputs.moved}"
 
     def fly(inputs: VerdictInputs) -> str:
-        searched = inputs.lag_prior is None and ACTUATOR_LAG.name in inputs.strength.searched
+        searched = inputs.lag_prior is None and ACTUATOR_LAG.name in inputs.searched
         return f"{words.fly} {GIVE_LAG}" if searched else words.fly
 
     return (
@@ -499,10 +491,10 @@ def flight_rules(
         ),
         Rule(
             quantities,
-            lambda inputs: inputs.strength.p_value < CONTRADICTION,
+            lambda inputs: inputs.p_value < CONTRADICTION,
             Status.WEAK,
             lambda inputs: (
-                f"The references disagree about the parameters (J p-value {inputs.strength.p_value:.1g}): "
+                f"The references disagree about the parameters (J p-value {inputs.p_value:.1g}): "
                 f"something {words.moves} the vehicle that the model does not have."
             ),
             words.undisturbed,
@@ -553,14 +545,14 @@ def end_of_grid_rule(
     """Row of a lag or a delay that ended at the end of its grid, of which the sentence speaks [s]."""
 
     def at_the_end(inputs: VerdictInputs) -> bool:
-        item = inputs.strength.searched.get(nuisance)
+        item = inputs.searched.get(nuisance)
         return item is not None and abs(item.value) >= 0.999 * item.highest
 
     return Rule(
         quantities,
         at_the_end,
         Status.WEAK,
-        lambda inputs: sentence(inputs.strength.searched[nuisance].highest, inputs),
+        lambda inputs: sentence(inputs.searched[nuisance].highest, inputs),
         remedy,
     )
 

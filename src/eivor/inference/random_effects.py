@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import scipy
 
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.tools import Float, Int
+
+#: A number for each row, and one for each group of rows.
+Rows: TypeAlias = Float[np.ndarray, " rows"]
+PerGroup: TypeAlias = Float[np.ndarray, " groups"]
 
 
 @dataclass(frozen=True)
@@ -24,15 +29,15 @@ class Groups:
         """First row of each group."""
         return np.cumsum(self.sizes) - self.sizes
 
-    def sums(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+    def sums(self, values: Rows) -> PerGroup:
         """Sum over each group."""
         return np.add.reduceat(values, self.starts)
 
-    def spread(self, values: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " rows"]:
+    def spread(self, values: PerGroup) -> Rows:
         """Value of its group, for each row."""
         return np.repeat(values, self.sizes)
 
-    def running(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    def running(self, values: Rows) -> Rows:
         """Sum over the rows of its group up to each row, that row included."""
         total = np.cumsum(values)
         before = np.concatenate(([0.0], total))[self.starts]
@@ -48,45 +53,10 @@ def one_group(rows: int) -> Groups:
 class Weighted:
     """Weighted means."""
 
-    weights: Float[np.ndarray, " rows"]  # w = 1 / (v + between)
-    total: Float[np.ndarray, " groups"]  # Sum of the weights of a group
-    mean: Float[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " rows"]  # w (y - mean)^2
-
-
-def weighted(
-    groups: Groups,
-    estimates: Float[np.ndarray, " rows"],
-    variances: Float[np.ndarray, " rows"],
-    between: Float[np.ndarray, " groups"],
-) -> Weighted:
-    """Weighted means of groups. Performs no checks."""
-    weights = weights_of(groups, variances, between)
-    total = groups.sums(weights)
-    mean = groups.sums(weights * estimates) / total
-    squares = groups.spread(mean)
-    squares -= estimates
-    squares *= squares
-    squares *= weights
-    return Weighted(weights, total, mean, squares)
-
-
-def homogeneity_p_value(
-    estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
-) -> float:
-    """Of estimates of one number, that all have it: Cochran's test."""
-    rows = estimates.size
-    squares = weighted(one_group(rows), estimates, variances, np.zeros(1)).squares
-    return chi_square_tail(float(squares.sum()), rows - 1)
-
-
-def weights_of(
-    groups: Groups, variances: Float[np.ndarray, " rows"], between: Float[np.ndarray, " groups"]
-) -> Float[np.ndarray, " rows"]:
-    """1 / (v + between), in an array of its own. Performs no checks."""
-    weights = groups.spread(between)
-    weights += variances
-    return np.reciprocal(weights, out=weights)
+    weights: Rows  # w = 1 / (v + between)
+    total: PerGroup  # Sum of the weights of a group
+    mean: PerGroup
+    squares: Rows  # w (y - mean)^2
 
 
 #: Steps of the search: 1/Q is nearly a straight line, so that few are needed.
@@ -95,99 +65,99 @@ BETWEEN_STEPS = 60
 BETWEEN_TOLERANCE = 1e-8
 
 
-def moment_between(
-    groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " groups"]:
-    """Variance between estimates by moments, of groups of two rows or more. Performs no checks."""
-    fixed = weighted(groups, estimates, variances, np.zeros(groups.sizes.size))
-    excess = groups.sums(fixed.squares) - (groups.sizes - 1)
-    scale = fixed.total - groups.sums(fixed.weights**2) / fixed.total
-    return np.maximum(excess, 0.0) / scale
-
-
-def paule_mandel(
-    groups: Groups,
-    estimates: Float[np.ndarray, " rows"],
-    variances: Float[np.ndarray, " rows"],
-    together: Groups | None = None,
-    near: Float[np.ndarray, " groups"] | None = None,
-) -> Float[np.ndarray, " groups"]:
-    """Variance between estimates where Q is its expectation; zero where it is below that without any."""
-    together = together or Groups(np.ones_like(groups.sizes))
-    expected = together.sums((groups.sizes - 1).astype(float))
-    return _where(groups, estimates, variances, expected, together, near)
-
-
-def q_profile(
-    groups: Groups,
-    estimates: Float[np.ndarray, " rows"],
-    variances: Float[np.ndarray, " rows"],
-    level: float = 0.95,
-    near: Float[np.ndarray, " groups"] | None = None,
-) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
-    """Interval of the variance between estimates."""
-    degrees = groups.sizes - 1
-    several, alone = degrees > 0, Groups(np.ones_like(groups.sizes))
-
-    def end(tail: float) -> Float[np.ndarray, " groups"]:
-        wanted = np.where(several, scipy.special.chdtri(np.maximum(degrees, 1), tail), 1.0)
-        return _where(groups, estimates, variances, wanted, alone, near)
-
-    tail = 0.5 * (1.0 - level)
-    return np.where(several, end(tail), 0.0), np.where(several, end(1.0 - tail), np.inf)
-
-
-def _where(
-    groups: Groups,
-    estimates: Float[np.ndarray, " rows"],
-    variances: Float[np.ndarray, " rows"],
-    wanted: Float[np.ndarray, " sets"],
-    together: Groups,
-    near: Float[np.ndarray, " groups"] | None,
-) -> Float[np.ndarray, " groups"]:
-    """Variance at which Q, summed over groups that go together, has a value; zero where it begins below."""
-    result = np.zeros(wanted.size) if near is None else near[together.starts]
-    for _ in range(BETWEEN_STEPS):
-        index = weighted(groups, estimates, variances, together.spread(result))
-        q = together.sums(groups.sums(index.squares))
-        fall = together.sums(groups.sums(index.weights * index.squares))
-        searching = (fall > 0.0) & (wanted > 0.0)
-        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -result)
-        before, result = result, np.maximum(result + step, 0.0)
-        if np.all(np.abs(result - before) <= BETWEEN_TOLERANCE * result):
-            break
-    return together.spread(result)
-
-
 @dataclass(frozen=True)
 class RandomEffectsMeans:
     """Means of groups of estimates that differ by more than chance."""
 
-    value: Float[np.ndarray, " groups"]
-    variance: Float[np.ndarray, " groups"]
-    between: Float[np.ndarray, " groups"]
+    value: PerGroup
+    variance: PerGroup
+    between: PerGroup
     degrees: Int[np.ndarray, " groups"]
-    weights: Float[np.ndarray, " rows"]
+    weights: Rows
 
-    def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
+    def half_widths(self, level: float = 0.95) -> PerGroup:
         """Half-widths of the means' intervals; infinite for a single estimate."""
         several = self.degrees > 0
         quantile = scipy.special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
         return np.where(several, quantile * np.sqrt(self.variance), np.inf)
 
 
-def random_effects_means(
-    groups: Groups,
-    estimates: Float[np.ndarray, " rows"],
-    variances: Float[np.ndarray, " rows"],
-    between: Float[np.ndarray, " groups"],
-) -> RandomEffectsMeans:
-    """Means of groups, see this module. Performs no checks."""
-    result = weighted(groups, estimates, variances, between)
-    degrees = groups.sizes - 1
-    q = groups.sums(result.squares) / np.maximum(degrees, 1)
-    variance, weights = np.maximum(q, 1.0) / result.total, result.weights / groups.spread(result.total)
-    return RandomEffectsMeans(result.mean, variance, between, degrees, weights)
+@dataclass(frozen=True)
+class Grouped:
+    """Estimates with their variances, in groups. Performs no checks."""
+
+    groups: Groups
+    y: Rows
+    v: Rows
+
+    def weights(self, between: PerGroup) -> Rows:
+        """1 / (v + between), in an array of its own."""
+        weights = self.groups.spread(between)
+        weights += self.v
+        return np.reciprocal(weights, out=weights)
+
+    def weighted(self, between: PerGroup) -> Weighted:
+        """Weighted means of groups."""
+        groups, weights = self.groups, self.weights(between)
+        total = groups.sums(weights)
+        mean = groups.sums(weights * self.y) / total
+        squares = groups.spread(mean)
+        squares -= self.y
+        squares *= squares
+        squares *= weights
+        return Weighted(weights, total, mean, squares)
+
+    def moment_between(self) -> PerGroup:
+        """Variance between estimates by moments, of groups of two rows or more."""
+        groups, fixed = self.groups, self.weighted(np.zeros(self.groups.sizes.size))
+        excess = groups.sums(fixed.squares) - (groups.sizes - 1)
+        scale = fixed.total - groups.sums(fixed.weights**2) / fixed.total
+        return np.maximum(excess, 0.0) / scale
+
+    def paule_mandel(self, together: Groups | None = None, near: PerGroup | None = None) -> PerGroup:
+        """Variance between estimates where Q is its expectation; zero where it is below that without any."""
+        together = together or Groups(np.ones_like(self.groups.sizes))
+        return self._where(together.sums((self.groups.sizes - 1).astype(float)), together, near)
+
+    def q_profile(self, level: float = 0.95, near: PerGroup | None = None) -> tuple[PerGroup, PerGroup]:
+        """Interval of the variance between estimates."""
+        degrees = self.groups.sizes - 1
+        several, alone = degrees > 0, Groups(np.ones_like(self.groups.sizes))
+
+        def end(tail: float) -> PerGroup:
+            wanted = np.where(several, scipy.special.chdtri(np.maximum(degrees, 1), tail), 1.0)
+            return self._where(wanted, alone, near)
+
+        tail = 0.5 * (1.0 - level)
+        return np.where(several, end(tail), 0.0), np.where(several, end(1.0 - tail), np.inf)
+
+    def _where(self, wanted: Float[np.ndarray, " sets"], together: Groups, near: PerGroup | None) -> PerGroup:
+        """Variance at which Q, summed over groups that go together, is as wanted, or zero."""
+        groups = self.groups
+        result = np.zeros(wanted.size) if near is None else near[together.starts]
+        for _ in range(BETWEEN_STEPS):
+            index = self.weighted(together.spread(result))
+            q = together.sums(groups.sums(index.squares))
+            fall = together.sums(groups.sums(index.weights * index.squares))
+            searching = (fall > 0.0) & (wanted > 0.0)
+            step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -result)
+            before, result = result, np.maximum(result + step, 0.0)
+            if np.all(np.abs(result - before) <= BETWEEN_TOLERANCE * result):
+                break
+        return together.spread(result)
+
+    def means(self, between: PerGroup) -> RandomEffectsMeans:
+        """Means of groups, see this module."""
+        groups, result, degrees = self.groups, self.weighted(between), self.groups.sizes - 1
+        q = groups.sums(result.squares) / np.maximum(degrees, 1)
+        variance, weights = np.maximum(q, 1.0) / result.total, result.weights / groups.spread(result.total)
+        return RandomEffectsMeans(result.mean, variance, between, degrees, weights)
+
+
+def homogeneity_p_value(estimates: Rows, variances: Rows) -> float:
+    """Of estimates of one number, that all have it: Cochran's test."""
+    squares = Grouped(one_group(estimates.size), estimates, variances).weighted(np.zeros(1)).squares
+    return chi_square_tail(float(squares.sum()), estimates.size - 1)
 
 
 #: Members of a group with a prediction, at least, and those below which it should be taken with care.
@@ -215,7 +185,7 @@ class BetweenDistribution:
     mean_errors: Float[np.ndarray, "nodes groups"]
     next_errors: Float[np.ndarray, "nodes groups"]
 
-    def mean_half_widths(self, result: RandomEffectsMeans) -> Float[np.ndarray, " groups"]:
+    def mean_half_widths(self, result: RandomEffectsMeans) -> PerGroup:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
         half = result.half_widths(LEVEL)
         short = _missed(half, self.means - result.value, self.mean_errors)[0] > 1.0 - LEVEL
@@ -223,17 +193,17 @@ class BetweenDistribution:
         half[short] = _half_widths(offsets, self.mean_errors[:, short], LEVEL)
         return half
 
-    def next_half_widths(self, centre: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " groups"]:
+    def next_half_widths(self, centre: PerGroup) -> PerGroup:
         """Half-widths about a centre of the next members; infinite for groups of fewer than `FEWEST`."""
         half_widths = _half_widths(self.means - centre, self.next_errors, LEVEL)
         return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
 
 def _missed(
-    half_width: Float[np.ndarray, " groups"],
+    half_width: PerGroup,
     offsets: Float[np.ndarray, "nodes groups"],
     errors: Float[np.ndarray, "nodes groups"],
-) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
+) -> tuple[PerGroup, PerGroup]:
     """Probability outside a half-width, and the density at its ends."""
     above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
     density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
@@ -243,7 +213,7 @@ def _missed(
 
 def _half_widths(
     offsets: Float[np.ndarray, "nodes groups"], errors: Float[np.ndarray, "nodes groups"], level: float
-) -> Float[np.ndarray, " groups"]:
+) -> PerGroup:
     """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
     z = normal_quantile(level)
     low = z * errors.min(axis=0)  # of the normals that are mixed
@@ -258,18 +228,16 @@ def _half_widths(
     return result
 
 
-def between_distribution(
-    groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
-) -> BetweenDistribution:
+def between_distribution(of: Grouped) -> BetweenDistribution:
     """Confidence distribution of the variance between the estimates of each group. Performs no checks."""
-    degrees = np.maximum(groups.sizes - 1, 1)
-    centre = groups.sums(estimates) / groups.sizes
-    about = estimates - groups.spread(centre)
+    groups, degrees = of.groups, np.maximum(of.groups.sizes - 1, 1)
+    centre = groups.sums(of.y) / groups.sizes
+    about = of.y - groups.spread(centre)
     scatter = groups.sums(about**2) / degrees
-    grid = GRID[:, None] * np.maximum(scatter, groups.sums(variances) / groups.sizes)
+    grid = GRID[:, None] * np.maximum(scatter, groups.sums(of.v) / groups.sizes)
     squares, means, variance = (np.empty_like(grid) for _ in range(3))
     for number, between in enumerate(grid):
-        weights = weights_of(groups, variances, between)
+        weights = of.weights(between)
         total = groups.sums(weights)
         weights *= about
         first = groups.sums(weights)

@@ -18,13 +18,7 @@ from eivor.flights.motion import for_flights, of_vehicle
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference, SensorAgreement
 from eivor.flights.quantity import QuantityEstimate
-from eivor.flights.verdict import (
-    InstrumentStrength,
-    Searched,
-    VerdictInputs,
-    reasons_by_quantity,
-    systematic_uncertainties,
-)
+from eivor.flights.verdict import Searched, VerdictInputs, reasons_by_quantity, systematic_uncertainties
 from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
@@ -50,7 +44,8 @@ def strength(F=(50.0, 50.0, 50.0), p_value=0.5, lag_s=0.05, names=NAMES, **sets)
     searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
     agreement = OverIdentification(18.0, 2, p_value, None)
     known = {name: ev.ConfidenceSet(pieces) for name, pieces in sets.items()}
-    return InstrumentStrength(dict(zip(names, F, strict=True)), agreement, searched, known)
+    first_stage = dict(zip(names, F, strict=True))
+    return {"first_stage": first_stage, "agreement": agreement, "searched": searched, "robust": known}
 
 
 GOOD = {
@@ -65,7 +60,7 @@ GOOD = {
 
 
 def inputs(found=(), flights=(), **changed):
-    good = {"checks": VerticalChecks(apparent_gravity=GRAVITY), "strength": strength(), "used_s": 300.0}
+    good = {"checks": VerticalChecks(apparent_gravity=GRAVITY), **strength(), "used_s": 300.0}
     good |= {"command_rate_hz": 100.0, "response_rate_hz": 100.0, "exogenous": True, "direct": False}
     return VerdictInputs(flights, **good | changed, quantities=GOOD | dict(found))
 
@@ -89,9 +84,9 @@ CASES = [
     (FRICTION, {FRICTION: quantity(-0.2, 0.1)}, {}, REFUSED, r"came out at -0.2 1/s, which no vehicle has"),
     (FRICTION, {GAIN: quantity(-40.0, 1.0)}, {}, REFUSED, "input gain is not positive"),
     (FRICTION, {"intercept": quantity(-9.5, 0.5)}, {}, WEAK, r"intercept is -9\.5 m/s\^2"),
-    (FRICTION, {}, {"strength": strength(p_value=9e-7)}, WEAK, r"references disagree .* \(J p-value 9e-07\)"),
+    (FRICTION, {}, {**strength(p_value=9e-7)}, WEAK, r"references disagree .* \(J p-value 9e-07\)"),
     (FRICTION, {}, {"lag_prior": CONTRADICTED}, WEAK, "lag that was given contradicts the flight"),
-    (LAG, {}, {"strength": strength(lag_s=0.2999)}, WEAK, "ran into the top of its grid"),
+    (LAG, {}, {**strength(lag_s=0.2999)}, WEAK, "ran into the top of its grid"),
     (HOVER, {HOVER: quantity(0.0, 0.0)}, {}, REFUSED, "not positive"),
     (HOVER, {HOVER: quantity(math.nan, 0.1)}, {}, REFUSED, "not positive"),
     (GAIN, {}, {"response_rate_hz": 19.0}, WEAK, "logged at 19 Hz at most"),
@@ -124,22 +119,22 @@ CASES = [
     (
         FRICTION,
         {},
-        {"strength": strength((9.9, 50.0, 50.0))},
+        {**strength((9.9, 50.0, 50.0))},
         REFUSED,
         "about the viscous friction: first-st",
     ),
-    (FRICTION, {}, {"strength": strength((50.0, np.nan, 50.0))}, REFUSED, "about the input gain"),
+    (FRICTION, {}, {**strength((50.0, np.nan, 50.0))}, REFUSED, "about the input gain"),
     (
         FRICTION,
         {},
-        {"strength": strength((50.0, 50.0, 2.0)), "single_frequency_hz": 0.318},
+        {**strength((50.0, 50.0, 2.0)), "single_frequency_hz": 0.318},
         REFUSED,
         r"one frequency \(0.32 Hz\), which identifies two of 3 numbers",
     ),
     (
         FRICTION,
         {FRICTION: replace(UNKNOWN, interval=(0.2, np.inf))},
-        {"strength": strength(viscous_friction=((0.2, np.inf),))},
+        {**strength(viscous_friction=((0.2, np.inf),))},
         REFUSED,
         r"how long the lag is at most. They leave the viscous friction anywhere above 0\.2\.$",
     ),
@@ -188,15 +183,15 @@ def test_each_rule(name, found, changed, status, said):
         (LAG, {LAG: quantity(0.03, 0.0199)}, {}),
         (HOVER, {HOVER: quantity(0.4, 0.0099)}, {}),
         (HOVER, {}, {"direct": True, "sensors": SensorAgreement(SIGN, AGREE)}),
-        (FRICTION, {}, {"strength": strength((10.0, 10.0, 10.0))}),
-        (FRICTION, {}, {"strength": strength(p_value=1e-6)}),
-        (LAG, {}, {"strength": strength(names=NAMES[:2], F=(50.0, 50.0), lag_s=0.3)}),
+        (FRICTION, {}, {**strength((10.0, 10.0, 10.0))}),
+        (FRICTION, {}, {**strength(p_value=1e-6)}),
+        (LAG, {}, {**strength(names=NAMES[:2], F=(50.0, 50.0), lag_s=0.3)}),
         # what no verdict is withheld for
         (FRICTION, {}, {"command_rate_hz": 10.0}),
         (FRICTION, {}, {"used_s": 12.0}),
-        (FRICTION, {}, {"strength": strength((50.0, 50.0, 3.0), viscous_friction=((0.3, 0.5),))}),
-        (GAIN, {}, {"strength": strength((50.0, 2.0, 50.0), input_gain=((39.0, 41.0),))}),
-        (LAG, {}, {"strength": strength((50.0, 50.0, 2.0), effective_lag=((0.04, 0.06),))}),
+        (FRICTION, {}, {**strength((50.0, 50.0, 3.0), viscous_friction=((0.3, 0.5),))}),
+        (GAIN, {}, {**strength((50.0, 2.0, 50.0), input_gain=((39.0, 41.0),))}),
+        (LAG, {}, {**strength((50.0, 50.0, 2.0), effective_lag=((0.04, 0.06),))}),
         (FRICTION, {}, {"sensors": SensorAgreement({"tilt_x": Difference(0.04, 1e-3)}, AGREE)}),
     ],
 )
@@ -209,9 +204,9 @@ def test_the_lag_is_asked_for_where_it_would_help():
     texts = [
         "--lag MS:STD" in judged(FRICTION, **changed).reasons[0].remedy
         for changed in (
-            {"strength": strength(weak)},
-            {"strength": strength(weak), "lag_prior": given},
-            {"strength": strength(weak[1:], names=NAMES[:2])},
+            {**strength(weak)},
+            {**strength(weak), "lag_prior": given},
+            {**strength(weak[1:], names=NAMES[:2])},
         )
     ]
     assert texts == [True, False, False]
@@ -226,8 +221,7 @@ def test_a_delay_that_is_not_separated_from_the_lag_is_weak():
 
 def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
     for value, status in ((0.06, WEAK), (-0.06, WEAK), (0.05, Status.IDENTIFIED)):
-        known = replace(strength(), searched={"delay": Searched(value, highest=0.06)})
-        assert judged(FRICTION, strength=known).status is status
+        assert judged(FRICTION, searched={"delay": Searched(value, highest=0.06)}).status is status
 
 
 def parts(name, found=(), **changed):
@@ -266,11 +260,11 @@ SWING = Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4)
     ("name", "changed", "kind", "below", "above", "said"),
     [
         (FRICTION, {"used_s": 15.0}, "factor", 1.45**0.5, 1.45**0.5, "15 s are few"),
-        (FRICTION, {"strength": strength(p_value=0.009)}, "factor", 3.0, 3.0, "references disagree"),
-        (GAIN, {"strength": strength(p_value=0.02)}, "factor", *[(18.0 / 5.9915) ** 0.5] * 2, "disagree"),
+        (FRICTION, {**strength(p_value=0.009)}, "factor", 3.0, 3.0, "references disagree"),
+        (GAIN, {**strength(p_value=0.02)}, "factor", *[(18.0 / 5.9915) ** 0.5] * 2, "disagree"),
         (
             FRICTION,
-            {"strength": strength(p_value=0.009), "prior_share": {FRICTION: 0.5}},
+            {**strength(p_value=0.009), "prior_share": {FRICTION: 0.5}},
             "factor",
             *[5.0**0.5] * 2,
             "3.00 times",

@@ -494,7 +494,7 @@ def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
     name, words = (parameter.name,), parameter.name.replace("_", " ")
 
     def strength(inputs: VerdictInputs) -> float:
-        return inputs.strength.first_stage.get(parameter.name, math.nan)
+        return inputs.first_stage.get(parameter.name, math.nan)
 
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
     return (
@@ -629,12 +629,12 @@ RULES = (
         _EVERYTHING,
         lambda highest, inputs: (
             f"The delay ran into the top of its grid ({highest:.1f} s)."
-            if ACTUATOR_LAG.name in inputs.strength.searched
+            if ACTUATOR_LAG.name in inputs.searched
             else f"The delay of the measured rotors ran into the end of its grid ({highest * 1e3:.0f} ms)."
         ),
         lambda inputs: (
             CHECK_STAMPS
-            if ACTUATOR_LAG.name in inputs.strength.searched
+            if ACTUATOR_LAG.name in inputs.searched
             else "Check the clock of the rotors' telemetry, or use the commands with --input."
         ),
     ),
