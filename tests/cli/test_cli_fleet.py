@@ -58,6 +58,8 @@ def test_run_tells_what_it_found(eivor, logs, tmp_path):
     assert run.out.splitlines()[:2] == ["2 logs, each with a row: 1 weak, 1 copy", "1 other file is no log"]
     run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
     assert run.out.splitlines()[1] == "2 of the rows were there before"
+    assert eivor("fleet", "compact", tmp_path / "fleet").out == "2 rows in 1 file\n"
+    assert eivor("fleet", "compact", logs).code == 1
 
 
 @pytest.mark.parametrize(

@@ -278,11 +278,11 @@ def test_standard_input_is_a_file_too(log):
 
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path):
-    from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_path
+    from eivor.fleet.table import COLUMNS, FLIGHTS, IDENTITY, PART, PENDING, RUN, UNOPENED, report_path
     from eivor.lab.figures import figure_files
     from eivor.lab.study import IDENTITY_FILE, TABLE_FILE
 
-    fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}"}
+    fleet = {IDENTITY, RUN, COLUMNS, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}", f"{PENDING}/{PART}"}
     fleet.add(report_path(Path(), "0").as_posix())
     study = {
         IDENTITY_FILE,
@@ -291,7 +291,7 @@ def test_the_files_of_folders_are_those_that_are_written(tmp_path):
         *map(str, figure_files(Path(), "nrmse", "coverage")),
     }
     for names, patterns in (
-        (fleet, (*FLEET_FILES, FLEET_PARTS)),
+        (fleet, (*FLEET_FILES, *FLEET_PARTS)),
         (study, STUDY_FILES),
         (set(map(str, figure_files(Path()))), PAPER_FILES),
     ):

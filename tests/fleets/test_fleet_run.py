@@ -8,7 +8,9 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -22,11 +24,15 @@ from eivor.errors import InputError, UsageError
 from eivor.fleet.analysis import STEADY, STEPS, across_of, fleet_report, fleet_reports, wanted_columns
 from eivor.fleet.logs import Log, LogList, PathPattern, given_covariates, logs_found, with_covariates
 from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
-from eivor.fleet.run import COPIES, hashed, run_fleet
+from eivor.fleet.run import compact_fleet, hashed, run_fleet
 from eivor.fleet.table import (
+    COLUMNS,
     IDENTITY,
     RUN,
+    FleetFolder,
     FleetOptions,
+    _column_words,
+    flight_frame,
     part_files,
     read_flights,
     report_path,
@@ -91,10 +97,11 @@ def test_what_is_there_is_not_made_again(logs, tmp_path):
     folder = tmp_path / "fleet"
     run(logs, folder)
     before, made = content(folder), parts(folder)
+    assert run(logs, folder).before == 4
+    assert parts(folder) == made
     write_logs(logs, {"e.csv": "four"})
     done = run(logs, folder)
     assert (done.logs, done.before) == (5, 4)
-    assert made.items() <= parts(folder).items()
     assert read_flights(folder)["reason"].to_list()[-1] == "A copy of d.csv, whose row has the numbers."
     (logs / "e.csv").unlink()
     assert run(logs, folder).elsewhere == 1
@@ -138,7 +145,7 @@ def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
     monkeypatch.setattr("eivor.fleet.run.hashed", lambda log: replace(log, sha256=once.sha256))
     done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
     assert done.verdicts == {"weak": 1, "copy": 9999}
-    assert len(part_files(tmp_path / "fleet")) == 1 + -(-9999 // COPIES)
+    assert len(part_files(tmp_path / "fleet")) == 1
     assert read_flights(tmp_path / "fleet", ["name", "verdict"]).row(0) == ("00000.csv", "weak")
 
 
@@ -190,7 +197,87 @@ def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
     damaged.write_bytes(damaged.read_bytes()[:-20])
     run(logs, folder)
     assert content(folder) == expected
-    assert damaged.with_name(f"damaged-{damaged.name}").exists()
+    assert (folder / f"damaged-{damaged.name}").exists()
+
+
+def in_parts_of(monkeypatch, rows):
+    monkeypatch.setattr("eivor.fleet.table.PART_ROWS", rows)
+
+
+def test_wherever_rows_are_taken_into_the_table_no_reader_misses_one_or_has_one_twice(
+    logs, tmp_path, monkeypatch
+):
+    """Each file that is put in place or removed may be the last; parts of before have other columns."""
+    in_parts_of(monkeypatch, 3)
+    rows = [row(name, sha256=name * 64) for name in "abcdefg"]
+    other = [{"drag.value": 1.0, "drag.verdict": "weak", **row("z", sha256="z" * 64, motion="rates")}]
+    for last in range(40):
+        folder = write_fleet(tmp_path / str(last), rows[:2], other, rows[2:4])
+        expected = content(write_fleet(tmp_path / f"{last} whole", rows, other))
+        fleet = FleetFolder(folder).begin()
+        for each in rows[4:]:
+            fleet.write([each])
+        steps = [0]
+
+        def cut_off(whole, steps=steps, last=last):
+            def step(*given, **options):
+                steps[0] += 1
+                if steps[0] > last:
+                    raise KeyboardInterrupt
+                return whole(*given, **options)
+
+            return step
+
+        with monkeypatch.context() as patched:
+            for name in ("replace", "unlink"):
+                patched.setattr(Path, name, cut_off(getattr(Path, name)))
+            with suppress(KeyboardInterrupt):
+                fleet.merge()
+        assert content(folder) == expected
+        compact_fleet(folder)
+        assert content(folder) == expected
+        assert [pl.read_parquet(path).height for path in part_files(folder)] in ([4, 4], [3, 3, 2])
+        if steps[0] <= last:
+            break
+    assert last > 10
+
+
+def test_other_readers_read_the_folder_without_options(tmp_path, monkeypatch):
+    duckdb, pandas = pytest.importorskip("duckdb"), pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    in_parts_of(monkeypatch, 2)
+    other = [{"drag.value": 1.0, "drag.verdict": "weak", **row("b", motion="rates")}]
+    folder = write_fleet(tmp_path / "fleet", [row("a")], other, [row("c"), row("d")])
+    (folder / "flights" / "part-unopened-rates.parquet").write_bytes(parquet_bytes(flight_frame([])))
+    assert compact_fleet(folder) == (4, 3)
+    expected = read_flights(folder)
+    flights = folder / "flights"
+    assert_frame_equal(pl.read_parquet(flights), expected, check_row_order=False)
+    assert_frame_equal(pl.read_parquet(flights / "*.parquet"), expected, check_row_order=False)
+    assert pandas.read_parquet(flights).shape == expected.shape
+    assert duckdb.sql(f"FROM read_parquet('{flights}/*.parquet')").columns == expected.columns
+    described = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
+    assert list(described) == expected.columns
+    assert described["duration_s"]["unit"] == "s"
+
+
+def test_columns_have_words_and_units_and_rows_join_the_table_as_the_run_goes(logs, tmp_path, monkeypatch):
+    folder, seen = tmp_path / "fleet", []
+    monkeypatch.setattr("eivor.fleet.run.MERGE_S", 0.0)
+    monkeypatch.setattr("eivor.fleet.run.MERGE_TIMES", 0.0)
+
+    def progress(_done, _total):
+        flights = list((folder / "flights").glob("*.parquet"))
+        seen.append(sum(pl.read_parquet(path).height for path in flights))
+
+    run(logs, folder, shard_logs=1, progress=progress)
+    assert [seen[0], *seen[-2:]] == [0, 2, 4]
+    assert not list((folder / "pending").iterdir())
+    properties = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
+    assert properties["gain.value"] == {"type": ["number", "null"], "description": "estimate"}
+    assert all(item["description"] for item in properties.values())
+    about = _column_words({"viscous_friction.low": pl.Float64()}, motion_by_name("vertical"))
+    assert about["viscous_friction.low"]["unit"] == "1/s"
 
 
 def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InputError
+from eivor.fleet.run import compact_fleet
 from fleets.fleet_rows import row, write_fleet
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
@@ -79,6 +80,7 @@ def test_the_questions_of_the_page(tmp_path, monkeypatch):
     table = fleet_rows(FleetSpec(vehicles=3, flights=4))
     write_fleet(tmp_path / "fleet", [row("a", verdict="failed", reason="It is empty.")])
     table.write_parquet(tmp_path / "fleet" / "flights" / "part-1.parquet")
+    compact_fleet(tmp_path / "fleet")
     monkeypatch.chdir(tmp_path)
     questions = [text for block in BLOCK.findall(PAGE.read_text("utf-8")) for text in block.split(";")]
     fixed, failed, over_time = (duckdb.sql(text) for text in questions if text.strip())

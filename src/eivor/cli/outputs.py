@@ -52,10 +52,10 @@ MORE, FIRST_OPTIONS = "More options", 10
 #: The word for standard output, and for standard input.
 STANDARD_OUTPUT = "-"
 #: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
-#: part of a fleet's table is named by its content: it replaces no other file, and a run may find it as a log.
+#: part of a fleet's table holds what was in it before, and a run may find it as a log.
 STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
-FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
-FLEET_PARTS = "flights/*.parquet"
+FLEET_FILES = ("fleet.json", "schema.json", ".lock", ".run", "reports/*.html")
+FLEET_PARTS = ("flights/*.parquet", "pending/*.parquet")
 RESIDUAL_FILES = ("residuals.csv", "plotjuggler.xml", "residuals.mcap", "foxglove.json")
 PAPER_FILES = ("figure-*.svg", "figure-*.png")
 
@@ -78,7 +78,7 @@ def map_paths(text: str) -> Iterable[Path]:
 
 def fleet_paths(text: str) -> Iterable[Path]:
     """Files of a fleet's folder."""
-    return _files_in(Path(text), (*FLEET_FILES, FLEET_PARTS))
+    return _files_in(Path(text), (*FLEET_FILES, *FLEET_PARTS))
 
 
 @dataclass(frozen=True, slots=True)

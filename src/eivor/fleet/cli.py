@@ -44,7 +44,7 @@ from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
 from eivor.fleet.logs import given_covariates, logs_found
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
-from eivor.fleet.run import FleetRun, run_fleet
+from eivor.fleet.run import FleetRun, compact_fleet, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
 from eivor.process_pool import InProcess, Limits, LocalThreads, useful_workers
@@ -219,6 +219,22 @@ def query(
         show(_table(answer))
     if csv:
         write_out(answer.write_csv(), csv)
+    return ExitCode.IDENTIFIED
+
+
+@app.command(
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read or written, or on "
+    "which a run works.",
+)
+@guarded
+def compact(fleet: FleetArgument) -> ExitCode:
+    """Put a fleet's rows into few files with the same columns, as every run does at its end."""
+    from rich.text import Text
+
+    with step("Putting rows together"):
+        rows, files = compact_fleet(Path(fleet))
+    show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
     return ExitCode.IDENTIFIED
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import stat
 import threading
-import zlib
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
@@ -22,7 +22,6 @@ from eivor.fleet.table import (
     COPY,
     FAILED,
     PAGE,
-    SHARES,
     FleetFolder,
     FleetOptions,
     NamedRow,
@@ -31,6 +30,8 @@ from eivor.fleet.table import (
     SupersededError,
     copy_row,
     failed_row,
+    part_files,
+    read_flights,
     report_fleet_errors,
     reports_there,
     write_report,
@@ -82,7 +83,7 @@ class Shard:
     def _write(self, rows: list[dict[str, Any]]) -> None:
         if rows and not self.only_reports:
             try:
-                self.folder.write(rows, self.options.hash())
+                self.folder.write(rows)
             except SupersededError:
                 rows.clear()
 
@@ -157,17 +158,14 @@ def without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str
     return wanted.join(there, on="sha256", how="anti", maintain_order="left")
 
 
-def share_of(name: str) -> int:
-    """Which part of the table has the row of a log that cannot be opened: the same in every run."""
-    return zlib.crc32(name.encode("utf-8")) % SHARES
-
-
 # -- Run --
 
 #: Logs of a task: as few as give the number of tasks that progress is reported by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
-#: Copies whose rows are one part.
+#: Copies whose rows are written together.
 COPIES = 2_000
+#: Rows are taken into the table again after so many seconds, and so many times as long as it took.
+MERGE_S, MERGE_TIMES = 60.0, 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +222,14 @@ def run_fleet(
                 _KEPT.popitem()[1][0].close()
 
 
+def compact_fleet(folder: Path) -> tuple[int, int]:
+    """Take all rows of a fleet into its table, and count its rows and its files."""
+    read_flights(folder, ["name"])
+    with report_fleet_errors(folder), folder_lock(folder):
+        FleetFolder(folder).begin().merge()
+    return read_flights(folder, ["name"]).height, len(part_files(folder))
+
+
 @dataclass(frozen=True, slots=True)
 class _Run:
     shard: Shard
@@ -240,12 +246,17 @@ class _Run:
         before = done = work.opened.height - work.identify.height - work.copies.height
         if before < total:
             folder.state(options)
-        self._write_unopened(logs)
+        folder.replace_unopened(logs, options)
         self.progress(done, total)
+        motion, due = options.chosen_motion(), time.monotonic() + MERGE_S
         for rows in self._mapped(self.shard, work.identify, self.shard_logs):
             done += rows
             self.progress(done, total)
+            if (begun := time.monotonic()) > due:
+                folder.merge(motion)
+                due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - begun))
         self._write_copies(work.copies)
+        folder.merge(motion)
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
             with closing(reports_there(folder.folder)) as reports:
@@ -280,20 +291,12 @@ class _Run:
             for _, rows in results:
                 yield rows
 
-    def _write_unopened(self, logs: pl.DataFrame) -> None:
-        named, folder, options = NamedRow(self.shard.options), self.shard.folder, self.shard.options
-        unopened = logs.filter(pl.col("sha256").is_null())
-        shares = pl.Series([share_of(name) for name in unopened["name"]], dtype=pl.Int64)
-        for share in range(SHARES):
-            rows = [failed_row(named(log), log.problem) for log in LogList(unopened.filter(shares == share))]
-            folder.replace_unopened(share, rows, logs, options)
-
     def _write_copies(self, copies: pl.DataFrame) -> None:
-        named, options = NamedRow(self.shard.options), self.shard.options
+        named = NamedRow(self.shard.options)
         for part in copies.iter_slices(COPIES):
             named_firsts = zip(LogList(part), part["first"], strict=True)
             rows = [copy_row(named(log), first) for log, first in named_firsts]
-            self.shard.folder.write(rows, options.hash())
+            self.shard.folder.write(rows)
 
 
 def _taken_over(folder: Path) -> InputError:

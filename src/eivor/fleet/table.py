@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from importlib.metadata import version
+from itertools import chain, count
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -25,7 +26,7 @@ import polars as pl
 from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import Log, PathPattern
+from eivor.fleet.logs import Log, LogList, PathPattern
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -115,8 +116,14 @@ def _content(text: str) -> str:
 
 # -- Table --
 
-#: Folder of the parts, and how they are called.
-FLIGHTS, PART = "flights", "part-*.parquet"
+#: Folder of the parts that others read, that of rows which are in none of them yet, and what all are called.
+FLIGHTS, PENDING, PART = "flights", "pending", "part-*.parquet"
+#: A part of the table, by its number; it is full with so many rows.
+NUMBERED, PART_ROWS = "part-{number:06d}.parquet", 100_000
+_NUMBERED = re.compile(r"part-(\d{6})\.parquet")
+#: Key of the names that a part took in, in its metadata: what is left of them is not read.
+MERGED = "eivor.merged"
+POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 #: Verdicts of rows without a result, beside those of `eivor.inference.verdict.Status`.
 FAILED, COPY = "failed", "copy"
 #: Columns of a quantity, after its name and a dot.
@@ -144,16 +151,69 @@ ORDER = ("motion", "name", "sha256")
 
 Row = Mapping[str, Any]
 
+#: What columns are, and in which unit; of a quantity, by the part after its name.
+WORDS: Mapping[str, tuple[str, str]] = {
+    "sha256": ("hash of the log's bytes; null when it could not be opened", ""),
+    "name": ("path of the log from the given folder", ""),
+    "copy_of": ("hash of the log that this one repeats", ""),
+    "vehicle": ("what flew", ""),
+    "type": ("kind of vehicle", ""),
+    "motion": ("what was identified", ""),
+    "firmware": ("name and version", ""),
+    "start": ("first second of the log, UTC", ""),
+    "duration_s": ("from the first stamp to the last", "s"),
+    "verdict": ("identified, weak, provisional, refused, failed or copy", ""),
+    "reason": ("sentences", ""),
+    "covariance": ("joint covariance, row by row", ""),
+    "covariance_names": ("names of its rows", ""),
+    "battery_voltage": ("mean over the log", "V"),
+    "temperature": ("mean of the air over the log", "°C"),
+    "air_density": ("mean over the log", "kg/m^3"),
+    "eivor_version": ("version that made the row", ""),
+    "options_hash": ("hash of the options that made the row", ""),
+}
+PART_WORDS = {
+    "value": "estimate",
+    "std_error": "standard error",
+    "low": "lower end of the 95 % interval",
+    "high": "upper end of the 95 % interval",
+    VERDICT: "verdict: identified, weak, provisional or refused",
+}
+
+
+def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[str, dict[str, Any]]:
+    """JSON Schemas of columns: of common ones, of a motion's quantities, and of others without words."""
+    results: dict[str, dict[str, Any]] = {}
+    for name, kind in types.items():
+        quantity, _, part = name.rpartition(".")
+        text = "string" if kind in (pl.String(), pl.Datetime("us", "UTC")) else "number"
+        about: dict[str, Any] = {"type": [text, "null"]}
+        if isinstance(kind, pl.List):
+            item = {"type": "string" if kind.inner == pl.String() else "number"}
+            about = {"type": ["array", "null"], "items": item}
+        words, unit = WORDS.get(name, (PART_WORDS.get(part, ""), ""))
+        if name.startswith(DIAGNOSTIC):
+            words = f"diagnostic {part}"
+        spec = None if motion is None else motion.quantities.get(quantity)
+        if spec is not None:
+            words, unit = f"{spec.words}: {words}", "" if part == VERDICT else spec.unit
+        results[name] = about | {"description": words} | ({"unit": unit} if unit else {})
+    return results
+
 
 def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
     """Rows as a table: every column that all fleets have, and those that these rows bring."""
-    selected = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
-    of_quantity = {name: pl.String() if name.endswith(f".{VERDICT}") else pl.Float64() for name in selected}
-    types = {**LEADING, **TRAILING, **of_quantity}
-    schema = {name: types[name] for name in _in_order(selected)}
-    known = [{name: _known(row.get(name)) for name in schema} for row in rows]
+    types = _types({name for row in rows for name in row})
+    known = [{name: _known(row.get(name)) for name in types} for row in rows]
     # a hundred columns of few rows: at once, which is three times as quick as one after the other
-    return pl.from_dicts(known, schema=schema).sort(ORDER, nulls_last=True)
+    return pl.from_dicts(known, schema=types).sort(ORDER, nulls_last=True)
+
+
+def _types(names: Set[str]) -> dict[str, Any]:
+    """Columns of a table in order, each with its type."""
+    known = {**LEADING, **TRAILING}
+    of_quantity = {name: pl.String() if name.endswith(f".{VERDICT}") else pl.Float64() for name in names}
+    return {name: {**of_quantity, **known}[name] for name in _in_order(set(names) - known.keys())}
 
 
 def _in_order(names: set[str]) -> list[str]:
@@ -173,8 +233,21 @@ def _known(value: Any) -> Any:
 
 
 def part_files(folder: Path) -> list[Path]:
-    """Parts of a fleet, in the order of their names."""
-    return sorted((folder / FLIGHTS).glob(PART))
+    """Files of a fleet's rows: parts of the table, then pending ones; no row is in two of them."""
+    parts = sorted((folder / FLIGHTS).glob(PART))
+    merged = {name for path in parts for name in _merged(path)}
+    pending = sorted((folder / PENDING).glob(PART))
+    return [path for path in (*parts, *pending) if path.name not in merged]
+
+
+def _merged(path: Path) -> list[str]:
+    """Names of the parts that a part took in when it was written."""
+    try:
+        return (
+            pl.read_parquet_metadata(path).get(MERGED, "").split() if _NUMBERED.fullmatch(path.name) else []
+        )
+    except (OSError, *POLARS_ERRORS):
+        return []  # whoever reads it says so
 
 
 def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
@@ -205,7 +278,7 @@ def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
         )
     try:
         return [_part(file, columns) for file in files]
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+    except (OSError, *POLARS_ERRORS) as error:
         raise InputError(
             f"a table of flights in '{folder}' that can be read",
             f"{type(error).__name__}: {error}",
@@ -236,11 +309,12 @@ IDENTITY, RUN = "fleet.json", ".run"
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 #: Before the name of a part that was damaged.
 DAMAGED = "damaged-"
-#: Digits of a part's name.
+#: Digits of a pending part's name.
 NAME_DIGITS = 24
-#: Parts of the logs that could not be opened, each of a share of them; written anew by every run.
-UNOPENED = "part-unopened-{motion}-{share:02d}.parquet"
-SHARES = 64
+#: Part of a motion's logs that could not be opened, written anew by every run; a pattern of its earlier ones.
+UNOPENED, SHARES = "part-unopened-{motion}.parquet", "part-unopened-{motion}-??.parquet"
+#: What every column is, as a JSON Schema of a row.
+COLUMNS = "schema.json"
 #: Columns that say what is there.
 KEY_COLUMNS = ("name", "sha256", "verdict")
 
@@ -263,8 +337,8 @@ class FleetFolder:
         """The folder for a new run, which ends the writing of all before it."""
         run = uuid.uuid4().hex
         with report_fleet_errors(self.folder):
-            (self.folder / FLIGHTS).mkdir(parents=True, exist_ok=True)
-            for item in (self.folder, self.folder / FLIGHTS):
+            for item in (self.folder, self.folder / FLIGHTS, self.folder / PENDING):
+                item.mkdir(parents=True, exist_ok=True)
                 remove_abandoned(item)
             write_atomically(self.folder / RUN, run)
         return FleetFolder(self.folder, run)
@@ -342,45 +416,127 @@ class FleetFolder:
         if now != self.run:
             raise SupersededError
 
-    def write(self, rows: Sequence[Row], options_hash: str, name: str = "") -> str:
-        """Keep rows as a part, and give its name."""
-        content = sealed(flight_frame(rows), {"eivor.fleet": SCHEMA, "eivor.options": options_hash})
-        name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
+    def write(self, rows: Sequence[Row]) -> None:
+        """Keep rows as a pending part, named by its content."""
+        content = _part_bytes(flight_frame(rows))
+        name = f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
         with report_fleet_errors(self.folder):
-            write_atomically(self.folder / FLIGHTS / name, content)
-        return name
+            write_atomically(self.folder / PENDING / name, content)
 
     def there(self, motion: str) -> pl.DataFrame:
-        """`KEY_COLUMNS` of the rows of a motion that exist; a damaged part is set aside."""
+        """`KEY_COLUMNS` of a motion's rows of logs that could be opened; a damaged part is set aside."""
         parts = [pl.DataFrame(schema=dict.fromkeys(KEY_COLUMNS, pl.String))]
-        unopened = {self._unopened(motion, share).name for share in range(SHARES)}
         with report_fleet_errors(self.folder):
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
-                    path.rename(path.with_name(f"{DAMAGED}{path.name}"))
-                elif path.name not in unopened:
-                    part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
-                    parts.append(part.filter(pl.col("motion") == motion).select(KEY_COLUMNS))
+                    path.rename(self.folder / f"{DAMAGED}{path.name}")
+                    return self.there(motion)  # what the part took in may be there still
+                part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
+                parts.append(part.filter(motion=motion).drop_nulls("sha256").select(KEY_COLUMNS))
         return pl.concat(parts)
 
-    def replace_unopened(
-        self, share: int, rows: Sequence[Row], given: pl.DataFrame, options: FleetOptions
-    ) -> None:
-        """Write the rows of logs that could not be opened, in place of earlier ones of the logs given."""
-        path = self._unopened(options.motion, share)
+    def replace_unopened(self, logs: pl.DataFrame, options: FleetOptions) -> None:
+        """Write the rows of logs that could not be opened, in place of earlier ones of these logs."""
+        named, path = NamedRow(options), self._of_motion(UNOPENED, options.motion)
+        shares = sorted(path.parent.glob(SHARES.format(motion=options.motion)))
         with report_fleet_errors(self.folder):
-            before = pl.read_parquet(path).join(given, on="name", how="anti") if path.exists() else None
-        now = [*rows, *(() if before is None else before.rows(named=True))]
-        if now:
-            self.write(now, options.hash(), path.name)
-        else:
-            with report_fleet_errors(self.folder):
-                path.unlink(missing_ok=True)
+            before = [_part(file, None) for file in (path, *shares) if file.exists()]
+        now = LogList(logs.filter(pl.col("sha256").is_null())).pages()
+        frames = [flight_frame([failed_row(named(log), log.problem) for log in page]) for page in now]
+        frames += [part.join(logs, on="name", how="anti") for part in before]
+        table = pl.concat([flight_frame([]), *frames], how="diagonal")
+        self.check_run()
+        with report_fleet_errors(self.folder):
+            if table.height:
+                self._put(path, table, _types(set(table.columns)))
+            for file in shares if table.height else (path, *shares):
+                file.unlink(missing_ok=True)
 
-    def _unopened(self, motion: str, share: int) -> Path:
-        return self.folder / FLIGHTS / UNOPENED.format(motion=motion, share=share)
+    def merge(self, motion: Motion[Any] | None = None) -> None:
+        """Take pending and earlier parts into the table's, which all get the same columns.
+
+        A part is replaced as a whole and says what it took in; that is removed only then. Wherever this
+        ends, no row is lost, and none is read twice.
+        """
+        self.check_run()
+        with report_fleet_errors(self.folder):
+            files = part_files(self.folder)
+            for path in set((self.folder / PENDING).glob(PART)).difference(files):
+                path.unlink()
+            there = {path: list(pl.read_parquet_schema(path)) for path in files}
+            types = _types({name for names in there.values() for name in names})
+            kept = [path for path in files if _is_kept(path)]
+            for path in kept:
+                if there[path] != list(types):
+                    self._put(path, _part(path, None), types, _merged(path))
+            numbers = [int(match[1]) for path in kept if (match := _NUMBERED.fullmatch(path.name))]
+            sources = [path for path in files if path not in kept]
+            for number in chain(numbers, count(max(numbers, default=-1) + 1)):
+                if not sources:
+                    break
+                path = self.folder / FLIGHTS / NUMBERED.format(number=number)
+                sources = self._filled(path, sources, types)
+            self._describe(types, motion)
+
+    def _filled(self, path: Path, sources: list[Path], types: Mapping[str, Any]) -> list[Path]:
+        """Fill a part, and give the sources that are left."""
+        before = [pl.scan_parquet(path, hive_partitioning=False)] if path.exists() else []
+        rows, taken = sum(part.select(pl.len()).collect().item() for part in before), 0
+        frames = [part.collect() for part in before if rows < PART_ROWS]
+        while rows < PART_ROWS and taken < len(sources):
+            frames.append(_part(sources[taken], None))
+            rows, taken = rows + frames[-1].height, taken + 1
+        if taken:
+            names = [source.name for source in sources[:taken]]
+            self._put(path, pl.concat(frames, how="diagonal"), types, names)
+            for source in sources[:taken]:
+                source.unlink(missing_ok=True)
+        return sources[taken:]
+
+    def _put(
+        self, path: Path, table: pl.DataFrame, types: Mapping[str, Any], merged: Sequence[str] = ()
+    ) -> None:
+        """Put a part in its place; among the parts is never a file that is being written."""
+        absent = [pl.lit(None, kind).alias(name) for name, kind in types.items() if name not in table.columns]
+        whole = table.with_columns(absent).select(*types).sort(ORDER, nulls_last=True)
+        written = self.folder / PENDING / "merging.parquet"
+        write_atomically(written, _part_bytes(whole, {MERGED: " ".join(merged)}))
+        written.replace(path)
+
+    def _describe(self, types: Mapping[str, Any], motion: Motion[Any] | None) -> None:
+        """Write down what every column is."""
+        path = self.folder / COLUMNS
+        try:
+            known = dict(json.loads(path.read_text(encoding="utf-8"))["properties"])
+        except (OSError, ValueError, LookupError, TypeError):
+            known = {}
+        of_motion = {} if motion is None else motion.quantities
+        mine = {name for name in types if name not in known or name.rpartition(".")[0] in of_motion}
+        about = {**known, **_column_words({name: types[name] for name in types if name in mine}, motion)}
+        document = {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": f"A row of {FLIGHTS}/{PART}, of the format {SCHEMA}",
+            "type": "object",
+            "properties": {name: about[name] for name in types},
+        }
+        text = json.dumps(document, indent=2) + "\n"
+        if about != known:
+            write_atomically(path, text)
+
+    def _of_motion(self, pattern: str, motion: str) -> Path:
+        return self.folder / FLIGHTS / pattern.format(motion=motion)
+
+
+def _part_bytes(table: pl.DataFrame, facts: Mapping[str, str] | None = None) -> bytes:
+    return sealed(table, {"eivor.fleet": SCHEMA, **(facts or {})})
+
+
+def _is_kept(path: Path) -> bool:
+    """Whether a part stays under its name; any other is taken into one that does."""
+    of_unopened = UNOPENED.partition("{")[0]
+    return _NUMBERED.fullmatch(path.name) is not None or path.name.startswith(of_unopened)
 
 
 def _versions_text(versions: Mapping[str, Any]) -> str:
