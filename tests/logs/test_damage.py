@@ -341,6 +341,35 @@ def test_a_part_that_is_damaged_is_left_out(tmp_path, store, sound):
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
+def test_messages_that_a_bag_declares_and_does_not_give(tmp_path, store, kind):
+    """Messages of another channel, a chunk that says more than it has, rows that are gone: each is counted."""
+    if kind == "bag":
+        path = write_ros1(tmp_path / "flight.bag", inertial(store["ros1"]), store["ros1"])
+        whole = path.read_bytes()
+        index = whole.rindex(struct.pack("<II", 0, 60))  # of the information on the chunk
+        path.write_bytes(whole[:index] + struct.pack("<II", 0, 80) + whole[index + 8 :])
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        path = write_ros2(tmp_path / "flight", inertial(store["ros2"]), store["ros2"], plugin)
+    if kind == "db3":
+        database = sqlite3.connect(path / "flight.db3")
+        database.execute("DELETE FROM messages WHERE id > 40")
+        database.commit()
+        database.close()
+        assert "/imu 20 of 60" in told(ev.read_log(path / "flight.db3"), "lost_messages")
+    if kind == "mcap":
+        content = bytearray((path / "flight.mcap").read_bytes())
+        starts = [item.start() for item in re.finditer(rb"\x05.{8}\x01\x00", content, re.DOTALL)]
+        for start in starts[:20]:
+            content[start + 9] = 7
+        (path / "flight.mcap").write_bytes(content)
+    r = ev.read_log(path)
+    assert f"/imu 20 of {80 if kind == 'bag' else 60}" in told(r, "lost_messages")
+    assert r.channels["specific_force_body_y"].values.size == (60 if kind == "bag" else 40)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_one_large_chunk_that_says_nothing_is_refused(read, sound):
     """A chunk of zeros in a thousandth of its size: neither read nor kept in memory."""
     index = sound["mcap"].index(b"\x04\0\0\0zstd") + 8

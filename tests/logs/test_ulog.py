@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import struct
 import sys
 
@@ -332,12 +333,22 @@ def test_a_damaged_definition_is_told(tmp_path, capfd, found, bits):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_damaged_subscription_is_counted(tmp_path):
+@pytest.mark.parametrize("letter", [b"\xf6", b"x"])
+def test_a_damaged_subscription_is_counted(tmp_path, letter):
     blob = flight().bytes()
     rindex = blob.rindex(b"vehicle_attitude")
-    r = read(tmp_path, blob[:rindex] + b"\xf6" + blob[rindex + 1 :])
+    r = read(tmp_path, blob[:rindex] + letter + blob[rindex + 1 :])
     assert "attitude_w" not in r.channels
     assert "corrupt_parts" in names(r)
+    (lost,) = [finding.message for finding in r.findings if finding.name == "lost_messages"]
+    assert "200 of topics whose names are damaged" in lost
+
+
+def test_damaged_messages_are_counted_by_topic(tmp_path):
+    """Five messages of another length than their format has: a number that is damaged, or a length."""
+    r = read(tmp_path, flight().raw(message("D", struct.pack("<H", 16) + bytes(3)) * 5))
+    (lost,) = [finding.message for finding in r.findings if finding.name == "lost_messages"]
+    assert re.search(r"read: \w+ 5 of 205\.", lost)
 
 
 def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):

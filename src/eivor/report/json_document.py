@@ -31,8 +31,8 @@ from eivor.signals.recording import Finding
 
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
 Json = object
-#: A number; null for none, and for one that is not finite.
-Number: TypeAlias = float | None
+#: A number whose square is one; null for none, and for one that is not finite.
+Number: TypeAlias = Annotated[float, msgspec.Meta(ge=-1e150, le=1e150)] | None
 Pair: TypeAlias = tuple[Number, Number]
 
 

@@ -7,7 +7,8 @@ import re
 import sqlite3
 import struct
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -137,6 +138,24 @@ def _candidates(folder: Path) -> list[Path]:
     return [folder / name for name in nsmallest(MAX_PARTS, names)]
 
 
+def declared_by_metadata(files: Sequence[Path]) -> Counter[str]:
+    """How many messages of each topic the metadata of ROS 2 say that some files have; none of others."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    path = files[0].parent / METADATA
+    try:
+        if path.stat().st_size > MAX_BYTES >> 4:
+            return Counter()
+        content = YAML(typ="safe").load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        if {Path(name).name for name in content["relative_file_paths"]} != {file.name for file in files}:
+            return Counter()
+        rows = content["topics_with_message_count"]
+        return Counter({str(row["topic_metadata"]["name"]): int(row["message_count"]) for row in rows})
+    except (*DECODER_ERRORS, YAMLError):
+        return Counter()
+
+
 # -- MCAP schemas --
 
 #: How messages are described that are read.
@@ -207,6 +226,22 @@ class Container:
     reader: Any
     ros1: bool
     budget: Budget
+
+    def declared(self) -> Counter[str]:
+        """How many messages of each topic the indices say that there are."""
+        connections, most = self.reader.connections, Counter[int]()
+        tables = [info.connection_counts for info in getattr(self.reader, "chunk_infos", ())]
+        tables += [chunk.channel_count for chunk in getattr(self.reader, "chunks", ()) if not self.ros1]
+        for table in tables:
+            most.update(table)
+        if statistics := getattr(self.reader, "statistics", None):
+            most |= Counter(statistics.channel_message_counts)
+        most |= Counter({item.id: item.msgcount for item in connections})
+        names = {item.id: item.topic for item in connections}
+        total = Counter[str]()
+        for number, count in most.items():
+            total[names.get(number, f"a topic without a name (number {number})")] += count
+        return total
 
     def messages(self, connections: Collection[Any]) -> Iterator[tuple[Any, int, bytes]]:
         """Give messages in the order of the record: connection, time of the record [ns], bytes."""

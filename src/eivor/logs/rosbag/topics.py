@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_yo
 from eivor.logs.channel_map import ChannelMap, ChannelRule, columns_of
 from eivor.logs.common import MAX_SPAN_S, Columns, noted
 from eivor.logs.mapping import channels_by_clock, delay_findings, fitted_rules, listed
-from eivor.logs.rosbag.containers import Budget, opened
+from eivor.logs.rosbag.containers import Budget, declared_by_metadata, opened
 from eivor.logs.rosbag.messages import (
     MessageLayout,
     common_types,
@@ -204,6 +205,9 @@ class Contents:
 
     topics: dict[str, RawTopic] = field(default_factory=dict)  # Those that were wanted, with their messages
     listed: dict[str, str] = field(default_factory=dict)  # Type of each topic that has messages
+    wanted: set[str] = field(default_factory=set)  # Topics whose messages are read
+    declared: Counter[str] = field(default_factory=Counter)  # Messages of all topics, by the files' indices
+    received: Counter[str] = field(default_factory=Counter)  # Messages that the files gave
 
     @property
     def size(self) -> int:
@@ -227,7 +231,19 @@ def read_contents(
                 raise
             text = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
             findings.append(Finding("corrupt_parts", f"{text}: {error.received}."))
+    findings += _lost(contents, declared_by_metadata(files))
     return contents
+
+
+def _lost(contents: Contents, metadata: Counter[str]) -> list[Finding]:
+    """Say of which topics the bag declares more messages than it gave."""
+    unread = contents.listed.keys() - contents.wanted
+    texts = [
+        f"{name} {count - contents.received[name]} of {count}"
+        for name, count in (contents.declared | metadata).items()
+        if count > contents.received[name] and name not in unread
+    ]
+    return noted("lost_messages", "Messages that the bag declares and that are not there: {}.", texts)
 
 
 def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
@@ -238,7 +254,10 @@ def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, co
         types = {item.id: type_name(item.msgtype) for item in connections}
         contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
         chosen = [item for item in connections if wanted(item.topic, types[item.id])]
+        contents.declared += container.declared()
+        contents.wanted |= {item.topic for item in chosen}
         for item, record_ns, payload in container.messages(chosen):
+            contents.received[item.topic] += 1
             raw = contents.topics.get(item.topic)
             if raw is None:
                 is_idl = item.msgdef.format is MessageDefinitionFormat.IDL

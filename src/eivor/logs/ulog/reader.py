@@ -7,6 +7,7 @@ import io
 import mmap
 import re
 import struct
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -187,6 +188,8 @@ class CleanLog:
     rows: dict[int, list[bytes]] = field(default_factory=dict)
     skipped_bytes: int = 0  # Bytes that belong to no plausible message
     rejected_messages: int = 0  # Messages with an impossible content
+    rejected: Counter[int] = field(default_factory=Counter)  # Those of topics, by their number
+    names: dict[int, str] = field(default_factory=dict)  # Topics that are kept, by their number
     cut_bytes: int = 0  # Bytes of an incomplete last message
     lost_topics: list[str] = field(default_factory=list)
     about: dict[str, bytes] = field(default_factory=dict)
@@ -194,8 +197,15 @@ class CleanLog:
     _kept_formats: set[str] = field(default_factory=set)
     _unsound: set[str] = field(default_factory=set)
     _sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
+    _subscribed: set[int] = field(default_factory=set)
+    _others: dict[int, int] = field(default_factory=dict)  # Messages of numbers that are not kept
     _searched_bytes: int = 0
     _markless_end: int = -1
+
+    @property
+    def nameless_messages(self) -> int:
+        """Messages of topics whose subscription is not there."""
+        return sum(count for number, count in self._others.items() if number not in self._subscribed)
 
     @property
     def content(self) -> bytes:
@@ -249,7 +259,7 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
 def _messages(data: memory_map | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
     """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
     head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
-    sizes, rows = log._sizes, log.rows
+    sizes, rows, others = log._sizes, log.rows, log._others
     position = start
     while position + 3 <= end:
         size, kind = head(data, position)
@@ -261,7 +271,9 @@ def _messages(data: memory_map | bytes, start: int, end: int, log: CleanLog) -> 
                 if least <= size - 2 <= most:
                     rows[number].append(data[position + 5 : position + 5 + least])
                 else:
-                    log.rejected_messages += 1
+                    log.rejected[number] += 1
+            else:
+                others[number] = others.get(number, 0) + 1
             position = after
             continue
         plausible = kind in _KNOWN_TYPES and size > 0
@@ -359,9 +371,13 @@ def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str
 def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -> bool:
     """Keep a subscription whose format is sound; a number is never given to a second topic."""
     name = _text(payload[3:])
-    if name is None or name not in topics:
-        return name is not None
+    if name is None or name not in log._formats:  # damaged, or its format is
+        log.lost_topics += [name] if name in topics else []
+        return False
     number = int.from_bytes(payload[1:3], "little")
+    log._subscribed.add(number)
+    if name not in topics:
+        return True
     if name in log._unsound or number in log._sizes or len(log._sizes) >= MAX_SUBSCRIPTIONS:
         return False
     used: set[str] = set()
@@ -377,7 +393,7 @@ def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -
     while flat[-1][0].startswith("_padding"):
         flat.pop()
     log._sizes[number] = (sum(_FIELD_BYTES[kind] for _, kind in flat), full)
-    log.rows[number] = []
+    log.rows[number], log.names[number] = [], name
     log.data += _message(ord("A"), payload)
     return True
 
@@ -476,10 +492,21 @@ def _parameters(ulog: Any) -> dict[str, float]:
 def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
     sentence = "The log ends within a message ({} bytes of it are there)."
     findings = common.noted("truncated", sentence, clean.cut_bytes)
-    if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
-        lost = f", with them all of {', '.join(clean.lost_topics)}" if clean.lost_topics else ""
-        damage = f"{clean.skipped_bytes} bytes and {clean.rejected_messages} messages{lost}"
+    messages = clean.rejected_messages + clean.rejected.total()
+    if clean.skipped_bytes or messages or ulog.file_corruption or printed:
+        lost = (
+            f", with them all of {', '.join(dict.fromkeys(clean.lost_topics))}" if clean.lost_topics else ""
+        )
+        damage = f"{clean.skipped_bytes} bytes and {messages} messages{lost}"
         findings.append(Finding("corrupt_parts", f"Damaged parts were left out: {damage}."))
+    rejected = (
+        (clean.names[number], lost, len(clean.rows[number])) for number, lost in clean.rejected.items()
+    )
+    texts = [f"{name} {lost} of {lost + kept}" for name, lost, kept in rejected]
+    nameless = clean.nameless_messages
+    texts += [f"{nameless} of topics whose names are damaged"] if nameless else []
+    sentence = "Messages that are there and cannot be read: {}."
+    findings += common.noted("lost_messages", sentence, texts)
     total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
     sentence = f"The logger lost data {{}} times, {total:.3g} s in total."
     return findings + common.noted("dropouts", sentence, len(ulog.dropouts))
