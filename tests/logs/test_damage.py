@@ -21,16 +21,19 @@ from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
 from dataflash_writer import told as told_dataflash
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lz4 import frame as lz4_frame
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from scipy import io as scipy_io
 from ulog_writer import flight
 from usd_writer import flight as crazyflie_flight
 
 import eivor as ev
 from eivor.errors import CorruptLogError, EivorError, EmptyLogError, InputError, MissingReaderError
+from eivor.logs import common
 from eivor.logs.channel_map import parse_channel_map, parse_expression
 from eivor.logs.dataflash import messages
-from eivor.logs.rosbag import topics
+from eivor.logs.rosbag import containers, topics
 from eivor.logs.rosbag.messages import (
     Decoded,
     UnsoundMessageError,
@@ -38,7 +41,7 @@ from eivor.logs.rosbag.messages import (
     message_layout,
     parsed_definition,
 )
-from eivor.logs.table import columnar
+from eivor.logs.table import columnar, delimited
 
 QUICK = settings(
     max_examples=60,
@@ -220,8 +223,8 @@ def test_a_small_parquet_of_many_rows_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="at most 50 rows"):
         ev.read_log(tmp_path / "t.parquet")
     monkeypatch.setattr(columnar, "MAX_ROWS", 500)
-    monkeypatch.setattr(columnar, "MAX_CELLS", 50)
-    with pytest.raises(InputError, match="at most 50 numbers"):
+    monkeypatch.setattr(common, "MAX_CELLS", 50)
+    with pytest.raises(InputError, match=r"at most 50 numbers.*with 400"):
         ev.read_log(tmp_path / "t.parquet")
 
 
@@ -231,8 +234,82 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
     frame.write_parquet(tmp_path / "t.parquet")
     assert (tmp_path / "t.parquet").stat().st_size < 200_000
     monkeypatch.setattr(columnar, "decode_in_child", None)
-    with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
+    with pytest.raises(InputError, match=f"at most 10000000 numbers.*with {2 * rows}. Such a file repeats"):
         ev.read_log(tmp_path / "t.parquet")
+
+
+def nested(file, depth=20):
+    for _ in range(depth):
+        file = file.create_group("g")
+
+
+def crowded(file):
+    for number in range(10_010):
+        file.create_group(f"g{number}")
+
+
+def in_one_chunk(file):
+    for name in ("time", "velocity_z"):
+        file.create_dataset(
+            name, data=np.arange(9.0), maxshape=(None,), chunks=(12_000_000,), compression="gzip"
+        )
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [
+        (nested, "10000 groups and variables, or 16 in each other"),
+        (crowded, "10000 groups and variables, or 16 in each other"),
+        (in_one_chunk, "at most 10000000 numbers"),
+    ],
+)
+def test_structure_and_chunks_of_hdf5_have_a_budget(tmp_path, write, words):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        write(file)
+    with pytest.raises(InputError, match=words):
+        ev.read_log(tmp_path / "t.h5")
+
+
+@pytest.mark.thorough
+def test_numbers_of_matlab_have_a_budget_and_cells_are_not_decoded(tmp_path):
+    flight = {"time": np.arange(50.0), "velocity_z": np.ones(50)}
+    scipy_io.savemat(tmp_path / "t.mat", flight | {"zeros": np.zeros(11_000_000)}, do_compression=True)
+    with pytest.raises(InputError, match=r"at most 10000000 numbers.*with 11000100"):
+        ev.read_log(tmp_path / "t.mat")
+    cells = np.array([[np.zeros(1)] * 100] * 10, dtype=object)
+    scipy_io.savemat(tmp_path / "t.mat", flight | {"cells": cells})
+    assert ev.read_log(tmp_path / "t.mat").channels["velocity_z"].values.size == 50
+
+
+def test_max_bytes_bounds_what_content_becomes(tmp_path):
+    pl.concat([canonical()] * 100).write_parquet(tmp_path / "t.parquet")
+    with pytest.raises(InputError, match=r"at most 12500 numbers.*with 40000"):
+        ev.read_log(tmp_path / "t.parquet", max_bytes=100_000)
+    budget = containers.Budget.of(1_000, 2_000)
+    with pytest.raises(ValueError, match="more memory than max_bytes"):
+        [budget.message(b"") for _ in range(21)]
+
+
+def test_blank_lines_have_a_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr(delimited, "MAX_BLANK", 100)
+    for lines, words in ((100, ""), (101, "line 103 is blank, as 100 before it")):
+        (tmp_path / "t.csv").write_text("time,velocity_z\n0,1\n" + "\n" * lines + "1,2\n")
+        with pytest.raises(InputError, match=words) if words else contextlib.nullcontext():
+            ev.read_log(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("cell", ["1", "-.5e3", "", " 2 ", "true", "NaN", "x", '"3"', "1e400"])
+def test_numbers_of_a_table_are_the_same_read_at_once_or_as_texts(tmp_path, cell):
+    """A cell that is no number has the whole table read as texts: all other cells keep their numbers."""
+    rows = [f"{0.5 * row},{-0.25 * row},{cell if row == 3 else row}" for row in range(9)]
+    for name, note in (("numbers", "7"), ("texts", "note")):
+        text = "time,velocity_z,input,landed\n" + "".join(f"{row},{note}\n" for row in rows)
+        (tmp_path / name).write_text(text)
+    one, other = (ev.read_log(tmp_path / name).channels for name in ("numbers", "texts"))
+    for name in ("velocity_z", "input"):
+        np.testing.assert_array_equal(one[name].values, other[name].values)
 
 
 @pytest.mark.thorough
@@ -343,7 +420,7 @@ def test_a_part_that_is_damaged_is_left_out(tmp_path, store, sound):
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
 def test_messages_that_a_bag_declares_and_does_not_give(tmp_path, store, kind):
-    """Messages of another channel, a chunk that says more than it has, rows that are gone: each is counted."""
+    """Messages of another channel, a chunk that says more than it has, rows that are gone: counted."""
     if kind == "bag":
         path = write_ros1(tmp_path / "flight.bag", inertial(store["ros1"]), store["ros1"])
         whole = path.read_bytes()
@@ -370,19 +447,19 @@ def test_messages_that_a_bag_declares_and_does_not_give(tmp_path, store, kind):
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_one_large_chunk_that_says_nothing_is_refused(read, sound):
+@pytest.mark.parametrize("kind", ["zstd", "lz4"])
+def test_one_large_chunk_that_says_nothing_is_refused(read, sound, kind):
     """A chunk of zeros in a thousandth of its size: neither read nor kept in memory."""
     index = sound["mcap"].index(b"\x04\0\0\0zstd") + 8
-    bomb = zstd.compress(bytes(1 << 27))
+    bomb = (zstd if kind == "zstd" else lz4_frame).compress(bytes(1 << 27))
+    said = struct.pack("<I", len(kind)) + kind.encode()
     start = index - 8 - 28 - 9
-    record = (
-        struct.pack("<QQQI", 0, 1 << 62, 1 << 27, 0) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
-    )
+    record = struct.pack("<QQQI", 0, 1 << 62, 1 << 27, 0) + said + struct.pack("<Q", len(bomb)) + bomb
     content = BytesIO()
     content.write(sound["mcap"][:start] + b"\x06" + struct.pack("<Q", len(record)) + record)
     content.write(b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + b"\x89MCAP0\r\n")
     tracemalloc.start()
-    with pytest.raises(CorruptLogError, match="repeats itself"):
+    with pytest.raises(CorruptLogError, match=r"repeats itself|larger than"):
         read(content.getvalue(), "mcap")
     assert tracemalloc.get_traced_memory()[1] < 200 << 20
     tracemalloc.stop()

@@ -62,6 +62,25 @@ def notch_delay_s(frequency_hz: float, bandwidth_hz: float) -> float:
     return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2))
 
 
+# -- Budget --
+
+#: What content may become: so many times its size and so much more by decompression [bytes], numbers for each
+#: byte and those that are free, numbers at most, groups and variables, and how deep they stand in each other.
+TIMES, MORE = 64, 64 << 20
+CELLS_PER_BYTE, FREE_CELLS, MAX_CELLS = 25, 10_000_000, 100_000_000
+MAX_OBJECTS, MAX_DEPTH = 10_000, 16
+
+
+def most_bytes(size: int, max_bytes: int) -> int:
+    """What a file of a size may become by decompression [bytes]."""
+    return min(TIMES * size + MORE, 8 * max(max_bytes, size))
+
+
+def most_cells(size: int, max_bytes: int) -> int:
+    """How many numbers may be read of a file of a size."""
+    return min(MAX_CELLS, max(FREE_CELLS, CELLS_PER_BYTE * size), max_bytes // 8)
+
+
 # -- Elements --
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]")
@@ -88,7 +107,7 @@ def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
 
 # -- Damage --
 
-_WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError)
+_WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError, NameError)
 #: What decoders raise for damaged bytes.
 DECODER_ERRORS = (*_WRONG, OSError, EOFError, RuntimeError, MemoryError, struct.error, zlib.error)
 
@@ -405,6 +424,7 @@ class ReadOptions:
 
     channel_map: str | os.PathLike[str] | None = None
     sha256: str = ""  # Hash of the file's bytes, for the Recording
+    max_bytes: int = 1 << 30  # Largest file that is read, which bounds what its content may become
 
 
 def advised(

@@ -277,7 +277,8 @@ def read_log(
         shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables and topics
         that are known, nor where a shipped map fits by itself.
     max_bytes : int
-        Largest file that is read [bytes]; 1 GiB by default.
+        Largest file that is read [bytes]; 1 GiB by default. What its content may become follows from it: an
+        eighth of it are the numbers of a table, eight times it what is decompressed.
 
     Returns
     -------
@@ -329,12 +330,12 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         remedy = "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...)."
         raise LogTooLargeError(expected, f"'{file.name}' with {size} bytes", remedy)
     try:
-        return _recording(file, channel_map)
+        return _recording(file, channel_map, max_bytes)
     except OSError as error:
         raise _unreadable(file, error) from error
 
 
-def _recording(file: Path, channel_map: str | os.PathLike[str] | None) -> Recording:
+def _recording(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int) -> Recording:
     head, sha256 = _head(file)
     chosen = format_of(head, file)
     if channel_map is not None and chosen.is_read and not chosen.takes_map:
@@ -342,7 +343,8 @@ def _recording(file: Path, channel_map: str | os.PathLike[str] | None) -> Record
         expected = f"a channel map only with logs whose columns have any names ({taking})"
         received = f"a channel map with the {chosen.label} '{file.name}'"
         raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-    return replace(chosen.read(file, common.ReadOptions(channel_map, sha256)), sha256=sha256)
+    options = common.ReadOptions(channel_map, sha256, max_bytes)
+    return replace(chosen.read(file, options), sha256=sha256)
 
 
 def _head(file: Path) -> tuple[bytes, str]:

@@ -361,12 +361,15 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
         named = ros.mapped_topics(chosen)
-        contents = ros.read_contents(files, lambda topic, _kind: topic in named, findings)
+        contents = ros.read_contents(files, lambda topic, _kind: topic in named, findings, options.max_bytes)
         channels = ros.map_channels(chosen, contents, path.name, findings)
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
         contents = ros.read_contents(
-            files, lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind), findings
+            files,
+            lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind),
+            findings,
+            options.max_bytes,
         )
         channels, frame, vehicle = _known_channels(contents, findings)
         looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES

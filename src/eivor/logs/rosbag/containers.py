@@ -18,14 +18,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
-from eivor.atomic_file import write_atomically
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
-from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names
+from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names, most_bytes
 
 # -- Decompression --
 
-#: What a bag may become by decompression: so many times its size, and so much more [bytes].
-TIMES, MORE = 64, 64 << 20
+#: Largest chunk or message, where recorders write a few MB, and how much is decompressed at once [bytes].
+MAX_CHUNK, STEP_BYTES = 100 << 20, 8 << 20
+#: What a message takes in memory beside its bytes [bytes].
+MESSAGE_BYTES = 100
 
 
 class TooLargeError(ValueError):
@@ -34,14 +35,15 @@ class TooLargeError(ValueError):
 
 @dataclass(slots=True)
 class Budget:
-    """How much may still be decompressed [bytes]."""
+    """How much may still be decompressed, and be kept of messages [bytes]."""
 
     left: int
+    kept: int
 
     @classmethod
-    def of(cls, size: int) -> Budget:
+    def of(cls, size: int, max_bytes: int) -> Budget:
         """Return the budget of a bag of so many bytes."""
-        return cls(TIMES * size + MORE)
+        return cls(most_bytes(size, max_bytes), max(max_bytes, size))
 
     def spent(self, made: bytes) -> bytes:
         """Return what was made, which is taken off."""
@@ -50,15 +52,33 @@ class Budget:
             raise TooLargeError("it repeats itself far more often than a flight does")
         return made
 
-    def decompressed(self, data: bytes, decompressor: Callable[[], Any]) -> bytes:
-        """Return all frames of compressed data."""
-        parts = []
+    def message(self, payload: bytes) -> bytes:
+        """Return a message that is kept."""
+        self.kept -= len(payload) + MESSAGE_BYTES
+        if self.kept < 0:
+            raise TooLargeError("its messages take more memory than max_bytes")
+        return payload
+
+    def steps(self, data: bytes, decompressor: Callable[[], Any]) -> Iterator[bytes]:
+        """Give all frames of compressed data, in steps."""
         while data:
             item = decompressor()
-            parts.append(self.spent(item.decompress(data, max_length=self.left + 1)))
-            if not item.eof:
-                raise EOFError("compressed data that end within a frame, or go on for too long")
+            while not item.eof:
+                part = item.decompress(data, max_length=STEP_BYTES)
+                if not part and item.needs_input:
+                    raise EOFError("compressed data that end within a frame")
+                data = b""
+                yield self.spent(part)
             data = item.unused_data or b""
+
+    def decompressed(self, data: bytes, decompressor: Callable[[], Any], size: int = MAX_CHUNK) -> bytes:
+        """Return all frames of compressed data, of at most so many bytes."""
+        parts, size = [], min(size, MAX_CHUNK)
+        for part in self.steps(data, decompressor):
+            parts.append(part)
+            size -= len(part)
+            if size < 0:
+                raise TooLargeError("a chunk is larger than it says, or than recorders write them")
         return b"".join(parts)
 
 
@@ -79,8 +99,8 @@ def bounded_chunks(budget: Budget) -> Iterator[None]:
     table: dict[str, Callable[[bytes, int], bytes]] = storage_mcap.DECOMPRESSORS
     kept = dict(table)
     table[""] = lambda data, _: budget.spent(data)
-    table["lz4"] = lambda data, _: budget.decompressed(data, LZ4FrameDecompressor)
-    table["zstd"] = lambda data, _: budget.decompressed(data, _zstd().ZstdDecompressor)
+    table["lz4"] = lambda data, size: budget.decompressed(data, LZ4FrameDecompressor, size)
+    table["zstd"] = lambda data, size: budget.decompressed(data, _zstd().ZstdDecompressor, size)
     try:
         yield
     finally:
@@ -303,7 +323,8 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
     plain = folder / "unpacked"
-    write_atomically(plain, budget.decompressed(file.read_bytes(), _zstd().ZstdDecompressor))
+    with plain.open("wb") as stream:
+        stream.writelines(budget.steps(file.read_bytes(), _zstd().ZstdDecompressor))
     return plain
 
 

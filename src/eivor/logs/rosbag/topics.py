@@ -216,10 +216,10 @@ class Contents:
 
 
 def read_contents(
-    files: Sequence[Path], wanted: Callable[[str, str], bool], findings: list[Finding]
+    files: Sequence[Path], wanted: Callable[[str, str], bool], findings: list[Finding], max_bytes: int
 ) -> Contents:
     """Read the messages of some topics out of the files of a bag."""
-    budget = Budget.of(sum(file.stat().st_size for file in files))
+    budget = Budget.of(sum(file.stat().st_size for file in files), max_bytes)
     contents = Contents()
     for file in files:
         before = contents.size
@@ -264,7 +264,7 @@ def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, co
                 raw = RawTopic(item.topic, types[item.id], item.msgdef.data or "", is_idl, container.ros1)
                 contents.topics[item.topic] = raw
             if raw.kind == types[item.id]:
-                raw.payloads.append(budget.spent(payload))
+                raw.payloads.append(budget.message(payload))
                 raw.record_ns.append(record_ns)
 
 

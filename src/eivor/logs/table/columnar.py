@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import inspect
 import json
 import math
 import os
@@ -30,12 +31,16 @@ from eivor.errors import (
 from eivor.logs.channel_map import columns_of, load_channel_map
 from eivor.logs.common import (
     DECODER_ERRORS,
+    MAX_CELLS,
+    MAX_DEPTH,
+    MAX_OBJECTS,
     Columns,
     LogFormat,
     ReadOptions,
     advised,
     begins_with,
     element_of,
+    most_cells,
     noted,
     with_elements,
 )
@@ -63,6 +68,8 @@ if TYPE_CHECKING:
 #: What a child leaves with that refuses a file, having printed why.
 REFUSED = 3
 _DAMAGED = "The file is damaged or incomplete; write it again."
+#: Time of the processor that a child may take [s], and more for each byte of the file.
+CPU_S, CPU_S_PER_BYTE = 15, 2e-7
 #: What a child begins with: `request` is what it is given, and it may use so many bytes.
 #: Where the system cannot limit memory, it is not limited.
 BEGINNING = """
@@ -71,6 +78,7 @@ request = json.load(sys.stdin)
 try:
     import resource
     resource.setrlimit(resource.RLIMIT_DATA, (request["bytes"], request["bytes"]))
+    resource.setrlimit(resource.RLIMIT_CPU, (request["seconds"], request["seconds"] + 5))
 except (ImportError, ValueError, OSError):
     pass
 """
@@ -88,7 +96,8 @@ def decode_in_child(
     """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish."""
     if SANDBOX in os.environ or not sys.executable or getattr(sys, "frozen", False):
         return
-    selected = {"path": str(file.resolve()), "bytes": max_bytes, **requested}
+    seconds = CPU_S + int(file.stat().st_size * CPU_S_PER_BYTE)
+    selected = {"path": str(file.resolve()), "bytes": max_bytes, "seconds": seconds, **requested}
     try:
         child = subprocess.run(  # noqa: S603 - the program is this interpreter, the path goes to its stdin
             [sys.executable, "-P", "-c", code],
@@ -139,11 +148,6 @@ def exactly(column: str) -> str:
 
 #: Most rows that are read: a Parquet file may say much more than its size holds.
 MAX_ROWS = 50_000_000
-#: Most numbers that are converted, 0.8 GB of them.
-MAX_CELLS = 100_000_000
-#: Most numbers for each byte of a file, and those that are free: a flight does not repeat itself more often.
-MAX_CELLS_PER_BYTE = 25
-FREE_CELLS = 10_000_000
 #: Memory that the decoding of one column may take [bytes]: for the decoder itself, and for each row.
 PARQUET_DECODER_BYTES = 512 << 20
 ROW_BYTES = 64
@@ -152,7 +156,7 @@ METADATA_KEY = "eivor"
 _CUT = "Cut the log to the manoeuvre of interest."
 
 
-def open_parquet(file: Path) -> TableSource:
+def open_parquet(file: Path, max_bytes: int) -> TableSource:
     """Read the footer of a Parquet file."""
     import polars as pl
 
@@ -170,7 +174,7 @@ def open_parquet(file: Path) -> TableSource:
     if rows > MAX_ROWS:
         raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", _CUT)
 
-    read = partial(_read, file, frame, schema, rows)
+    read = partial(_read, file, frame, schema, rows, max_bytes)
     return TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
 
 
@@ -178,11 +182,13 @@ def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
     return corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _DAMAGED)
 
 
-def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns: Sequence[str]) -> Columns:
+def _read(
+    file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, max_bytes: int, columns: Sequence[str]
+) -> Columns:
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
     import polars as pl
 
-    _check_parquet_size(file, rows, len(columns))
+    _check_cells(file, rows * len(columns), max_bytes)
     bases = {column: element_of(column, list(schema)) or (column, None) for column in columns}
     held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
     # the package's own file is known to be whole, and a probe takes a process
@@ -230,17 +236,16 @@ def _holds_lists(kind: pl.DataType) -> bool:
     return kind in (pl.List, pl.Array) and inner is not None and inner.is_numeric()
 
 
-def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
+def _check_cells(file: Path, cells: int, max_bytes: int) -> None:
     """Refuse what the numbers of a file would take, before one is decoded."""
-    cells = rows * columns
-    counted = f"'{file.name}' with {rows} rows of {columns} needed columns"
-    if cells > MAX_CELLS:
-        raise LogTooLargeError(f"at most {MAX_CELLS} numbers", counted, _CUT)
     size = file.stat().st_size
-    if cells > max(FREE_CELLS, MAX_CELLS_PER_BYTE * size):
-        expected = f"at most {MAX_CELLS_PER_BYTE} numbers for each byte of a Parquet file"
-        remedy = "Such a file repeats itself, which no flight does; check what wrote it."
-        raise LogTooLargeError(expected, f"{counted} in {size} bytes", remedy)
+    most = most_cells(size, max_bytes)
+    if cells > most:
+        remedy = "Cut it to the manoeuvre, or raise the limit: read_log(max_bytes=...)."
+        if most < MAX_CELLS and most < max_bytes // 8:
+            remedy = "Such a file repeats itself, which no flight does; check what wrote it."
+        expected = f"at most {most} numbers in the needed variables of {size} bytes"
+        raise LogTooLargeError(expected, f"'{file.name}' with {cells}", remedy)
 
 
 def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
@@ -307,24 +312,63 @@ def variables_source(
 
 # -- HDF5 --
 
-#: Memory that the decoder may take [bytes]: for itself, and for each number of the largest variable.
-DECODER_BYTES, BYTES_PER_CELL = 1 << 30, 16
+#: Memory that a decoder may take [bytes]: for itself, and for each number.
+DECODER_BYTES, BYTES_PER_CELL = 400 << 20, 16
 TIMEOUT_S = 120.0
 #: Kinds of MATLAB's variables that are no numbers, although they are stored as such.
 _NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
-_HDF5_CODE = f"""{BEGINNING}
-import h5py
-def visit(name, one):
-    if isinstance(one, h5py.Dataset) and one.dtype.kind in "iufb" and not (one.is_virtual or one.external):
-        if (one.size or 0) <= request["most"]:
-            one[()]
+
+
+def hdf5_variables(
+    h5py: Any, file: Any, most: int, objects: int, depth: int
+) -> tuple[dict[str, tuple[int, ...]], set[str]]:
+    """Shapes of the variables of an HDF5 file by path, and those that take more than so many numbers.
+
+    Small ones are counted first, chunks as a whole. Links to other places are not followed.
+    """
+    found: dict[str, tuple[int, ...]] = {}
+    cells: dict[str, int] = {}
+    waiting, seen = [("", file, 1)], 0
+    while waiting:
+        prefix, group, level = waiting.pop()
+        for name in group:
+            seen += 1
+            if seen > objects or level > depth:
+                raise ValueError(f"more than {objects} groups and variables, or {depth} in each other")
+            if name == "#refs#" or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                waiting.append((f"{prefix}{name}/", item, level + 1))
+                continue
+            # other files are none of this one's business, and one without a space has no shape
+            plain = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
+            if plain and item.dtype.kind in "iufb" and item.size and len(item.shape) in (1, 2):
+                found[prefix + name] = tuple(int(size) for size in item.shape)
+                cells[prefix + name] = max(math.prod(item.shape), math.prod(item.chunks or ()))
+    large, total = set(), 0
+    for path in sorted(cells, key=lambda path: cells[path]):
+        total += cells[path]
+        if total > most:
+            large.add(path)
+    return found, large
+
+
+_HDF5_CODE = f"""from __future__ import annotations
+{BEGINNING}
+from typing import Any
+import h5py, math
+{inspect.getsource(hdf5_variables)}
 try:
     with h5py.File(request["path"], "r") as file:
-        file.visititems(visit)
+        found, large = hdf5_variables(h5py, file, *request["limits"])
+        for path in found:
+            if path not in large:
+                file[path][()]
 {ENDING}"""
 
 
-def open_hdf5(file: Path) -> TableSource:
+def open_hdf5(file: Path, max_bytes: int) -> TableSource:
     """Name the variables of an HDF5 file."""
     try:
         import h5py
@@ -332,71 +376,67 @@ def open_hdf5(file: Path) -> TableSource:
         expected = "h5py, which reads HDF5 and MATLAB 7.3"
         remedy = "Install it: pip install 'eivor[hdf5]'. Or save with '-v7' in MATLAB."
         raise MissingReaderError(expected, f"an installation without it ({error})", remedy) from error
-    size = file.stat().st_size
-    most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
+    most = most_cells(file.stat().st_size, max_bytes)
+    limits = (most, MAX_OBJECTS, MAX_DEPTH)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
     decode_in_child(
-        file, _HDF5_CODE, {"most": most}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file"
+        file, _HDF5_CODE, {"limits": limits}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file"
     )
     try:
         with h5py.File(file, "r") as content:
-            datasets = _datasets(h5py, content)
+            found, large = hdf5_variables(h5py, content, *limits)
+            kinds = {path: content[path].attrs.get("MATLAB_class") for path in found}
     except DECODER_ERRORS as error:
         raise corrupt_table(
             file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
         ) from error
-    positions = {path.replace("/", "."): path for path in datasets}
+    positions = {path.replace("/", "."): path for path in found if kinds[path] not in _NO_NUMBERS}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
-        largest = max(math.prod(datasets[positions[name]]) for name in names)
-        if largest > most:
-            expected = f"at most {most} numbers in a variable of this file"
-            remedy = "Such a file repeats itself, which no flight does; check what wrote it."
-            raise LogTooLargeError(expected, f"'{file.name}' with {largest}", remedy)
+        if any(positions[name] in large for name in names):
+            _check_cells(
+                file, max(most + 1, sum(math.prod(found[positions[name]]) for name in names)), max_bytes
+            )
         with h5py.File(file, "r") as content:
             return {name: np.asarray(content[positions[name]][()]) for name in names}
 
-    return variables_source(file.name, {name: datasets[path] for name, path in positions.items()}, values)
-
-
-def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
-    results: dict[str, tuple[int, ...]] = {}
-
-    def visit(path: str, first: Any) -> None:
-        if not isinstance(first, h5py.Dataset) or path.startswith("#") or len(results) > MAX_COLUMNS:
-            return
-        # other files are none of this one's business
-        if first.is_virtual or first.external or first.attrs.get("MATLAB_class") in _NO_NUMBERS:
-            return
-        # one without a space has no shape
-        if first.dtype.kind in "iufb" and first.size and len(first.shape) in (1, 2):
-            results[path] = tuple(int(size) for size in first.shape)
-
-    content.visititems(visit)
-    return results
+    return variables_source(file.name, {name: found[path] for name, path in positions.items()}, values)
 
 
 # -- MATLAB --
 
-#: Memory that the decoder may take for each byte of the file [bytes].
-BYTES_PER_BYTE = 32
 #: How deep structures may stand in each other.
 MAX_NESTING = 4
+#: Kinds of variables that hold numbers; others are objects, cells and texts.
+_MATLAB_KINDS = (
+    "struct",
+    "double",
+    "single",
+    "logical",
+    *(f"{u}int{8 * n}" for u in ("", "u") for n in (1, 2, 4, 8)),
+)
 _MATLAB_CODE = f"""{BEGINNING}
-from scipy.io import loadmat
+from math import prod
+from scipy.io import loadmat, whosmat
 try:
-    loadmat(request["path"], squeeze_me=True)
+    known = [item for item in whosmat(request["path"]) if item[2] in request["kinds"]]
+    if sum(prod(shape) for _, shape, _ in known) <= request["most"]:
+        loadmat(request["path"], squeeze_me=True, variable_names=[name for name, *_ in known])
 {ENDING}"""
 
 
-def open_matlab(file: Path) -> TableSource:
+def open_matlab(file: Path, max_bytes: int) -> TableSource:
     """Read the variables of a MATLAB file."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
-    limit = DECODER_BYTES + BYTES_PER_BYTE * file.stat().st_size
-    decode_in_child(file, _MATLAB_CODE, {}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="a MATLAB file")
+    most = most_cells(file.stat().st_size, max_bytes)
+    limit = DECODER_BYTES + BYTES_PER_CELL * most
+    requested = {"kinds": _MATLAB_KINDS, "most": most}
+    decode_in_child(file, _MATLAB_CODE, requested, max_bytes=limit, timeout_s=TIMEOUT_S, kind="a MATLAB file")
     try:
-        content = loadmat(file, squeeze_me=True)
+        known = [item for item in whosmat(file) if item[2] in _MATLAB_KINDS]
+        _check_cells(file, sum(math.prod(shape) for _, shape, _ in known), max_bytes)
+        content = loadmat(file, squeeze_me=True, variable_names=[name for name, *_ in known])
     except DECODER_ERRORS as error:
         reason = f"a MATLAB file that cannot be decoded: {error}"
         raise corrupt_table(file.name, reason, "The file is damaged; save it again.") from error
@@ -593,13 +633,13 @@ def _table(
     name: str,
     label: str,
     sniff: Callable[[bytes, Path], bool],
-    opened: Callable[[Path], TableSource],
+    opened: Callable[[Path, int], TableSource],
     *endings: str,
 ) -> LogFormat:
     """Row of a table: what is the same of all is said here."""
 
     def read(file: Path, options: ReadOptions) -> Recording:
-        source, alone = opened(file), options.channel_map is None
+        source, alone = opened(file, options.max_bytes), options.channel_map is None
         findings = list(source.findings)
         if options.channel_map is None:
             chosen, finding = fitting_map(source.names, file.name, source.units)
@@ -628,7 +668,7 @@ def _table(
     )
 
 
-TEXTS = (_table("csv", "CSV", _is_csv, open_csv, ".csv", ".tsv"),)
+TEXTS = (_table("csv", "CSV", _is_csv, lambda file, _: open_csv(file), ".csv", ".tsv"),)
 PARQUETS = (_table("parquet", "Parquet", begins_with(b"PAR1"), open_parquet, ".parquet"),)
 ARRAYS = (
     _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat"),

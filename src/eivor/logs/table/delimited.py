@@ -7,7 +7,7 @@ import csv
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -179,6 +179,9 @@ def corrupt_table(name: str, reason: str, remedy: str) -> CorruptLogError:
 
 
 MAX_LINE_BYTES = 1 << 20
+#: What is looked at at once [bytes], and most blank lines.
+BLOCK_BYTES, MAX_BLANK = 1 << 19, 1_000_000
+_LINE_BREAK = ord("\n")
 #: A cell that is a list, and what stands in it.
 _INSIDE = re.compile(r"^\s*(?:array\((?:'\w', *)?)?[\[(]([^\[\]()]*)[\])]+\s*$")
 _LIST = re.compile(r"(?s)\s*(?:array)?[\[(].*[\])]\s*")
@@ -229,6 +232,7 @@ class _Lines:
     stream: BinaryIO
     name: str
     number: int = 0
+    blank: int = 0  # How many of them were
     delimiter: str = ""
     around_cells: re.Pattern[bytes] = re.compile(b"")  # Rows with quotes around whole cells only
     left_open: re.Pattern[bytes] = re.compile(b"")  # Rows whose last cell is left open
@@ -251,6 +255,23 @@ class _Lines:
             remedy = "A power cut leaves them; remove the lines that hold them."
             raise corrupt_table(self.name, f"with NUL bytes in line {self.number}", remedy)
         return line
+
+    def pass_plain_rows(self, width: int) -> tuple[int, bytes]:
+        """Pass over blocks of rows of so many cells without quotes; their number, and the last of them."""
+        rows, last = 0, b""
+        while True:
+            begin = self.stream.tell()
+            block = self.stream.read(BLOCK_BYTES)
+            block = block[: block.rfind(b"\n") + 1]
+            letters = np.frombuffer(block, np.uint8)
+            ends = np.flatnonzero(letters == _LINE_BREAK)
+            marks = np.searchsorted(np.flatnonzero(letters == ord(self.delimiter)), ends)
+            if not block or b'"' in block or b"\0" in block or np.any(np.diff(marks, prepend=0) != width - 1):
+                self.stream.seek(begin)
+                return rows, last
+            self.stream.seek(begin + len(block))
+            rows, last = rows + ends.size, block[block.rfind(b"\n", 0, -1) + 1 :]
+            self.number += ends.size
 
     def whole_row(self, row: bytes) -> bytes:
         """Return a line that has been read, with those that follow as long as a quoted cell is open."""
@@ -320,9 +341,11 @@ def _units_row(lines: _Lines, names: Sequence[str]) -> dict[str, str]:
 def _check_rows(lines: _Lines, header: _Layout) -> _Layout:
     """Return the layout with the number of rows (blank ones included), once every line has been checked."""
     mark, width = header.delimiter.encode(), len(header.names)
-    rows, cut, trailing, last = 0, False, False, b""
-    quoted_line = stray_line = 0
+    cut = trailing = False
+    quoted_line = stray_line = singly = 0
+    rows, last = lines.pass_plain_rows(width)
     while row := lines.line():
+        singly += len(row)
         count = row.count(mark) + 1
         if b'"' in row:
             row = lines.whole_row(row)
@@ -332,23 +355,37 @@ def _check_rows(lines: _Lines, header: _Layout) -> _Layout:
                 count = 0
             else:
                 stray_line = lines.number
-        if count != width and row.strip():
-            if count < width and (count == 0 or not row.endswith(b"\n")):
-                cut = True
+        if count != width:
+            cut = _odd_row(lines, row, count, width)
+            if cut:
                 break
-            if count == width + 1 and row.rstrip(b"\r\n").endswith(mark):
-                trailing = True
-            else:
-                remedy = "Correct the line, or cut the table before it."
-                raise lines.corrupt(f"has {count} fields where the header has {width}", remedy)
+            trailing |= count > width
         rows += 1
         last = row
+        if singly > BLOCK_BYTES:
+            singly, (plain, end) = 0, lines.pass_plain_rows(width)
+            rows, last = rows + plain, end or last
     if quoted_line and stray_line:
         lines.number = stray_line
         what = "has a quote inside a cell without quotes around it, where other cells have them"
         raise lines.corrupt(what, "Quote the cell, and double the quote.")
     open_end = not cut and not last.endswith((b"\n", b'"', mark))
     return replace(header, rows=rows, cut=cut, open_end=open_end, trailing=trailing, quoted=quoted_line > 0)
+
+
+def _odd_row(lines: _Lines, row: bytes, count: int, width: int) -> bool:
+    """Whether a row of another number of cells is the last one, cut; raise unless that can be."""
+    if not row.strip():
+        lines.blank += 1
+        if lines.blank > MAX_BLANK:
+            raise lines.corrupt(f"is blank, as {MAX_BLANK} before it", "Remove them.")
+        return False
+    if count < width and (count == 0 or not row.endswith(b"\n")):
+        return True
+    if count != width + 1 or not row.rstrip(b"\r\n").endswith(lines.delimiter.encode()):
+        remedy = "Correct the line, or cut the table before it."
+        raise lines.corrupt(f"has {count} fields where the header has {width}", remedy)
+    return False
 
 
 def _is_number(text: str) -> bool:
@@ -363,10 +400,12 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     import polars as pl
 
     # one column more, for the lines that end with a delimiter
-    schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
+    every = [f"c{i}" for i in range(len(layout.names) + layout.trailing)]
     position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
     wanted = dict.fromkeys((element_of(name, layout.names) or (name, None))[0] for name in columns)
-    with polars_errors(partial(_unreadable, file)):
+    chosen = [position[name] for name in wanted]
+
+    def scanned(kind: type[pl.DataType]) -> pl.DataFrame:
         scan = pl.scan_csv(
             file.resolve(),
             has_header=False,
@@ -374,13 +413,27 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
             quote_char='"' if layout.quoted else None,
             skip_lines=layout.header_lines,
             n_rows=layout.rows,
-            schema=schema,
+            schema={name: kind if name in chosen else pl.String for name in every},
             glob=False,
         )
-        frame = scan.select([position[name] for name in wanted]).collect()
+        frame = scan.select(chosen).collect()
         if frame.height != layout.rows:
             raise ValueError(f"{frame.height} rows where {layout.rows} were counted")
-        frame = frame.with_columns(pl.all().str.strip_chars())
+        return frame
+
+    with polars_errors(partial(_unreadable, file)):
+        if wanted.keys() >= set(columns):  # most tables hold numbers only, and no lists of them
+            with suppress(pl.exceptions.ComputeError):
+                frame = scanned(pl.Float64)
+
+                def number(base: str, _: int | None) -> tuple[np.ndarray, int, str]:
+                    values = frame[position[base]].fill_null(np.nan).to_numpy(writable=True)
+                    if layout.open_end and base == layout.names[-1]:
+                        values[-1] = np.nan
+                    return values, 0, ""
+
+                return table_columns(columns, layout.names, number)
+        frame = scanned(pl.String).with_columns(pl.all().str.strip_chars())
         if layout.delimiter == ";" and _has_decimal_commas(frame):
             frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
 

@@ -372,7 +372,8 @@ def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -
     """Keep a subscription whose format is sound; a number is never given to a second topic."""
     name = _text(payload[3:])
     if name is None or name not in log._formats:  # damaged, or its format is
-        log.lost_topics += [name] if name in topics else []
+        if name is not None and name in topics:
+            log.lost_topics.append(name)
         return False
     number = int.from_bytes(payload[1:3], "little")
     log._subscribed.add(number)
