@@ -22,7 +22,7 @@ import polars as pl
 from eivor.atomic_file import atomic_write, is_sealed, sealed, write_atomically
 from eivor.errors import EivorError, InputError
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.study import SHARD_TRIALS, Share, StudyResult, run_study
+from eivor.lab.study import Share, StudyResult, run_study, study_executor
 from eivor.process_pool import check_workers, local_executor
 from validation.pages import markdown, page_text, page_with
 from validation.suite_files import Suite, SuiteStudy, read_suite, versions
@@ -320,7 +320,7 @@ def run_suite(
     """Run what is left of a suite and gather its rows."""
     rows: list[Row] = []
     for study in with_bar(suite.studies, "studies", len(suite.studies)):
-        executor = local_executor(workers, tasks=-(-study.study.runs // SHARD_TRIALS))
+        executor = study_executor(study.study, workers)
         result = run_study(study.study, folder / f"{study.scenario}-{study.samples}", executor=executor)
         rows.extend(rows_of(study, result))
     return pl.DataFrame(rows)

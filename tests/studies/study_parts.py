@@ -32,7 +32,8 @@ EQUATION = DifferenceEquation(
 METHODS = (
     MethodChoice("least_squares"),
     MethodChoice("extended_iv", (1, 5)),
-    MethodChoice("generalized_iv", (0, 5), known_noise=("input",)),
+    # weighted, so that trials are computed one by one
+    MethodChoice("generalized_iv", (0, 5), weighting="two_stage", known_noise=("input",)),
 )
 
 

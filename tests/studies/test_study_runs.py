@@ -21,11 +21,13 @@ import eivor as ev
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
-from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
+from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
+from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import method_choice, read_study
 from eivor.lab.study import (
     DIRECT,
     PARTS,
+    PLAIN,
     SHARD_TRIALS,
     TARGETS,
     MethodChoice,
@@ -33,10 +35,13 @@ from eivor.lab.study import (
     Row,
     Share,
     StudyResult,
+    _estimated,
     failure,
     run_study,
     schema,
     scores,
+    side_by_side,
+    study_executor,
     trial,
     trial_nrmse,
 )
@@ -51,7 +56,7 @@ from eivor.process_pool import (
     local_executor,
 )
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance
+from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance, WhiteExcitation
 from eivor.strict_toml import read_toml
 from studies.mapped_tasks import Arriving, Patient, refusing, text_of
 from studies.study_parts import EQUATION, METHODS, Coin, content, dask_cluster, small_study, wait_for_workers
@@ -243,7 +248,8 @@ def test_a_trial_is_what_identify_says(covariance):
     study = small_study(intervals=True, methods=(*METHODS[:2], replace(METHODS[2], covariance=covariance)))
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
     signals = EQUATION.record(rng)
-    fit = eivor.identify(EQUATION.problem(signals, eivor.lags("input", 0, 5)), eivor.methods.generalized_iv())
+    method = eivor.methods.generalized_iv(eivor.methods.TwoStage())
+    fit = eivor.identify(EQUATION.problem(signals, eivor.lags("input", 0, 5)), method)
     if covariance == "classical":
         fit = fit.with_covariance(ev.covariances.Classical())
     row, label = trial(study, 3), study.methods[2].label
@@ -449,6 +455,54 @@ def test_a_trial_is_that_of_the_method():
     row = trial(study, 3)
     assert [row[f"{label}.{name}"] for name in study.parameters] == list(fit.parameters.values())
     assert row[f"{label}.status"] == "weak"
+
+
+def test_streams_are_those_of_the_seed_sequence():
+    numbers = (0, 1, 5, 10_000_000 - 1)
+    for seed, place in ((0, 0), (7, 3), (2**31, 1), (2**130 + 5, 2)):
+        for number, rng in zip(numbers, streams(seed, numbers, place), strict=True):
+            spawned = np.random.Generator(
+                np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number, place)))
+            )
+            assert (rng.standard_normal(5) == spawned.standard_normal(5)).all()
+
+
+@pytest.mark.parametrize(
+    ("experiment", "alone"),
+    [
+        (
+            EQUATION,
+            {"extended_iv", "extended_iv_tls"},
+        ),  # refused: an instrument of a noisy regressor's own lag
+        (replace(EQUATION, noise={"output": WhiteNoise(0.5)}, excitation=WhiteExcitation(1.0)), set()),
+        (replace(EQUATION, noise_to_signal={"output": 0.1}), set(PLAIN)),
+        (VerticalExperiment(Scenario(0.3, 0.02, samples=400)), set()),
+        (replace(EQUATION, excitation=WhiteExcitation(1e-3), noise={"output": WhiteNoise(1.0)}), None),
+    ],
+)
+def test_trials_side_by_side_are_those_of_one_by_one(experiment, alone, monkeypatch):
+    """Also where instruments are weak or methods refuse: those are computed one by one."""
+    choices = tuple(MethodChoice(name, None if name in DIRECT else (1, 6)) for name in PLAIN)
+    study = small_study(experiment=experiment, methods=choices, runs=12)
+    expected = [trial(study, index) for index in range(12)]
+    taken: set[str] = set()
+
+    def estimated(study, choice, signals):
+        taken.add(choice.name)
+        return _estimated(study, choice, signals)
+
+    monkeypatch.setattr("eivor.lab.study._estimated", estimated)
+    for row, one in zip(side_by_side(study, range(12)), expected, strict=True):
+        for key, value in one.items():
+            assert row[key] == (pytest.approx(value, rel=1e-12) if isinstance(value, float) else value)
+    assert alone is None or taken == alone
+
+
+def test_processes_are_begun_where_trials_are_worth_them(monkeypatch):
+    assert isinstance(study_executor(small_study(), None), InProcess)
+    assert study_executor(small_study(RUNS, intervals=True), 2) == LocalProcesses(2)
+    monkeypatch.setattr("eivor.lab.study.WORTH_PROCESSES_S", 0.0)
+    assert study_executor(small_study(RUNS, intervals=True), None) == local_executor(None, 7)
 
 
 # Whatever computes a study, and whatever is killed meanwhile: the same bytes.

@@ -142,6 +142,20 @@ class Assembler(ABC):
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> Moments:
         """Summary of the rows; the `whole` has mean(psi psi') and mean(phi phi'), for weights, strength."""
 
+    def noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"] | None:
+        """Mean covariance of the noises of what equations are products of; None where none is taken out."""
+        if not self.compensates:
+            if self.needs_instruments and problem.instruments_share_noise():
+                raise InstrumentError(
+                    "instruments whose measurement noise no regressor and no response shares",
+                    "an instrument of the same channel and lag as a noisy regressor",
+                    "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
+                )
+            return None
+        if self.needs_instruments:
+            return problem.instrument_noise_covariance()
+        return problem.regressor_noise_covariance()[:-1]
+
     def system(self, moments: Moments) -> LinearSystem:
         """Equations for the parameters; by default mean cross-products, less the noises' where it does so."""
         if not isinstance(moments, CrossMoments):
@@ -191,13 +205,7 @@ class Instrumental(Assembler):
 
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
         """mean(psi [phi' y])."""
-        if problem.instruments_share_noise():
-            raise InstrumentError(
-                "instruments whose measurement noise no regressor and no response shares",
-                "an instrument of the same channel and lag as a noisy regressor",
-                "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
-            )
-        return CrossMoments(products_of(problem, whole=whole))
+        return CrossMoments(products_of(problem, whole=whole), self.noise(problem))
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,11 +219,7 @@ class Compensated(Assembler):
 
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
         """mean(psi [phi' y]) and the mean covariance of the noises in it."""
-        of_instruments = self.needs_instruments
-        if of_instruments:
-            noise = problem.instrument_noise_covariance()
-        else:
-            noise = problem.regressor_noise_covariance()[:-1]
+        noise, of_instruments = self.noise(problem), self.needs_instruments
         products = products_of(problem, instruments=of_instruments, whole=whole or not of_instruments)
         return CrossMoments(products, noise)
 

@@ -54,16 +54,15 @@ from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import SIMULATED, Simulated, shipped_file, study_from_table
 from eivor.lab.study import (
-    SHARD_TRIALS,
     TOGETHER,
     MethodScore,
     StudyResult,
     failure,
     run_study,
     scores,
+    study_executor,
 )
 from eivor.logs.table.columnar import write_recording
-from eivor.process_pool import local_executor
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
 from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
@@ -365,7 +364,7 @@ def study(
     chosen = study_from_table(table)
     if runs is not None:
         chosen = replace(chosen, runs=runs)
-    executor = DaskCluster(dask) if dask else local_executor(workers, tasks=-(-chosen.runs // SHARD_TRIALS))
+    executor = DaskCluster(dask) if dask else study_executor(chosen, workers)
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
     keep_inputs(Path(study_file).name, table.files)
     try:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,13 +14,88 @@ from eivor.lab.records import Scenario, check_noises, check_number, declared_noi
 from eivor.models.regression import Column, Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import MeasurementNoise
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
+from eivor.tools import Float
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """Records of several trials, side by side."""
+
+    first: Signals  # The first of them; all have its rate, its length and its noises
+    channels: Mapping[str, Float[np.ndarray, "trials n"]]
+
+
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Generator of a trial, or of one source of a trial: that of the number in the trial's own spawn."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+Words: TypeAlias = np.ndarray[Any, np.dtype[np.uint32]]
+#: Constants of NumPy's `SeedSequence` and `PCG64`, whose streams it keeps from version to version.
+SEED_A, SEED_B, MIX = (0x43B0D7E5, 0x931E8875), (0x8B51F9DD, 0x58F38DED), (0xCA01F9DD, 0x4973F715)
+PCG_FACTOR, ALL_128 = 0x2360ED051FC65DA44385DF649FCCF645, (1 << 128) - 1
+
+
+def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random.Generator]:
+    """A generator set to `stream(seed, number, place)` for each number, much sooner; never spawn from it."""
+    constants = list(_hashing(*SEED_A, 24 + 4 * len(words := _words(seed))))[::-1]
+
+    def hashed(value: Words) -> Words:
+        before, after = constants.pop()
+        value = (value ^ before) * after
+        return value ^ value >> np.uint32(16)
+
+    entropy = [np.uint32(word) for word in (*words, *(0,) * (4 - len(words)))]
+    keys = [np.array(numbers, dtype=np.uint32), np.full(len(numbers), place, dtype=np.uint32)]
+    with np.errstate(over="ignore"):
+        pool = [hashed(np.full(len(numbers), word)) for word in entropy[:4]]
+        pairs = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
+        for source, i, j in (
+            *pairs,
+            *((entropy + keys, i, j) for i in range(4, len(entropy) + 2) for j in range(4)),
+        ):
+            mixed = np.uint32(MIX[0]) * pool[j] - np.uint32(MIX[1]) * hashed(source[i])
+            pool[j] = mixed ^ mixed >> np.uint32(16)
+        constants = list(_hashing(*SEED_B, 8))[::-1]
+        state = np.array([hashed(pool[i % 4]) for i in range(8)]).T.astype(object)
+    generator = np.random.Generator(np.random.PCG64(0))
+    for w in state.tolist():
+        start, odd = (
+            w[1] << 96 | w[0] << 64 | w[3] << 32 | w[2],
+            w[5] << 96 | w[4] << 64 | w[7] << 32 | w[6],
+        )
+        increment = (odd << 1 | 1) & ALL_128
+        value = ((increment + start) * PCG_FACTOR + increment) & ALL_128
+        inside = {"state": value, "inc": increment}
+        generator.bit_generator.state = {
+            "bit_generator": "PCG64",
+            "state": inside,
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        yield generator
+
+
+def _words(seed: int) -> list[int]:
+    """A whole number in words of 32 bits, the lowest first."""
+    return [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 1), 32)]
+
+
+def _hashing(value: int, factor: int, count: int) -> Iterator[tuple[np.uint32, np.uint32]]:
+    """Successive constants of a hash, each with the next."""
+    for _ in range(count):
+        following = value * factor & 0xFFFFFFFF
+        yield np.uint32(value), np.uint32(following)
+        value = following
 
 
 class Experiment(ABC):
     """What a trial repeats: a record with new noises, and an equation to estimate from it."""
+
+    samples: int  # Length of the record
 
     @property
     @abstractmethod
@@ -39,6 +115,16 @@ class Experiment(ABC):
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
         """Rows of the equation in a record."""
 
+    def records(self, seed: int, numbers: Sequence[int]) -> Records | None:
+        """Records of trials, those of `record`; None where they are not alike, with white noises."""
+        made = [self.record(stream(seed, number)) for number in numbers]
+        first, white = made[0], all(isinstance(noise, WhiteNoise) for noise in made[0].noise.values())
+        if not white or first.valid is not None or any(item.noise != first.noise for item in made):
+            return None
+        return Records(
+            first, {name: np.stack([item.channels[name] for item in made]) for name in first.channels}
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class VerticalExperiment(Experiment):
@@ -53,6 +139,10 @@ class VerticalExperiment(Experiment):
     @property
     def channels(self) -> tuple[str, ...]:
         return (*self.scenario.measured, *self.scenario.references)
+
+    @property
+    def samples(self) -> int:  # type: ignore[override]
+        return self.scenario.samples
 
     def record(self, rng: np.random.Generator) -> Signals:
         return simulate(self.scenario, rng).signals
@@ -129,22 +219,46 @@ class DifferenceEquation(Experiment):
 
     def record(self, rng: np.random.Generator) -> Signals:
         """Simulate; each source has a stream of its own, whether it is used or not."""
-        streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
-        step_s = 1.0 / self.rate_hz
-        true_input = self.excitation.sample(self.samples, step_s, streams["excitation"])
-        driven = np.zeros(self.samples)
-        if self.disturbance is not None:
-            driven += self.disturbance.sample(self.samples, step_s, streams["disturbance"])
+        sources = rng.spawn(len(SOURCES))
+        true = {name: series[0] for name, series in self._true([sources]).items()}
+        noise = declared_noise(self.noise, self.noise_to_signal, true)
+        errors = zip(self.channels, sources[2:], strict=True)
+        measured = {name: true[name] + noise[name].sample(self.samples, rng) for name, rng in errors}
+        return Signals(self.rate_hz, measured, noise=noise)
+
+    def records(self, seed: int, numbers: Sequence[int]) -> Records | None:
+        noise = declared_noise(self.noise, {}, dict.fromkeys(self.channels, np.empty(0)))
+        white = [item for item in noise.values() if isinstance(item, WhiteNoise)]
+        if type(self).record is not DifferenceEquation.record:
+            return Experiment.records(self, seed, numbers)
+        if self.noise_to_signal or len(white) < len(noise):
+            return None
+        own = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None
+        drawn = [] if own else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
+        channels = self._true(drawn or ([each] for each in streams(seed, numbers, 0)))
+        for place, (name, series) in enumerate(channels.items(), start=2):
+            if white[place - 2].std:
+                for index, each in enumerate(streams(seed, numbers, place)):
+                    series[index] += noise[name].sample(self.samples, each)
+        first = {name: series[0] for name, series in channels.items()}
+        return Records(Signals(self.rate_hz, first, noise=noise), channels)
+
+    def _true(
+        self, sources: Iterable[Sequence[np.random.Generator]]
+    ) -> dict[str, Float[np.ndarray, "trials n"]]:
+        """Channels without noise of records, each with its streams."""
+        step_s, inputs, pushes = 1.0 / self.rate_hz, [], []
+        for each in sources:
+            inputs.append(self.excitation.sample(self.samples, step_s, each[0]))
+            if self.disturbance is not None:
+                pushes.append(self.disturbance.sample(self.samples, step_s, each[1]))
+        true_input = np.stack(inputs)
+        driven = np.stack(pushes) if pushes else np.zeros(true_input.shape)
         for number, coefficient in enumerate(self.input_coefficients):
             lag = self.delay + number
-            driven[lag:] += coefficient * true_input[: self.samples - lag]
-        output = autoregression(driven, constant(self.output_coefficients, self.samples))
-        true = {OUTPUT: output, INPUT: true_input}
-        noise = declared_noise(self.noise, self.noise_to_signal, true)
-        measured = {
-            name: series + noise[name].sample(self.samples, streams[name]) for name, series in true.items()
-        }
-        return Signals(self.rate_hz, measured, noise=noise)
+            driven[:, lag:] += coefficient * true_input[:, : self.samples - lag]
+        output = autoregression(driven.T, constant(self.output_coefficients, self.samples)).T
+        return {OUTPUT: np.ascontiguousarray(output), INPUT: true_input}
 
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
         return SignalRegression(signals, Equation(Column(OUTPUT), self.terms), instruments)

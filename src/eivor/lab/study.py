@@ -6,15 +6,16 @@ import hashlib
 import io
 import json
 import math
+import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import polars as pl
@@ -28,22 +29,24 @@ from eivor.atomic_file import (
     sealed,
     write_atomically,
 )
-from eivor.errors import InputError, UsageError
+from eivor.errors import EivorError, InputError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
+from eivor.estimation.linear import SAME_COLUMN, LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import Experiment
+from eivor.lab.experiments import Experiment, Records, stream
 from eivor.lab.regularised import ShrunkTowards, regularised
+from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.regression import Column, lags
-from eivor.process_pool import Executor, InProcess, abandoned, check_among
+from eivor.process_pool import Executor, InProcess, abandoned, check_among, local_executor
 from eivor.signals.signals import Signals
-from eivor.tools import Float, ItemsDone, no_items_callback
+from eivor.tools import Bool, Float, ItemsDone, no_items_callback
 
 # -- Study --
 
@@ -68,6 +71,8 @@ INSTRUMENTAL = (
     "frisch_scheme",
     *STRENGTHS,
 )
+#: Methods whose equations of many trials are solved at once.
+PLAIN = (*DIRECT, *WEIGHTED, "extended_iv_tls", "generalized_iv_tls")
 #: Every method of a study, by the name of its maker in `eivor.methods`.
 METHODS = (*DIRECT, *INSTRUMENTAL)
 #: Weightings of equations by name.
@@ -78,6 +83,10 @@ WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
 }
 #: What regularisation may pull a solution towards.
 TARGETS: Mapping[str, Method | None] = {"zero": None, "least_squares": methods.least_squares()}
+#: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
+SHARD_TRIALS = 25
+#: Of trials that are computed side by side there are more, up to so many, or so many samples.
+MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES = 1_000, 500_000
 #: Largest number of runs: above it a study is more likely a mistake.
 MOST_RUNS = 10_000_000
 
@@ -156,6 +165,11 @@ class MethodChoice:
         return estimate.with_covariance(covariances.TABLE[self.covariance]())
 
     @property
+    def is_plain(self) -> bool:
+        """Whether trials of the method can be computed side by side."""
+        return self.name in PLAIN and self.weighting == "unweighted" and self.regularisation is None
+
+    @property
     def instruments(self) -> tuple[Column, ...]:
         """Columns of the instruments; none for direct methods."""
         return () if self.lags is None else lags(self.channel, *self.lags)
@@ -197,7 +211,15 @@ class Study:
 
     def rng(self, index: int) -> np.random.Generator:
         """Generator of one trial."""
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(index,))))
+        return stream(self.seed, index)
+
+    @property
+    def shard_trials(self) -> int:
+        """Trials of a shard: more where they take microseconds."""
+        alike = not self.intervals and all(choice.is_plain for choice in self.methods)
+        return max(
+            SHARD_TRIALS, min(MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES // self.experiment.samples * alike)
+        )
 
     @property
     def identity(self) -> str:
@@ -237,9 +259,9 @@ Row = dict[str, int | float | str | None]
 PARTS = ("", ".std_error", ".low", ".high")
 
 
-def trial(study: Study, index: int) -> Row:
+def trial(study: Study, index: int, known: Row | None = None) -> Row:
     """Compute a trial, a pure function of study and index: nothing in it is a time, say."""
-    row: Row = dict.fromkeys(schema(study)) | {"trial": index}
+    row: Row = dict.fromkeys(schema(study)) | {"trial": index} if known is None else known
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # weak instruments are recorded as a status
         signals: Signals | Exception
@@ -250,6 +272,8 @@ def trial(study: Study, index: int) -> Row:
         except Exception as error:  # noqa: BLE001 - whatever breaks a trial is its result
             signals = error
         for choice in study.methods:
+            if row[f"{choice.label}.status"] is not None:
+                continue
             try:
                 row |= _estimated(study, choice, signals)
             except MemoryError:
@@ -300,12 +324,158 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception)
     return row
 
 
+# -- Trials side by side --
+
+#: Numbers of a table of columns that is worked on at a time, as many as a cache holds.
+CACHED = 400_000
+#: Trials whose records are held at a time.
+TRIALS_AT_ONCE = 250
+#: Equations of a larger condition are solved one by one: ways agree to some times its product with rounding.
+PLAIN_CONDITION = 1e3
+#: What is so near to a limit is decided one by one.
+MARGIN = 1e-6
+
+Stack = Float[np.ndarray, "trials _ _"]
+
+
+def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
+    """Trials as `trial` computes them, to rounding; a method's that is in any doubt is computed by it."""
+    records, none = None, dict.fromkeys(schema(study))
+    if len(numbers) > 1 and any(choice.is_plain for choice in study.methods) and not study.intervals:
+        with suppress(EivorError, ArithmeticError, ValueError, LookupError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            records = study.experiment.records(study.seed, numbers)
+    rows: list[Row] = [none | {"trial": number} for number in numbers]
+    done = np.full(len(numbers), records is not None)
+    for choice in study.methods if records is not None else ():
+        solved = np.full((len(numbers), len(study.parameters)), np.nan)
+        if choice.is_plain and records is not None:
+            # whatever breaks all of them breaks each
+            with suppress(EivorError, ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+                solved = _solved(study, choice, records)
+        names = [f"{choice.label}.status", *(f"{choice.label}.{name}" for name in study.parameters)]
+        plain = np.isfinite(solved).all(axis=1)
+        done &= plain
+        for index in np.flatnonzero(plain).tolist():
+            rows[index].update(zip(names, (Status.IDENTIFIED.value, *solved[index].tolist()), strict=True))
+    return [
+        row if whole else trial(study, number, row)
+        for number, row, whole in zip(numbers, rows, done.tolist(), strict=True)
+    ]
+
+
+def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials n"]:
+    """Parameters of every trial by one method; NaN where a trial is in doubt."""
+    method, signals = cast("LinearMethod", choice.method), records.first
+    if choice.known_noise is not None:
+        signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
+    problem, assembler = study.experiment.problem(signals, choice.instruments), method.assembler
+    unknowns, tested = len(problem.parameters), problem.instrument_count
+    columns = (*problem.instrument_columns, *problem.regressor_columns, problem.equation.response)
+    count = signals.sample_count - problem.first
+    if problem.used is not None or count <= unknowns or any(c.gain_channel or not c.channel for c in columns):
+        raise UsageError("columns of channels", "others", "They are computed one by one.")
+    series = [
+        (column.gain, records.channels[column.channel], problem.first - column.lag) for column in columns
+    ]
+    trials, results = len(series[-1][1]), []
+    table = np.empty((min(trials, max(1, CACHED // (count * len(columns)))), len(columns), count))
+    for start in range(0, trials, len(table)):
+        data = table[: trials - start]  # once for all: new memory takes longer than what is done with it
+        for place, (gain, values, begin) in enumerate(series):
+            np.multiply(values[start : start + len(data), begin : begin + count], gain, out=data[:, place])
+        if not assembler.moment_equations:
+            root, plain = np.linalg.qr(data.swapaxes(1, 2), mode="r"), True
+            S = problem.declared_noise()
+        else:
+            products, psi = data @ data.swapaxes(1, 2) / count, slice(tested or unknowns)
+            noise = assembler.noise(problem)
+            cross, own = products[:, psi, tested:], products[:, tested:-1, tested:-1]
+            equations = cross if noise is None else cross - noise
+            plain = _is_strong(products[:, psi, psi], cross[..., :-1], own, count, noise)
+            if assembler.takes_out_own_noise:
+                scale = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+                plain &= (
+                    np.linalg.eigvalsh(scale[:, :, None] * equations[..., :-1] * scale[:, None])[:, 0]
+                    > MARGIN
+                )
+            root, S = np.linalg.qr(equations, mode="r"), None
+        of_noise = isinstance(method.solver, AugmentedTotalLeastSquares)
+        theta = _total_least_squares(root, S) if of_noise else _least_squares(root)
+        results.append(np.where(np.reshape(plain, (-1, 1)), theta, np.nan))
+    return np.concatenate(results)
+
+
+def _least_squares(root: Stack) -> Float[np.ndarray, "trials n"]:
+    """Solutions of [R r]; NaN where R is ill conditioned."""
+    n = root.shape[2] - 1
+    lengths = np.linalg.norm(root[:, :, :n], axis=1)[:, None]
+    inverse = np.linalg.inv(root[:, :n, :n] / lengths)
+    condition = np.sqrt(n) * np.linalg.norm(inverse, axis=(1, 2))
+    theta = (inverse @ root[:, :n, n:])[..., 0] / lengths[:, 0]
+    return np.where(condition[:, None] < PLAIN_CONDITION, theta, np.nan)
+
+
+def _total_least_squares(
+    root: Stack, S: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
+) -> Float[np.ndarray, "trials n"]:
+    """Solutions of [R r] whose columns have errors; NaN where they are hardly determined."""
+    n = root.shape[2] - 1
+    S = np.eye(n + 1) if S is None else S
+    exact, noisy = np.flatnonzero(np.diag(S)[:-1] == 0.0), np.flatnonzero(np.diag(S) > 0.0)
+    k, q = exact.size, noisy.size - 1
+    plain = _least_squares(root)
+    if noisy.size == 0 or k == n:
+        return plain
+    if noisy[-1] != n or root.shape[1] < n + 1:
+        return np.full_like(plain, np.nan)
+    ordered = np.linalg.qr(root[:, :, [*exact, *noisy]], mode="r")
+    L = np.linalg.cholesky(S[np.ix_(noisy, noisy)])
+    left = np.linalg.qr(ordered[:, k:, k:] @ np.linalg.inv(L).T, mode="r")
+    smallest = np.linalg.svd(left, compute_uv=False)[:, -1:]
+    U, singular, Vt = np.linalg.svd(left[:, :q, :q])
+    gains = singular / ((singular - smallest) * (singular + smallest))
+    projected = (U.swapaxes(1, 2) @ left[:, :q, q:])[..., 0]
+    whitened = (Vt.swapaxes(1, 2) @ (gains * projected)[..., None])[..., 0]
+    direction = (np.column_stack([whitened, -np.ones(len(left))])[:, None] @ np.linalg.inv(L))[:, 0]
+    theta = np.empty((len(left), n))
+    theta[:, noisy[:-1]] = -direction[:, :-1] / direction[:, -1:]
+    if k:
+        right = ordered[:, :k, n:] - ordered[:, :k, k:n] @ theta[:, noisy[:-1], None]
+        theta[:, exact] = np.linalg.solve(ordered[:, :k, :k], right)[..., 0]
+    return np.where((smallest < 0.9 * singular[:, -1:]) & np.isfinite(plain), theta, np.nan)
+
+
+def _is_strong(
+    instruments: Stack, cross: Stack, own: Stack, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
+) -> Bool[np.ndarray, " trials"]:
+    """Whether instruments are strong without any doubt, and no noise is overstated."""
+    available, count = cross.shape[1:]
+    degrees = available - count + 1
+    shared = np.zeros(cross.shape[1:]) if noise is None else noise[:, :-1]
+    if degrees < 1 or rows <= available:
+        return np.zeros(len(cross), dtype=np.bool_)
+    powers = np.diagonal(instruments, axis1=1, axis2=2)
+    scale = np.sqrt(powers)[:, :, None]
+    whitening = np.linalg.inv(np.linalg.cholesky(instruments / (scale * scale.swapaxes(1, 2))))
+    basis, noises = whitening @ ((cross - shared) / scale), whitening @ (shared / scale)
+    inverse = np.linalg.inv(basis.swapaxes(1, 2) @ basis)
+    explained = 1.0 / np.diagonal(inverse, axis1=1, axis2=2)
+    total, both = (
+        np.diagonal(inverse @ middle @ inverse, axis1=1, axis2=2) * explained**2
+        for middle in (own, basis.swapaxes(1, 2) @ noises)
+    )
+    unexplained = total - explained - 2.0 * both
+    strong = explained / degrees > (1.0 + MARGIN) * STRONG_FIRST_STAGE * unexplained / (rows - available)
+    spread = np.linalg.norm(whitening, axis=(1, 2))
+    squares = powers[:, :, None] * np.diagonal(own, axis1=1, axis2=2)[:, None]
+    same = cross**2 >= (1.0 - 2.0 * SAME_COLUMN) * squares
+    overstated = same & (shared * np.sign(cross) >= (1.0 - MARGIN) * np.abs(cross))
+    return strong.all(axis=1) & (spread < PLAIN_CONDITION) & ~overstated.any(axis=(1, 2))
+
+
 # -- Trial shards --
 
-#: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
-SHARD_TRIALS = 25
-#: Shards that are put together at a time, those of a row group.
-SHARDS_AT_ONCE = GROUP_ROWS // SHARD_TRIALS
 #: Packages whose versions bear on the bytes.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 IDENTITY_FILE = "study.json"
@@ -325,7 +495,7 @@ class TrialShards:
     @property
     def count(self) -> int:
         """Number of shards."""
-        return -(-self.study.runs // SHARD_TRIALS)
+        return -(-self.study.runs // self.study.shard_trials)
 
     def path(self, number: int) -> Path:
         """File of a shard."""
@@ -343,7 +513,7 @@ class TrialShards:
             return False
 
     def _facts(self, number: int) -> dict[str, str]:
-        trials = shard_trials(self.study.runs, number)
+        trials = shard_trials(self.study, number)
         return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
 
     def _read(self, number: int) -> pl.DataFrame:
@@ -364,17 +534,19 @@ class TrialShards:
         with report_study_errors(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             groups = []
-            for start in range(0, self.count, SHARDS_AT_ONCE):
-                numbers = range(start, min(self.count, start + SHARDS_AT_ONCE))
+            together = GROUP_ROWS // self.study.shard_trials  # a row group's
+            for start in range(0, self.count, together):
+                numbers = range(start, min(self.count, start + together))
                 groups.append(pl.concat([self._read(number) for number in numbers], rechunk=True))
             table = pl.concat(groups, rechunk=True)
             write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
         return table
 
 
-def shard_trials(runs: int, number: int) -> range:
+def shard_trials(study: Study, number: int) -> range:
     """Trials of a shard."""
-    return range(number * SHARD_TRIALS, min(runs, (number + 1) * SHARD_TRIALS))
+    size = study.shard_trials
+    return range(number * size, min(study.runs, (number + 1) * size))
 
 
 def open_folder(study: Study, folder: Path) -> TrialShards:
@@ -389,7 +561,7 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
         document = {
             "name": study.name,
             "identity": study.identity,
-            "shard_trials": SHARD_TRIALS,
+            "shard_trials": study.shard_trials,
             "runs": study.runs,
             "versions": {package: version(package) for package in PACKAGES},
         }
@@ -467,12 +639,32 @@ class ShardTrials:
 
     def __call__(self, number: int) -> tuple[Row, ...]:
         """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
-        trials = []
-        for index in shard_trials(self.study.runs, number):
+        trials: list[Row] = []
+        every = shard_trials(self.study, number)
+        step = TRIALS_AT_ONCE if self.study.shard_trials > SHARD_TRIALS else 1
+        for start in range(0, len(every), step):
             if abandoned():
                 break
-            trials.append(trial(self.study, index))
+            trials += side_by_side(self.study, every[start : start + step])
         return tuple(trials)
+
+
+#: Trials that take less time [s] in all are computed in this process: others take as long to begin.
+WORTH_PROCESSES_S = 5.0
+
+
+def study_executor(study: Study, workers: int | None) -> Executor:
+    """Executor with that many workers, or with as many as the trials are worth."""
+    if workers is None:
+        for numbers in (range(1), range(min(study.runs, SHARD_TRIALS))):  # the first loads what they need
+            begun = time.perf_counter()
+            side_by_side(study, numbers)
+            each = (time.perf_counter() - begun) / len(numbers)
+            if each * SHARD_TRIALS > WORTH_PROCESSES_S:
+                break
+        if each * study.runs < WORTH_PROCESSES_S:
+            return InProcess()
+    return local_executor(workers, tasks=-(-study.runs // study.shard_trials))
 
 
 def run_study(
@@ -481,7 +673,7 @@ def run_study(
     """Run what is left of a study."""
     shards = open_folder(study, folder)
     missing = shards.missing()
-    done = study.runs - sum(len(shard_trials(study.runs, number)) for number in missing)
+    done = study.runs - sum(len(shard_trials(study, number)) for number in missing)
     progress(done, study.runs)
     with closing((executor or InProcess()).map(ShardTrials(study), missing)) as results:
         for item, trials in results:

@@ -315,20 +315,18 @@ class WhiteDisturbance(WhiteExcitation, Disturbance):
 
 
 def autoregression(
-    driven: Float[np.ndarray, " n"], coefficients: Float[np.ndarray, "n lags"]
-) -> Float[np.ndarray, " n"]:
+    driven: Float[np.ndarray, "n *records"], coefficients: Float[np.ndarray, "n lags"]
+) -> Float[np.ndarray, "n *records"]:
     """x[k] = driven[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record."""
-    count, lags = driven.size, min(coefficients.shape[1], max(driven.size - 1, 0))
+    count, lags = driven.shape[0], min(coefficients.shape[1], max(driven.shape[0] - 1, 0))
     if lags == 0:
         return driven.copy()
     band = np.zeros((lags + 1, count))
     band[0] = 1.0
     for i in range(1, lags + 1):
         band[i, : count - i] = -coefficients[i:, i - 1]
-    series: Float[np.ndarray, " n"] = scipy.linalg.lapack.dtbtrs(band, driven[:, None], uplo="L", diag="U")[
-        0
-    ][:, 0]
-    return series
+    right = driven.reshape(count, -1)
+    return np.asarray(scipy.linalg.lapack.dtbtrs(band, right, uplo="L", diag="U")[0]).reshape(driven.shape)
 
 
 def constant(coefficients: tuple[float, ...], count: int) -> Float[np.ndarray, "n lags"]:
