@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import io
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 import eivor as ev
-from eivor.errors import InputError
-from eivor.fleet.run import compact_fleet
-from fleets.fleet_rows import row, write_fleet
+from eivor.errors import InputError, UsageError
+from eivor.fleet.logs import here, logs_found, place
+from eivor.fleet.run import compact_fleet, run_fleet
+from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
+from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
@@ -96,3 +100,64 @@ def test_the_questions_of_the_page(tmp_path, monkeypatch):
     exec(compile(code, PAGE.name, "exec"), names)  # noqa: S102 - the project's own page
     assert names["fleet"].flights.height == table.height + 1
     assert set(names["fleet"].quantities["name"]) == set(table["name"])
+
+
+@pytest.fixture
+def bucket(monkeypatch):
+    """Address of a bucket of a local S3 server."""
+    pytest.importorskip("upath"), pytest.importorskip("s3fs")
+    server = pytest.importorskip("moto.server").ThreadedMotoServer(
+        ip_address="127.0.0.1", port=0, verbose=False
+    )
+    server.start()
+    host, port = server.get_host_and_port()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "testing")
+    yield "s3://bucket"
+    server.stop()
+
+
+@pytest.mark.thorough
+@pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
+    """The rows are those of the same logs here; what was cut off is gone on with; reports are there, too."""
+    rows_of(monkeypatch)
+    texts = {"logs/a.csv": "one", "logs/b/c.csv": "two!", "logs/b/d.csv": "one", "logs/README": "no log"}
+    write_logs(tmp_path, texts)
+    place(bucket).mkdir()
+    for name, text in texts.items():
+        place(f"{bucket}/{name}").write_text(text)
+
+    def rows(logs, folder, **choices):
+        done = run_fleet(logs_found(logs), place(folder), FleetOptions(), guarded=False, **choices)
+        return done, ev.fleet.open(folder).flights
+
+    done, table = rows(f"{bucket}/logs", f"{bucket}/fleet", page_of=str)
+    assert (done.logs, done.before, done.others) == (3, 0, 1)
+    assert_frame_equal(table, rows(str(tmp_path / "logs"), str(tmp_path / "fleet"))[1])
+    assert_frame_equal(table, rows((tmp_path / "logs").as_uri(), (tmp_path / "other").as_uri())[1])
+    FleetFolder(place(f"{bucket}/fleet")).begin().write([row("z", sha256="z" * 64)])
+    done, table = rows(f"{bucket}/logs/**/*.csv", f"{bucket}/fleet")
+    assert (done.before, done.elsewhere, table.height) == (3, 1, 4)
+    assert len(set(reports_there(place(f"{bucket}/fleet")))) == 2
+    assert compact_fleet(place(f"{bucket}/fleet")) == (4, 1)
+    part = place(f"{bucket}/fleet/flights/part-000000.parquet")
+    part.write_bytes(part.read_bytes()[:-9])
+    assert rows(f"{bucket}/logs", f"{bucket}/fleet")[1].height == 3
+    with here(f"{bucket}/logs/a.csv") as local:
+        assert local.read_text() == "one"
+    with pytest.raises(InputError, match="an address with files"):
+        logs_found(f"{bucket}/nothing")
+    with pytest.raises(InputError, match="whose files can be listed"):
+        logs_found("s3://no-such-bucket/logs")
+
+
+def test_addresses_need_their_packages(monkeypatch):
+    with pytest.raises(UsageError, match="a scheme that fsspec knows"):
+        pytest.importorskip("upath") and place("nowhere://a")
+    monkeypatch.setitem(sys.modules, "upath", None)
+    with pytest.raises(UsageError, match=r"packages for addresses s3://.*eivor\[cloud\]"):
+        logs_found("s3://bucket/logs")

@@ -42,7 +42,7 @@ from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
-from eivor.fleet.logs import given_covariates, logs_found
+from eivor.fleet.logs import given_covariates, is_address, logs_found, place
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
 from eivor.fleet.run import FleetRun, compact_fleet, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
@@ -87,7 +87,7 @@ def run_command(
         typer.Argument(
             metavar="FOLDER|GLOB|LIST",
             help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
-            "line, a .csv with a column 'path'.",
+            "line, a .csv with a column 'path'; an address such as s3://bucket/logs, too.",
         ),
         Reads(),
     ],
@@ -151,14 +151,14 @@ def run_command(
     )
     with step(f"Looking for logs in {logs}"):
         result = logs_found(logs)
-    keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs))
+    keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs if not is_address(log.path)))
     useful = useful_workers(workers, len(result.logs))
     local = LocalThreads(useful) if useful > 1 else InProcess()
     try:
         with progress_bar("flights") as progress:
             done = run_fleet(
                 result,
-                Path(out),
+                place(out),
                 options,
                 executor=DaskCluster(dask) if dask else local,
                 shared=bool(dask),
@@ -214,7 +214,7 @@ def query(
     csv: Annotated[str, option("FILE", "Write the answer as CSV; - for standard output."), Writes()] = "",
 ) -> ExitCode:
     """Ask a fleet's table what is asked most often."""
-    answer = answer_of(read_flights(Path(fleet)), what)
+    answer = answer_of(read_flights(place(fleet)), what)
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
     if csv:
@@ -233,7 +233,7 @@ def compact(fleet: FleetArgument) -> ExitCode:
     from rich.text import Text
 
     with step("Putting rows together"):
-        rows, files = compact_fleet(Path(fleet))
+        rows, files = compact_fleet(place(fleet))
     show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
     return ExitCode.IDENTIFIED
 
@@ -264,11 +264,11 @@ def report(
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
     with step("Pooling"):
-        reports = fleet_reports(Path(fleet), given)
-    title = Path(fleet).resolve().name
+        reports = fleet_reports(place(fleet), given)
+    title = place(fleet).resolve().name
 
     def write_page() -> None:
-        write_out(fleet_page(reports, title, flight_links(Path(fleet), Path(html))), html)
+        write_out(fleet_page(reports, title, flight_links(place(fleet), Path(html))), html)
 
     deliver_result(
         lambda: on_terminal(*(fleet_document(report, title) for report in reports)),

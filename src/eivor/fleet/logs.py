@@ -9,11 +9,16 @@ import os
 import re
 import stat
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import chain, islice
+from itertools import chain, islice, takewhile
 from pathlib import Path, PurePosixPath
+from shutil import copyfileobj
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import polars as pl
 
@@ -22,6 +27,76 @@ from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
+
+# -- Places --
+
+_ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://")
+
+
+def is_address(text: str) -> bool:
+    """Whether a text is an address of another file system, such as s3://bucket/logs."""
+    return _ADDRESS.match(text) is not None and not text.startswith("file://")
+
+
+def is_local(path: object) -> bool:
+    """Whether what `place` gave is a path of this machine."""
+    return isinstance(path, Path)
+
+
+def place(text: str) -> Path:
+    """Path of a text; of an address one that does the same as far as fleets need it."""
+    if text.startswith("file://"):
+        return Path(url2pathname(urlsplit(text).path))
+    if not is_address(text):
+        return Path(text)
+    scheme = text.partition("://")[0]
+    try:
+        import upath
+
+        remote = upath.UPath(text, use_listings_cache=False)
+        remote.fs  # noqa: B018 - loads what the scheme needs
+    except ImportError as error:
+        expected = f"the packages for addresses {scheme}://"
+        remedy = "Install them: pip install 'eivor[cloud]'."
+        raise UsageError(expected, f"an installation without them ({error})", remedy) from error
+    except ValueError as error:
+        remedy = "Give a path, or an address such as s3://bucket/logs or gs://bucket/logs."
+        raise UsageError("a scheme that fsspec knows", f"'{text}'", remedy) from error
+    return cast("Path", remote)
+
+
+@contextmanager
+def here(path: str) -> Iterator[Path]:
+    """A log as a local file, which is fetched when it is elsewhere."""
+    if not is_address(path):
+        yield Path(path)
+        return
+    with TemporaryDirectory(prefix="eivor-") as folder:
+        local = Path(folder) / path.rpartition("/")[2]
+        with place(path).open("rb") as source, local.open("wb") as target:
+            copyfileobj(source, target)
+        yield local
+
+
+def _elsewhere(given: str) -> LogsFound:
+    """Logs below an address, of a pattern or one of them, by the ends of their names."""
+    root = place(given)
+    system: Any = cast("Any", root).fs
+    fixed = list(takewhile(lambda part: not glob.has_magic(part), given.split("/")[:-1]))
+    start = "/".join(fixed) if glob.has_magic(given) else given.rstrip("/")
+    try:
+        files = system.glob(given) if glob.has_magic(given) else system.find(given)
+    except Exception as error:
+        received = f"'{given}', for which {type(error).__name__} says: {error}"
+        remedy = "Check the address, and the credentials of this machine."
+        raise InputError("an address whose files can be listed", received, remedy) from error
+    ends = tuple(end for log_format in log_formats() for end in log_format.endings) + FURTHER_ENDINGS
+    logs = [system.unstrip_protocol(file) for file in files if file.lower().endswith(ends)]
+    named = [named_log(log, log.removeprefix(start).lstrip("/") or log.rpartition("/")[2]) for log in logs]
+    if not files:
+        raise InputError("an address with files", f"'{given}', where there are none", "Check the address.")
+    return LogsFound(LogList.of(named), len(files) - len(logs))
+
 
 #: Columns by which rows belong to flights: the first that is there.
 COVARIATE_KEYS = ("sha256", "name")
@@ -140,8 +215,8 @@ def listed(path: Path) -> Generator[Log, None, None]:
     for row in rows:
         name = row.pop(PATH_COLUMN)
         if name:
-            called = PurePosixPath(name.replace(os.sep, "/")).as_posix()
-            yield named_log(str(path.parent / name), called, row)
+            called = name if is_address(name) else PurePosixPath(name.replace(os.sep, "/")).as_posix()
+            yield named_log(name if is_address(name) else str(path.parent / name), called, row)
 
 
 def named_log(path: str, name: str, record: dict[str, str] | None = None) -> Log:
@@ -234,7 +309,9 @@ class LogsFound:
 
 def logs_found(given: str) -> LogsFound:
     """Logs of a folder and the folders in it, of a glob, of a list, or one log."""
-    path = Path(given)
+    if is_address(given):
+        return _elsewhere(given)
+    path = place(given)
     try:
         if path.is_dir():
             os.scandir(path).close()

@@ -25,6 +25,7 @@ from eivor.fleet.analysis import (
     is_share,
     omission_reason,
 )
+from eivor.fleet.logs import is_local
 from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
@@ -497,6 +498,8 @@ def _trend(
 def flight_links(folder: Path, page: Path) -> Mapping[str, str]:
     """Address of the report of each log that has one, by the log's hash, relative to a page."""
     parent = page.resolve().parent
+    if not is_local(folder):
+        return {}  # a page on this machine has no relative address of another's
     return {
         sha256: quote(Path(os.path.relpath(report_path(folder.resolve(), sha256), parent)).as_posix())
         for sha256 in reports_there(folder)

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import polars as pl
 
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound
+from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound, is_address, is_local, place
 from eivor.fleet.table import (
     COPY,
     FAILED,
@@ -210,7 +210,7 @@ def run_fleet(
             folder.mkdir(parents=True, exist_ok=True)
     fleet_folder = FleetFolder(folder)
     fleet_folder.check(options)
-    with report_fleet_errors(folder), folder_lock(folder):
+    with report_fleet_errors(folder), held(folder):
         shard = Shard(fleet_folder.begin(), options, guarded, page_of)
         run = _Run(shard, executor or InProcess(), shared, shard_logs, progress)
         try:
@@ -222,10 +222,15 @@ def run_fleet(
                 _KEPT.popitem()[1][0].close()
 
 
+def held(folder: Path) -> AbstractContextManager[None]:
+    """Hold a folder; elsewhere there are no locks, and a run ends the writing of those before it."""
+    return folder_lock(folder) if is_local(folder) else nullcontext()
+
+
 def compact_fleet(folder: Path) -> tuple[int, int]:
     """Take all rows of a fleet into its table, and count its rows and its files."""
     read_flights(folder, ["name"])
-    with report_fleet_errors(folder), folder_lock(folder):
+    with report_fleet_errors(folder), held(folder):
         FleetFolder(folder).begin().merge()
     return read_flights(folder, ["name"]).height, len(part_files(folder))
 
@@ -309,11 +314,11 @@ def _taken_over(folder: Path) -> InputError:
 
 def hashed(log: Log) -> Log:
     """A log with the hash of its bytes, or with the reason why it cannot be opened."""
-    path = Path(log.path)
+    path, remote = place(log.path), is_address(log.path)
     try:
         status = path.stat()
-        is_folder = stat.S_ISDIR(status.st_mode) and bool(folder_parts(path).members)
-        if not is_folder and not stat.S_ISREG(status.st_mode):
+        is_folder = not remote and stat.S_ISDIR(status.st_mode) and bool(folder_parts(path).members)
+        if not is_folder and not (remote or stat.S_ISREG(status.st_mode)):
             return replace(log, problem="It is no regular file.")
         size = folder_size(path) if is_folder else status.st_size
         if size > DEFAULT_MAX_BYTES:

@@ -11,7 +11,7 @@ import re
 import uuid
 from collections.abc import Callable, Generator, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -26,7 +26,7 @@ import polars as pl
 from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import Log, LogList, PathPattern
+from eivor.fleet.logs import Log, LogList, PathPattern, here, is_address, is_local, place
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -244,7 +244,9 @@ def _merged(path: Path) -> list[str]:
     """Names of the parts that a part took in when it was written."""
     try:
         return (
-            pl.read_parquet_metadata(path).get(MERGED, "").split() if _NUMBERED.fullmatch(path.name) else []
+            pl.read_parquet_metadata(_parquet(path)).get(MERGED, "").split()
+            if _NUMBERED.fullmatch(path.name)
+            else []
         )
     except (OSError, *POLARS_ERRORS):
         return []  # whoever reads it says so
@@ -288,7 +290,7 @@ def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
 
 def _part(file: Path, columns: Set[str] | None) -> pl.DataFrame:
     """Those of some columns that a part has; no key of another folder is read as a column."""
-    content = pl.scan_parquet(file, hive_partitioning=False)
+    content = pl.scan_parquet(_parquet(file), hive_partitioning=False)
     if columns is None:
         return content.collect()
     there = content.collect_schema().names()
@@ -340,7 +342,7 @@ class FleetFolder:
             for item in (self.folder, self.folder / FLIGHTS, self.folder / PENDING):
                 item.mkdir(parents=True, exist_ok=True)
                 remove_abandoned(item)
-            write_atomically(self.folder / RUN, run)
+            _write(self.folder / RUN, run)
         return FleetFolder(self.folder, run)
 
     def state(self, options: FleetOptions) -> None:
@@ -362,7 +364,7 @@ class FleetFolder:
         }
         if document != before:
             with report_fleet_errors(self.folder):
-                write_atomically(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
+                _write(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
     def check(self, options: FleetOptions) -> None:
         """Refuse a folder that is not for these options."""
@@ -422,7 +424,7 @@ class FleetFolder:
         name = f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
         with report_fleet_errors(self.folder):
-            write_atomically(self.folder / PENDING / name, content)
+            _write(self.folder / PENDING / name, content)
 
     def there(self, motion: str) -> pl.DataFrame:
         """`KEY_COLUMNS` of a motion's rows of logs that could be opened; a damaged part is set aside."""
@@ -431,7 +433,8 @@ class FleetFolder:
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
-                    path.rename(self.folder / f"{DAMAGED}{path.name}")
+                    _write(self.folder / f"{DAMAGED}{path.name}", content)
+                    path.unlink()
                     return self.there(motion)  # what the part took in may be there still
                 part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
                 parts.append(part.filter(motion=motion).drop_nulls("sha256").select(KEY_COLUMNS))
@@ -465,7 +468,7 @@ class FleetFolder:
             files = part_files(self.folder)
             for path in set((self.folder / PENDING).glob(PART)).difference(files):
                 path.unlink()
-            there = {path: list(pl.read_parquet_schema(path)) for path in files}
+            there = {path: list(pl.read_parquet_schema(_parquet(path))) for path in files}
             types = _types({name for names in there.values() for name in names})
             kept = [path for path in files if _is_kept(path)]
             for path in kept:
@@ -482,7 +485,7 @@ class FleetFolder:
 
     def _filled(self, path: Path, sources: list[Path], types: Mapping[str, Any]) -> list[Path]:
         """Fill a part, and give the sources that are left."""
-        before = [pl.scan_parquet(path, hive_partitioning=False)] if path.exists() else []
+        before = [pl.scan_parquet(_parquet(path), hive_partitioning=False)] if path.exists() else []
         rows, taken = sum(part.select(pl.len()).collect().item() for part in before), 0
         frames = [part.collect() for part in before if rows < PART_ROWS]
         while rows < PART_ROWS and taken < len(sources):
@@ -501,8 +504,12 @@ class FleetFolder:
         """Put a part in its place; among the parts is never a file that is being written."""
         absent = [pl.lit(None, kind).alias(name) for name, kind in types.items() if name not in table.columns]
         whole = table.with_columns(absent).select(*types).sort(ORDER, nulls_last=True)
+        content = _part_bytes(whole, {MERGED: " ".join(merged)})
+        if not is_local(path):
+            _write(path, content)
+            return
         written = self.folder / PENDING / "merging.parquet"
-        write_atomically(written, _part_bytes(whole, {MERGED: " ".join(merged)}))
+        write_atomically(written, content)
         written.replace(path)
 
     def _describe(self, types: Mapping[str, Any], motion: Motion[Any] | None) -> None:
@@ -523,10 +530,23 @@ class FleetFolder:
         }
         text = json.dumps(document, indent=2) + "\n"
         if about != known:
-            write_atomically(path, text)
+            _write(path, text)
 
     def _of_motion(self, pattern: str, motion: str) -> Path:
         return self.folder / FLIGHTS / pattern.format(motion=motion)
+
+
+def _write(path: Path, content: bytes | str) -> None:
+    """Write a file whole or not at all; elsewhere every file is written so."""
+    if is_local(path):
+        write_atomically(path, content)
+    else:
+        path.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+def _parquet(path: Path) -> Path | io.BytesIO:
+    """What polars reads a part from: elsewhere its bytes."""
+    return path if is_local(path) else io.BytesIO(path.read_bytes())
 
 
 def _part_bytes(table: pl.DataFrame, facts: Mapping[str, str] | None = None) -> bytes:
@@ -565,13 +585,13 @@ def write_report(folder: Path, sha256: str, page: str) -> None:
     position = report_path(folder, sha256)
     with report_fleet_errors(folder):
         position.parent.mkdir(exist_ok=True)
-        write_atomically(position, page)
+        _write(position, page)
 
 
 def reports_there(folder: Path) -> Generator[str, None, None]:
     """Hashes of the logs that have a report, in any order; none are kept."""
-    with report_fleet_errors(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
-        for entry in entries:
+    with report_fleet_errors(folder), suppress(FileNotFoundError):
+        for entry in (folder / REPORTS).iterdir():
             match = _NAME.fullmatch(entry.name)
             if match is not None:
                 yield match[1]
@@ -596,6 +616,15 @@ class RowOfLog:
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """Row of a log that could be opened; also of one without a result."""
+        try:
+            with here(log.path) as local:
+                return self._made(replace(log, path=str(local)))
+        except OSError as error:
+            if not is_address(log.path):
+                raise
+            return failed_row(NamedRow(self.options)(log), f"It cannot be fetched: {error}.")
+
+    def _made(self, log: Log) -> dict[str, Any]:
         motion = self.options.chosen_motion()
         about = NamedRow(self.options)(log)
         try:
@@ -758,7 +787,7 @@ def open(folder: str | PathLike[str]) -> Fleet:
     Parameters
     ----------
     folder : str or path
-        That `eivor fleet run` made.
+        That `eivor fleet run` made; an address such as s3://bucket/fleet, too.
 
     Returns
     -------
@@ -773,6 +802,6 @@ def open(folder: str | PathLike[str]) -> Fleet:
         When `folder` is no path.
     """
     checks.path("folder", folder)
-    fleet = Fleet(Path(folder))
+    fleet = Fleet(place(os.fspath(folder)))
     read_flights(fleet.folder, ["name"])
     return fleet

@@ -41,41 +41,28 @@ PCG_FACTOR, ALL_128 = 0x2360ED051FC65DA44385DF649FCCF645, (1 << 128) - 1
 
 def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random.Generator]:
     """A generator set to `stream(seed, number, place)` for each number, much sooner; never spawn from it."""
-    constants = list(_hashing(*SEED_A, 24 + 4 * len(words := _words(seed))))[::-1]
-
-    def hashed(value: Words) -> Words:
-        before, after = constants.pop()
-        value = (value ^ before) * after
-        return value ^ value >> np.uint32(16)
-
-    entropy = [np.uint32(word) for word in (*words, *(0,) * (4 - len(words)))]
-    keys = [np.array(numbers, dtype=np.uint32), np.full(len(numbers), place, dtype=np.uint32)]
+    words = _words(seed)
+    words += [0] * (4 - len(words))
+    keys = (np.array(numbers, dtype=np.uint32), np.full(len(numbers), place, dtype=np.uint32))
+    entropy = [*(np.full(len(numbers), word, dtype=np.uint32) for word in words), *keys]
+    mix, constants = np.array(MIX, dtype=np.uint32), _hashing(*SEED_A)
     with np.errstate(over="ignore"):
-        pool = [hashed(np.full(len(numbers), word)) for word in entropy[:4]]
+        pool = [_hashed(word, constants) for word in entropy[:4]]
         pairs = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
-        for source, i, j in (
-            *pairs,
-            *((entropy + keys, i, j) for i in range(4, len(entropy) + 2) for j in range(4)),
-        ):
-            mixed = np.uint32(MIX[0]) * pool[j] - np.uint32(MIX[1]) * hashed(source[i])
+        pairs += [(entropy, i, j) for i in range(4, len(entropy)) for j in range(4)]
+        for source, i, j in pairs:
+            mixed = mix[0] * pool[j] - mix[1] * _hashed(source[i], constants)
             pool[j] = mixed ^ mixed >> np.uint32(16)
-        constants = list(_hashing(*SEED_B, 8))[::-1]
-        state = np.array([hashed(pool[i % 4]) for i in range(8)]).T.astype(object)
+        constants = _hashing(*SEED_B)
+        state = np.array([_hashed(pool[i % 4], constants) for i in range(8)]).T.tolist()
     generator = np.random.Generator(np.random.PCG64(0))
-    for w in state.tolist():
-        start, odd = (
-            w[1] << 96 | w[0] << 64 | w[3] << 32 | w[2],
-            w[5] << 96 | w[4] << 64 | w[7] << 32 | w[6],
-        )
+    for w in state:
+        start, odd = (w[i + 1] << 96 | w[i] << 64 | w[i + 3] << 32 | w[i + 2] for i in (0, 4))
         increment = (odd << 1 | 1) & ALL_128
         value = ((increment + start) * PCG_FACTOR + increment) & ALL_128
         inside = {"state": value, "inc": increment}
-        generator.bit_generator.state = {
-            "bit_generator": "PCG64",
-            "state": inside,
-            "has_uint32": 0,
-            "uinteger": 0,
-        }
+        facts = {"bit_generator": "PCG64", "state": inside, "has_uint32": 0, "uinteger": 0}
+        generator.bit_generator.state = facts
         yield generator
 
 
@@ -84,12 +71,18 @@ def _words(seed: int) -> list[int]:
     return [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 1), 32)]
 
 
-def _hashing(value: int, factor: int, count: int) -> Iterator[tuple[np.uint32, np.uint32]]:
+def _hashing(value: int, factor: int) -> Iterator[Any]:
     """Successive constants of a hash, each with the next."""
-    for _ in range(count):
+    while True:
         following = value * factor & 0xFFFFFFFF
-        yield np.uint32(value), np.uint32(following)
+        yield np.array([value, following], dtype=np.uint32)
         value = following
+
+
+def _hashed(value: Words, constants: Iterator[Any]) -> Words:
+    before, after = next(constants)
+    value = (value ^ before) * after
+    return value ^ value >> np.uint32(16)
 
 
 class Experiment(ABC):

@@ -385,7 +385,7 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
         for place, (gain, values, begin) in enumerate(series):
             np.multiply(values[start : start + len(data), begin : begin + count], gain, out=data[:, place])
         if not assembler.moment_equations:
-            root, plain = np.linalg.qr(data.swapaxes(1, 2), mode="r"), True
+            root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
             S = problem.declared_noise()
         else:
             products, psi = data @ data.swapaxes(1, 2) / count, slice(tested or unknowns)
@@ -399,11 +399,15 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
                     np.linalg.eigvalsh(scale[:, :, None] * equations[..., :-1] * scale[:, None])[:, 0]
                     > MARGIN
                 )
-            root, S = np.linalg.qr(equations, mode="r"), None
+            root, S = _root(equations), None
         of_noise = isinstance(method.solver, AugmentedTotalLeastSquares)
         theta = _total_least_squares(root, S) if of_noise else _least_squares(root)
-        results.append(np.where(np.reshape(plain, (-1, 1)), theta, np.nan))
+        results.append(np.where(plain[:, None], theta, np.nan))
     return np.concatenate(results)
+
+
+def _root(equations: Stack) -> Stack:
+    return np.asarray(np.linalg.qr(equations, mode="r"))
 
 
 def _least_squares(root: Stack) -> Float[np.ndarray, "trials n"]:
@@ -429,9 +433,9 @@ def _total_least_squares(
         return plain
     if noisy[-1] != n or root.shape[1] < n + 1:
         return np.full_like(plain, np.nan)
-    ordered = np.linalg.qr(root[:, :, [*exact, *noisy]], mode="r")
+    ordered = _root(root[:, :, np.concatenate([exact, noisy])])
     L = np.linalg.cholesky(S[np.ix_(noisy, noisy)])
-    left = np.linalg.qr(ordered[:, k:, k:] @ np.linalg.inv(L).T, mode="r")
+    left = _root(ordered[:, k:, k:] @ np.linalg.inv(L).T)
     smallest = np.linalg.svd(left, compute_uv=False)[:, -1:]
     U, singular, Vt = np.linalg.svd(left[:, :q, :q])
     gains = singular / ((singular - smallest) * (singular + smallest))
