@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 from eivor.atomic_file import parquet_bytes
+from eivor.fleet.logs import here
 from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, NamedRow, PageOf, flight_frame
 
 
@@ -49,7 +49,8 @@ class QuickRow:
     page_of: PageOf | None = None
 
     def __call__(self, log):
-        text = Path(log.path).read_text(encoding="utf-8")
+        with here(log.path) as path:
+            text = path.read_text(encoding="utf-8")
         if text.startswith("slow"):
             time.sleep(0.02)
         selected = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}

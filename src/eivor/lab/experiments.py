@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +33,6 @@ def stream(seed: int, *key: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
-Words: TypeAlias = np.ndarray[Any, np.dtype[np.uint32]]
 #: Constants of NumPy's `SeedSequence` and `PCG64`, whose streams it keeps from version to version.
 SEED_A, SEED_B, MIX = (0x43B0D7E5, 0x931E8875), (0x8B51F9DD, 0x58F38DED), (0xCA01F9DD, 0x4973F715)
 PCG_FACTOR, ALL_128 = 0x2360ED051FC65DA44385DF649FCCF645, (1 << 128) - 1
@@ -45,10 +44,10 @@ def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random
     words += [0] * (4 - len(words))
     keys = (np.array(numbers, dtype=np.uint32), np.full(len(numbers), place, dtype=np.uint32))
     entropy = [*(np.full(len(numbers), word, dtype=np.uint32) for word in words), *keys]
-    mix, constants = np.array(MIX, dtype=np.uint32), _hashing(*SEED_A)
+    mix, constants = [np.uint32(factor) for factor in MIX], _hashing(*SEED_A)
     with np.errstate(over="ignore"):
         pool = [_hashed(word, constants) for word in entropy[:4]]
-        pairs = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
+        pairs: list[tuple[list[Any], int, int]] = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
         pairs += [(entropy, i, j) for i in range(4, len(entropy)) for j in range(4)]
         for source, i, j in pairs:
             mixed = mix[0] * pool[j] - mix[1] * _hashed(source[i], constants)
@@ -79,7 +78,7 @@ def _hashing(value: int, factor: int) -> Iterator[Any]:
         value = following
 
 
-def _hashed(value: Words, constants: Iterator[Any]) -> Words:
+def _hashed(value: Any, constants: Iterator[Any]) -> Any:
     before, after = next(constants)
     value = (value ^ before) * after
     return value ^ value >> np.uint32(16)
