@@ -22,10 +22,19 @@ TOLERATED = 1.5
 #: the ratio is one over the number.
 RATIOS: dict[str, dict[str, str]] = {
     "augmented_systems": {"reduced augmented system": r"([\d.]+) x faster"},
+    "dataflash": {
+        "`read_log` on a CSV": r"flight.csv .*ratio +([\d.]+)",
+        "on a Parquet": r"flight.parquet .*ratio +([\d.]+)",
+    },
     "export": {"`eivor export --to gazebo`": r"--to rotorpy --draws 1000 .*ratio to import +([\d.]+)"},
     "generalized_iv": {
         "generalized IV, N = 1e6": r"fit, .* ([\d.]+) x faster",
         "its moments": r"moments, .*ratio +([\d.]+)",
+        "of 500 rows": r"^500 rows +[\d.]+ ms.*ratio +([\d.]+)",
+        "of 500 rows, with intervals": r"^500 rows with intervals.*ratio +([\d.]+)",
+        "of 500 rows, with intervals and diagnostics": r"^500 rows with diagnostics.*ratio +([\d.]+)",
+        "trials of a study": r"^trials of 1 methods.* ([\d.]+) x faster",
+        "of three methods": r"^trials of 3 methods.* ([\d.]+) x faster",
     },
     "help_time": {
         "`eivor --help`": r"^eivor --help .*ratio to import typer +([\d.]+)",

@@ -87,7 +87,7 @@ def run_command(
         typer.Argument(
             metavar="FOLDER|GLOB|LIST",
             help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
-            "line, a .csv with a column 'path'; an address such as s3://bucket/logs, too.",
+            "line, a .csv with a column 'path'. Or an address such as s3://bucket/logs.",
         ),
         Reads(),
     ],

@@ -383,7 +383,9 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
     for start in range(0, trials, len(table)):
         data = table[: trials - start]  # once for all: new memory takes longer than what is done with it
         for place, (gain, values, begin) in enumerate(series):
-            np.multiply(values[start : start + len(data), begin : begin + count], gain, out=data[:, place])
+            data[:, place] = values[start : start + len(data), begin : begin + count]
+            if gain != 1.0:
+                data[:, place] *= gain
         if not assembler.moment_equations:
             root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
             S = problem.declared_noise()
