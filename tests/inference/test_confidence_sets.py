@@ -347,6 +347,9 @@ def test_quantile_of_a_conditional_ratio_is_that_of_its_draws(degrees, strength)
     root = np.sqrt((both + strength) ** 2 - 4.0 * strength * draws[:, 1])
     drawn = np.quantile(0.5 * (both - strength + root), 0.95)
     assert conditional_ratio_quantile(0.95, degrees, strength) == pytest.approx(drawn, rel=0.02)
+    assert conditional_ratio_quantile(0.95, 1.018, 750.0) == pytest.approx(
+        chi_square_quantile(0.95, 1), rel=0.03
+    )
     for size, left in ((0.0, degrees), (1e5, 1.0), (np.inf, 1.0)):
         ends = conditional_ratio_quantile(0.95, degrees, size)
         assert ends == pytest.approx(chi_square_quantile(0.95, left), rel=0.002)

@@ -25,7 +25,8 @@ from eivor.models.transfer_functions import (
     proposed_controllers,
     transfer_functions,
 )
-from eivor.report.frequency_responses import log_responses, response_figure, response_motions
+from eivor.report.flight_page import flight_page
+from eivor.report.frequency_responses import log_responses, response_figure, response_paths
 from validation.frequency_responses import FILTER_HZ, flights, truth
 
 RATE_HZ = 400.0
@@ -230,7 +231,7 @@ def log(swept):
 
 
 def responses(log, reference="", axis="roll"):
-    return log_responses([log], ev.FlightOptions(), [None], response_motions(axis), reference)
+    return log_responses([log], ev.FlightOptions(), [None], response_paths(axis), reference)
 
 
 def test_one_axis_of_a_log_suffices(log):
@@ -243,7 +244,7 @@ def test_one_axis_of_a_log_suffices(log):
 
 def test_references_of_the_loop_are_refused(log):
     with pytest.raises(UsageError, match="an axis out of"):
-        response_motions("wing")
+        response_paths("wing")
     with pytest.raises(UsageError, match="a channel out of"):
         responses(log, "nothing")
     channel = log.channels["injected_torque_x"]
@@ -255,6 +256,64 @@ def test_references_of_the_loop_are_refused(log):
     (item,) = responses(replace(log, channels=bare))
     assert item.response.is_direct
     assert not item.controllers
+
+
+def test_page_of_turning_shows_responses(log):
+    page = flight_page(ev.identify_flight(log, model="rates"))
+    assert "Response of roll: magnitude" in page
+    assert "Response of pitch" not in page
+
+
+@pytest.mark.thorough
+def test_order_of_turning_is_chosen():
+    """A motor and its controller lag in two stages: the delay is too long where one lag imitates them."""
+    made, r, u, y = flights(3, "chirp", 2.0, 2, 7)
+    columns = {"torque_setpoint_x": u[:, 1], "angular_rate_x": y[:, 1], "injected_torque_x": r[:, 1]}
+    log = recording_from_columns({"time": np.arange(len(u)) / RATE_HZ, **columns}, name="sweep")
+    truth = made.delay[1] + np.sqrt(2.0) / (2.0 * np.pi * FILTER_HZ)
+    fits = {order: ev.identify_flight(log, model="rates", order=order) for order in (None, 1, 2, 3)}
+    off = {order: abs(fit.quantities["delay"].value - truth) for order, fit in fits.items()}
+    assert off[3] < 0.004 < off[2] < off[1]
+    assert off[None] == pytest.approx(off[3], abs=1e-3)
+    assert [order for order, fit in fits.items() if "second_lag" in fit.quantities] == [None, 3]
+    low, high = fits[None].quantities["delay"].interval
+    assert low <= truth <= high
+    with pytest.raises(UsageError, match="an order of 1, 2 or 3"):
+        ev.identify_flight(log, model="rates", order=4)
+
+
+def test_declared_machine_has_a_response():
+    """From its input to its state, on its references; truth is K / (s + D) behind lag and delay."""
+    cart = ev.machine(
+        "cart",
+        response="ddt(speed)",
+        terms={"drag": "-speed", "gain": {"of": "u", "behind": "drive"}},
+        channels={
+            "speed": "m/s",
+            "u": {"unit": "1", "role": "input", "held": True},
+            "wanted": {"unit": "m/s", "role": "reference"},
+        },
+        actuators={"drive": {"lag_ms": [2, 300], "delay_ms": [0, 200]}},
+    )
+    rng = np.random.default_rng(4)
+    wanted = np.repeat(rng.standard_normal(120), 50)
+    columns = cart.simulate(
+        {"gain": 5.0, "drag": 0.8, "actuator_lag": 0.1, "delay": 0.05},
+        {"wanted": wanted, "u": lambda time, of: wanted[round(time / 0.02)] - 0.4 * of["speed"]},
+        seconds=120.0,
+        step_s=0.02,
+        noise={"speed": 0.01},
+        disturbance=(0.2, 1.0),
+    )
+    made = recording_from_columns({name: np.ravel(values) for name, values in columns.items()}, name="m")
+    (item,) = log_responses([made], ev.FlightOptions(), [None], response_paths("", cart))
+    assert (item.input, item.output, item.reference) == ("u", "speed", "wanted")
+    values = item.models.chosen.parameters
+    assert values["gain"] == pytest.approx(5.0, rel=0.03)
+    assert values["damping"] == pytest.approx(0.8, rel=0.1)
+    assert values["delay"] + item.models.chosen.lag_s == pytest.approx(0.15, abs=0.005)
+    with pytest.raises(UsageError, match="an axis out of"):
+        response_paths("roll", cart)
 
 
 @pytest.mark.recordings

@@ -13,6 +13,7 @@ import pytest
 from cost import in_transforms
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 from scipy.special import binom
@@ -681,6 +682,22 @@ def test_state_is_exact_for_any_lag_and_any_fraction_of_a_delay(lag_s, delay_s, 
     command = np.random.default_rng(seed).standard_normal(25)
     result = actuator_state(command[:, None], step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[:, 0]
     np.testing.assert_allclose(result, exact_state(command, lag_s, delay_s), atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.48])
+def test_a_second_stage_is_two_lags_in_series(share):
+    """By the transition matrix of both over the step in which the command is held."""
+    command, lag_s = np.random.default_rng(1).standard_normal(25), 0.05
+    first, second = (1.0 - share) * lag_s, share * lag_s
+    A = np.array([[-1.0 / first, 0.0], [1.0 / second, -1.0 / second]])
+    step, state = expm(A * STEP_S), np.full(2, command[0])
+    exact = [state[1]]
+    for held in command[:-1]:
+        state = held + step @ (state - held)
+        exact.append(state[1])
+    given = {"lag_s": lag_s, "delay_s": 0.0, "second_stage": share * (1.0 - share)}
+    result = actuator_state(command[:, None], step_s=STEP_S, **given)[:, 0]
+    np.testing.assert_allclose(result, exact, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, 31, 32, 33, 64, 500])

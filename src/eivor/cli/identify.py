@@ -219,16 +219,20 @@ FREQUENCY_RESPONSE_EXIT_CODES = (
 )
 
 
+#: Of `identify`.
+RESPONSE_OPTIONS = ("logs", "example", "window", "input_channel", "machine", "channel_map")
+
+
 @guarded
 @done_in_results
-@with_options(FlightWords, LogWords, only=("logs", "example", "window", "input_channel", "channel_map"))
+@with_options(FlightWords, LogWords, only=RESPONSE_OPTIONS)
 def frequency_response(
     *,
     axis: Annotated[
         str,
         option(
             "NAME",
-            "roll, pitch, yaw or vertical (default: all that turns).",
+            "roll, pitch, yaw or vertical (default: all that turns), or an equation of a --machine.",
             values=("roll", "pitch", "yaw", "vertical"),
         ),
     ] = "",
@@ -239,7 +243,7 @@ def frequency_response(
     json: JsonOption = "",
     **given: Any,
 ) -> None:
-    """Estimate the response from torque setpoint to rate, or from thrust to specific force, with bands.
+    """Estimate the response from torque setpoint to rate, thrust to force, or a machine's input to state.
 
     Also the models of order 1 to 4 that fit it, and controllers to be test-flown, which are never applied.
     """

@@ -136,6 +136,17 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             panel=MORE,
         ),
     ] = None
+    order: Annotated[
+        str,
+        option(
+            "N",
+            "Order of the response to commands: 1 without a lag, 2 with one, 3 with two in series; auto is "
+            "2, and of turning 3 where the flight says so.",
+            show_default=True,
+            panel=MORE,
+            values=("auto", "1", "2", "3"),
+        ),
+    ] = "auto"
     noise: Annotated[
         list[str],
         option(

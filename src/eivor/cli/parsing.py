@@ -382,6 +382,7 @@ def flight_options(motions: Motions, **given: Any) -> FlightOptions:
         terms=tuple(words.terms),
         rotor_radius=words.rotor_radius,
         controller_rate_hz=words.controller_rate,
+        order=None if words.order == "auto" else int(words.order),
         noise=declared_noise(words.noise),
     )
     check_for_any(motions, options)

@@ -23,6 +23,7 @@ from eivor.errors import UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import LogEstimate
 from eivor.flights.track import track as tracked_parameter
+from eivor.motions.declaration import load_machine
 from eivor.report.document import Facts, Section
 from eivor.report.figures import save_figure
 from eivor.report.flight import log_documents
@@ -32,7 +33,7 @@ from eivor.report.frequency_responses import (
     log_responses,
     response_document,
     response_figure,
-    response_motions,
+    response_paths,
     responses_json,
 )
 from eivor.report.json_document import json_text
@@ -168,16 +169,17 @@ def frequency_response(
     json: str,
     logs: list[str] | None,
     example: bool,
+    machine: str,
     channel_map: str,
     **given: Any,
 ) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.frequency_response` declares."""
     picture = outputs.figure_file(figure)
-    motions = response_motions(axis)
-    options = flight_options(tuple(motions.values()), **given)
+    paths = response_paths(axis, load_machine(machine) if machine else None)
+    options = flight_options(tuple(path.motion for path in paths.values()), **given)
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
     with outputs.step("Estimating the frequency response"):
-        results = log_responses(recordings, options, windows, motions, reference)
+        results = log_responses(recordings, options, windows, paths, reference)
     outputs.deliver_result(
         lambda: on_terminal(*map(response_document, results)),
         lambda: json_text(responses_json(results)),

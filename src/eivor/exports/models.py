@@ -90,19 +90,27 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
     kinds = ("effectiveness", "damping")
     names = (*LAGS, *(f"{axis}_{kind}" for axis in axes for kind in kinds))
     numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
-    lag = max(numbers["actuator_lag"].value, 1e-6)
-    n = len(axes)
-    A, B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+    whole, second = max(numbers["actuator_lag"].value, 1e-6), fitted.identified_number("second_lag")
+    lags = [whole] if second is None or not second.value > 0.0 else [whole - second.value, second.value]
+    n, stages = len(axes), len(lags)
+    AB = np.zeros(((stages + 1) * n, (stages + 2) * n))  # Columns of the inputs last
     for row, axis in enumerate(axes):
         gain, damping = (numbers[f"{axis}_{kind}"].value for kind in kinds)
         reaction = fitted.identified_number(f"{axis}_reaction")
-        jump = 0.0 if reaction is None else reaction.value / lag
-        A[row, row], B[row, row] = -1.0 / lag, 1.0 / lag
-        A[n + row, row], A[n + row, n + row], B[n + row, row] = gain - jump, -damping, jump
-    C = np.hstack([np.zeros((n, n)), np.eye(n)])
+        jump = 0.0 if reaction is None else reaction.value / lags[-1]
+        before = (stages + 1) * n + row
+        for stage, lag in enumerate(lags):
+            own = stage * n + row
+            AB[own, own], AB[own, before] = -1.0 / lag, 1.0 / lag
+            last, before = before, own
+        rate = stages * n + row
+        AB[rate, before], AB[rate, rate], AB[rate, last] = gain - jump, -damping, jump
+    A, B = np.split(AB, [(stages + 1) * n], axis=1)
+    C = np.hstack([np.zeros((n, stages * n)), np.eye(n)])
     rates = tuple(f"angular_rate_{TURNING[axis]}" for axis in axes)
     inputs = tuple(f"torque_setpoint_{TURNING[axis]}" for axis in axes)
-    states = (*(f"{axis}_actuator" for axis in axes), *rates)
+    words = ("actuator", "second_stage")[:stages]
+    states = (*(f"{axis}_{word}" for word in words for axis in axes), *rates)
     delay = numbers["delay"].value
     return StateSpace(A, B, C, np.zeros((n, n)), states, inputs, rates, delay, numbers)
 

@@ -70,7 +70,7 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, of_order
 from eivor.models.separable import (
     InstrumentRule,
     LaggedInputs,
@@ -202,7 +202,7 @@ def pose_problem(state: FlightState) -> FlightState:
         for f in flying
     ]
     check_declared(needed, state.method.name)
-    state = replace(state, problem=motion.problem(flying, rule))
+    state = replace(state, problem=_posed(state, flying, rule))
     comparison = motion.abilities.sensors
     if comparison is None:
         return state
@@ -211,7 +211,13 @@ def pose_problem(state: FlightState) -> FlightState:
         return replace(state, sensors=sensors)
     corrected = comparison.corrected(state.prepared, sensors, state.options)
     state = replace(state, prepared=corrected, sensors=sensors)
-    return replace(state, problem=motion.problem(state.flying, rule))
+    return replace(state, problem=_posed(state, state.flying, rule))
+
+
+def _posed(state: FlightState, flying: tuple[PreparedFlight, ...], rule: InstrumentRule) -> SeparableProblem:
+    """Problem of the order that was requested."""
+    problem = state.motion.problem(flying, rule)
+    return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
@@ -237,7 +243,7 @@ def without_references(state: FlightState, error: EstimationError) -> FlightStat
     chosen = Instruments(NoInstruments(), missing=missing)
     method = by_name("whitened_least_squares")
     state = replace(state, instruments=chosen, method=method, problem=None)
-    state = replace(state, problem=state.motion.problem(state.flying, chosen.rule))
+    state = replace(state, problem=_posed(state, state.flying, chosen.rule))
     try:
         return estimate_parameters(state)
     except CollinearError:
@@ -328,6 +334,7 @@ def judge(state: FlightState) -> FlightState:
         profiles=state.profiles,
     )
     inputs = verdict_inputs(motion, flying, state.instruments, fit)
+    inputs = replace(inputs, order_given=state.options.order is not None)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
@@ -660,7 +667,7 @@ def _coarse_first_stage(state: FlightState) -> dict[str, float]:
     if isinstance(chosen.rule, NoInstruments):
         return {}
     try:
-        problem = state.motion.problem(state.flying, chosen.rule)
+        problem = _posed(state, state.flying, chosen.rule)
         result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), method)
     except EstimationError:
         return {}

@@ -16,7 +16,16 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Kind, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, outcome_word
 from eivor.inference.distributions import chi_square_tail
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    DELAY,
+    LAG_GRID_S,
+    SECOND_LAG,
+    SECOND_STAGE,
+    AxisColumns,
+    LaggedRuns,
+    lag_and_delay,
+)
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Prior, SeparableProblem, Values
 from eivor.signals.filters import actuator_state
@@ -41,6 +50,9 @@ LAG_QUANTITIES = {
     ),
     ACTUATOR_LAG.name: QuantitySpec("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
     DELAY.name: QuantitySpec("delay", "d", "s", shown_unit="ms", scale=1e3),
+    SECOND_LAG: QuantitySpec(
+        "second lag", "τ₂", "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
+    ),
 }
 
 
@@ -80,7 +92,10 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
-    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for."""
+    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
+
+    Also `second_lag`, the shorter of two in series that add up to the actuators'.
+    """
     joint = joint_quantities(estimate)
     fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
     joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}
@@ -97,7 +112,14 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         alone = joint[searched[0]] if searched else lag
         low, high = (end + (value - alone.value) for end in alone.interval)
         effective = replace(alone, value=value, interval=(low, high))
-    return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
+    quantities = {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
+    if SECOND_STAGE.name in joint and lag.value > 0.0:
+        stage = joint[SECOND_STAGE.name]
+        ends = np.clip([stage.value, *stage.interval], 0.0, 0.25)
+        second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
+        error = 0.5 * (high - low) / NORMAL
+        quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
+    return quantities
 
 
 #: Neither lag nor delay.
@@ -240,7 +262,8 @@ def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds) -> Separabl
     """Return the problem with what is known of the sum of lag and delay."""
     nuisances = {nuisance.name: nuisance for nuisance in problem.nuisances}
     if known == NO_LAG:
-        nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in LAG_SUMS}
+        none = (*LAG_SUMS, SECOND_STAGE.name)
+        nuisances |= {name: item.known_at(0.0) for name, item in nuisances.items() if name in none}
     elif ACTUATOR_LAG.name in nuisances:
         if isinstance(known, Bounds):
             half = 0.5 * (known.high - known.low)

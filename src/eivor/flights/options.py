@@ -27,6 +27,9 @@ LARGEST_RADIUS = 5.0
 #: Quickest controller [Hz].
 FASTEST_HZ = 32_000.0
 
+#: Orders of responses.
+ORDERS = (1, 2, 3)
+
 #: What flights of a pool may share of what belongs to a flight.
 POOL_FRICTIONS = ("auto", "common", "separate")
 
@@ -75,6 +78,9 @@ class FlightOptions:
         Radius of a rotor [m], for what a motion identifies in radii.
     controller_rate_hz : float, optional
         How often the controller issues commands [Hz], where stamps and parameters of a log do not show it.
+    order : int, optional
+        Order of the response from commands to the vehicle's motion: 1 without a lag of the actuators, 2 with
+        one, 3 with two in series. Default: 2, and of turning 3 where the flight says so.
     noise : mapping of str to float or DataSheet, or str, optional
         Measurement noise by channel, for methods that take it out: the standard deviation of a sample as it
         is logged, in the channel's SI unit, or the sensor's data sheet; a family's name stands for all its
@@ -101,6 +107,7 @@ class FlightOptions:
     terms: tuple[str, ...] = ()
     rotor_radius: float | None = None
     controller_rate_hz: float | None = None
+    order: int | None = None
     noise: Mapping[str, Declared] | str | None = None
 
     def __post_init__(self) -> None:
@@ -120,6 +127,8 @@ class FlightOptions:
             expected = f"a controller's rate between 0 and {FASTEST_HZ:g} Hz"
             remedy = "Give it in Hz, such as 400; leave it out where it is not known."
             raise UsageError(expected, f"{self.controller_rate_hz:g} Hz", remedy)
+        if self.order not in (None, *ORDERS):
+            raise UsageError("an order of 1, 2 or 3", f"{self.order!r}", "Leave it out to have it chosen.")
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
         if isinstance(self.lag, Bounds) and not 0.0 <= self.lag.low <= self.lag.high <= LONGEST_LAG_S:

@@ -68,6 +68,7 @@ class VerdictInputs:
     periodicity: Periodicity | None = None
     sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
     used_s: float = math.inf  # Time used of all flights [s]
+    order_given: bool = False  # Of the response
     past_inputs: bool = False  # The instruments are past inputs, which a controller computes
     #: Share of the variance of each joint parameter that what is known beforehand makes
     prior_share: Mapping[str, float] = field(default_factory=dict)

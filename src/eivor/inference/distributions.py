@@ -68,5 +68,7 @@ def conditional_ratio_quantile(level: float, degrees: float, strength: float) ->
         below = scipy.special.chdtr(degrees, (strength + value) / (1.0 + strength * sizes / value))
         return float(weights @ below / weights.sum()) - level
 
-    ends = chi_square_quantile(level, 1), chi_square_quantile(level, degrees)
-    return float(scipy.optimize.brentq(excess, 0.99 * ends[0], 1.01 * ends[1]))
+    low, high = chi_square_quantile(level, 1), chi_square_quantile(level, degrees)
+    if not excess(low) < 0.0 < excess(high):  # by rounding: both ends are near where a degree is left over
+        return low if excess(low) >= 0.0 else high
+    return float(scipy.optimize.brentq(excess, low, high))

@@ -119,9 +119,9 @@ class Expression:
 
     def evaluate(
         self,
-        columns: Mapping[str, Float[np.ndarray, "*shape"] | float],
+        columns: Mapping[str, np.ndarray | float],
         time: Float[np.ndarray, " n"] | float | None = None,
-    ) -> Float[np.ndarray, "*shape"]:
+    ) -> np.ndarray:
         """Value for each row, at stamps or even steps [s] for `ddt` and `lag`; not finite where undefined."""
         stack: list[np.ndarray | float] = []
         with np.errstate(all="ignore"):

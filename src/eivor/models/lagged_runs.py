@@ -18,6 +18,10 @@ from eivor.tools import Bool, Complex, Float, Int
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")
 DELAY = Parameter("delay", "s")
+#: q of actuators that lag in two stages, q lag^2 w'' + lag w' + w = command, and the shorter of these [s].
+SECOND_STAGE, SECOND_LAG = Parameter("second_stage", ""), "second_lag"
+#: Values of it to begin a search at: from one stage to nearly two equal ones.
+SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 
 #: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
 MEMO_NUMBERS = 10_000_000
@@ -43,6 +47,24 @@ def lag_and_delay(
     lags, delays = (np.asarray(grid, dtype=np.float64) for grid in (lags_s, delays_s))
     lag = Nuisance(ACTUATOR_LAG, lags, resolution=step_s, tolerance=TOLERANCE_S)
     return lag, Nuisance(DELAY, delays, part_of=ACTUATOR_LAG.name, tolerance=TOLERANCE_S)
+
+
+def of_order(nuisances: tuple[Nuisance, ...], order: int | None) -> tuple[Nuisance, ...]:
+    """Nuisances of a response of order 1, without a lag, or 3, with a second stage; others as they are."""
+    searched = any(item.name == ACTUATOR_LAG.name and item.searched for item in nuisances)
+    if order == 1:
+        return tuple(item.known_at(0.0) if item.name == ACTUATOR_LAG.name else item for item in nuisances)
+    if order != 3 or not searched or SECOND_STAGE in [item.parameter for item in nuisances]:
+        return nuisances
+    return (*nuisances, Nuisance(SECOND_STAGE, SECOND_STAGES, tolerance=1e-4))
+
+
+def actuators(values: Values) -> dict[str, float]:
+    """Lag, delay and second stage of `actuator_state`, the last by a second lag where that is known."""
+    lag_s, second_s = values[ACTUATOR_LAG.name], values.get(SECOND_LAG, 0.0)
+    share = min(second_s / lag_s, 0.49) if lag_s > 0.0 and second_s > 0.0 else 0.0
+    stage = values.get(SECOND_STAGE.name, share * (1.0 - share))
+    return {"lag_s": lag_s, "delay_s": values[DELAY.name], "second_stage": stage}
 
 
 def measured_state() -> tuple[Nuisance, Nuisance]:

@@ -50,6 +50,8 @@ BEGINNING = {"delay": 0.005, "third": 0.01}
 UNION = 4.0
 #: Steps of a search, and the relative change of the criterion that ends it.
 STEPS, ENOUGH = 40, 1e-8
+#: Half-width of the logarithm of what is not known at all.
+UNKNOWN = 10.0
 #: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
@@ -455,13 +457,16 @@ def _intervals(
         name: (float(at - t * error), float(at + t * error))
         for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
     }
-    profiled = ("damping", "delay") if len(names) > 4 else ("damping",)
+    # where the second lag is none, a change of it is one of the delay and of the first: no normal error
+    profiled = {4: ("damping",), 5: ("damping", "delay", "first"), 6: ("damping", "delay")}[
+        max(len(names), 4)
+    ]
     for name in profiled:
         k = names.index(name)
         ends[name] = _profile(criterion, names, best, value + spread * t * t, k, covariance)
     lags = np.array([name in ("first", "third") for name in names], dtype=float)
     middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
-    ends["lag"] = (max(middle - t * error, 0.0), middle + t * error)
+    ends["lag"] = ends["first"] if "first" in profiled else (max(middle - t * error, 0.0), middle + t * error)
     ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
     if len(names) > 4 and best[4] > 0.0:
         second, first = float(best[4]), float(best[3])
@@ -475,8 +480,9 @@ def _intervals(
         }
         for name, slope in slopes.items():  # of logarithms, since both are above zero
             error = math.sqrt(max(float(np.array(slope) @ covariance[3:5, 3:5] @ np.array(slope)), 0.0))
-            factor = math.exp(min(t * error, 50.0))
-            ends[name] = (centres[name] / factor, centres[name] * factor)
+            factor = math.exp(t * error) if t * error < UNKNOWN else math.nan
+            known = (centres[name] / factor, centres[name] * factor)
+            ends[name] = (0.0, math.inf) if math.isnan(factor) else known
     return ends
 
 

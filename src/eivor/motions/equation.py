@@ -34,7 +34,7 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, parse_expression
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.lagged_runs import DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
 from eivor.models.regression import Parameter
 from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Prior, Values
 from eivor.signals.channels import family_members
@@ -131,10 +131,7 @@ class AxisEquation:
         used = {name for term in terms for name in term.expression.columns}
         states = {
             name: actuator_state(
-                signals.family(name),
-                step_s=signals.step_s,
-                lag_s=nuisance_values[ACTUATOR_LAG.name],
-                delay_s=nuisance_values[DELAY.name],
+                signals.family(name), step_s=signals.step_s, **actuators(nuisance_values)
             ).mean(axis=1)
             for name in self.inputs
             if name in used

@@ -47,6 +47,7 @@ class OptionChoices(TypedDict, total=False):
     terms: tuple[str, ...]
     rotor_radius: float | None
     controller_rate_hz: float | None
+    order: int | None
     noise: Mapping[str, Declared] | str | None
 
 
@@ -82,7 +83,7 @@ def identify_flight(
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
         ``accelerometer_bias=``, ``pool_friction=``, ``terms=("quadratic-drag",)``, ``rotor_radius=``,
-        ``controller_rate_hz=``, ``noise={"velocity_z": 0.02}``.
+        ``controller_rate_hz=``, ``order=``, ``noise={"velocity_z": 0.02}``.
 
     Returns
     -------

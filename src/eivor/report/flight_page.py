@@ -42,6 +42,7 @@ from eivor.report.flight_figures import (
     quantity_interval,
     within_band,
 )
+from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
@@ -369,11 +370,16 @@ def _motion(
     """Heading of a motion where there are several, its sections with their names, and its pictures."""
     prediction = result.multi_step_prediction
     of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
+    responses = tuple(response_pictures(result))
     groups = {
         "ahead": [] if prediction is None else prediction_pictures(prediction),
         "flights": forests(result, result.flights, {row.name: row for row in reported_rows(result)}),
         "methods": forests(result, result.comparisons, {}),
-        "flight": [*over_time, *([("", of_fit)] if of_fit else [])],
+        "flight": [
+            *over_time,
+            *([("", of_fit)] if of_fit else []),
+            *([("Frequency responses", responses)] if responses else []),
+        ],
     }
     prefix = "" if alone else f"{result.motion.name}-"
     sections = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.references import exogenous
+from eivor.flights.references import ReferenceSource, exogenous
+from eivor.flights.result import FlightEstimate
 from eivor.models.frequency_response import (
     FIRST_CYCLES,
     FREQUENCIES,
@@ -30,14 +32,15 @@ from eivor.models.transfer_functions import (
     proposed_controllers,
     transfer_functions,
 )
-from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis
+from eivor.motions.equation import DeclaredMotion
+from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
 from eivor.motions.table import motion_by_name
 from eivor.process_pool import check_among
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, table
-from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, mosaic, page
+from eivor.report.figure_panels import BLUE, DARK, GREY, RED, Picture, labelled, legend, mosaic, page
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
-from eivor.tools import Complex, Float, printable
+from eivor.tools import Bool, Complex, Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +49,6 @@ if TYPE_CHECKING:
 #: What a response can be of.
 VERTICAL = "vertical"
 _VERTICAL = motion_by_name(VERTICAL)
-RESPONSE_AXES = (*(axis.name for axis in AXES), VERTICAL)
 #: Parameters that hold the cut-off of the gyroscope's low pass of second order [Hz].
 FILTERS = ("IMU_GYRO_CUTOFF", "INS_GYRO_FILTER")
 #: An input that stands at its largest or least value for this share of the time is saturated.
@@ -75,31 +77,60 @@ class LogResponse:
     findings: tuple[str, ...] = ()
 
 
-def response_motions(axis: str) -> dict[str, Motion[Any]]:
-    """Motion that selects the channels of each axis: of one, or of all that turn."""
-    turning: dict[str, Motion[Any]] = {item.name: OneAxis(item) for item in AXES}
-    if not axis:
-        return turning
-    check_among("an axis", axis, RESPONSE_AXES)
-    return {axis: _VERTICAL if axis == VERTICAL else turning[axis]}
+@dataclass(frozen=True)
+class ResponsePath:
+    """From what to what the response of an axis is, and what may be its reference."""
+
+    motion: Motion[Any]  # That selects the channels
+    output: str
+    references: tuple[ReferenceSource, ...]
+    input: str = ""  # Empty for the family that the motion chooses
+    turns: bool = False  # The output is a gyroscope's, and the input sets a torque
+
+
+TURNING = {
+    item.name: ResponsePath(OneAxis(item), item.rate, item.references, item.torque, turns=True)
+    for item in AXES
+}
+
+
+def response_paths(axis: str, machine: DeclaredMotion | None = None) -> dict[str, ResponsePath]:
+    """Path of each axis: of one, or of all that turn; or of those of a declared machine."""
+    offered = {
+        **TURNING,
+        VERTICAL: ResponsePath(_VERTICAL, "specific_force_z", _VERTICAL.channels.references),
+    }
+    if machine is not None:
+        offered = {
+            item.name: ResponsePath(machine, item.state[0], item.references, item.inputs[0])
+            for item in machine.axes
+            if item.state is not None and item.inputs
+        }
+        remedy = 'Declare a response such as ddt(speed), and a channel with role = "input".'
+        if not offered:
+            raise UsageError("an equation of a state that an input drives", f"none of {machine.name}", remedy)
+    if axis:
+        check_among("an axis", axis, tuple(offered))
+        return {axis: offered[axis]}
+    return TURNING if machine is None else offered
 
 
 def log_responses(
     recordings: Sequence[Recording],
     options: FlightOptions,
     windows: Sequence[tuple[float, float] | None],
-    motions: Mapping[str, Motion[Any]],
+    paths: Mapping[str, ResponsePath],
     reference: str = "",
 ) -> list[LogResponse]:
     """Responses of the axes that the logs have, flights together; refused when there is none."""
     results, errors = [], []
-    for axis, motion in motions.items():
+    for axis, path in paths.items():
         try:
             flights = [
-                prepare(log, motion, options if window is None else replace(options, window=window))
+                prepare(log, path.motion, options if window is None else replace(options, window=window))
                 for log, window in zip(recordings, windows, strict=True)
             ]
-            results.append(_of_axis(axis, flights, reference))
+            results.append(response_of_axis(axis, path, flights, reference))
         except (MissingChannelError, TooFewSamplesError) as error:
             errors.append(error)
     if not results:
@@ -107,11 +138,12 @@ def log_responses(
     return results
 
 
-def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogResponse:
-    turning = next((item for item in AXES if item.name == axis), None)
-    first = flights[0]
-    output = turning.rate if turning else "specific_force_z"
-    source = turning.torque if turning else first.input.name
+def response_of_axis(
+    axis: str, path: ResponsePath, flights: Sequence[PreparedFlight], named: str = ""
+) -> LogResponse:
+    """Response of one axis of flights, by the reference that is named or by rule."""
+    first, output = flights[0], path.output
+    source = path.input or first.input.name
     for flight in flights:
         if not flight.runs:
             raise TooFewSamplesError(
@@ -120,10 +152,8 @@ def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogRespons
                 "Use a log of a flight, or another window.",
             )
         if output not in flight.signals.channels:
-            raise MissingChannelError(
-                f"{output} in {flight.recording.name}", "a log without it", "Log the accelerometer."
-            )
-    reference, findings = _reference(flights, axis if turning else "", named)
+            raise MissingChannelError(f"{output} in {flight.recording.name}", "a log without it", "Log it.")
+    reference, findings = _reference(flights, path, named)
     step_s = max(flight.signals.step_s for flight in flights)
     if any(abs(flight.signals.step_s - step_s) > 1e-9 for flight in flights):
         raise UsageError("flights that are logged at one rate", "several rates", "Look at them one by one.")
@@ -131,7 +161,7 @@ def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogRespons
     def runs(channel: str) -> list[Float[np.ndarray, " n"]]:
         return [values for flight in flights for values in _runs(flight, channel)]
 
-    channels = [output, *first.driving] if not turning else [output, source]
+    channels = [output, path.input] if path.input else [output, *first.driving]
     slowest = min(flight.recording.channel(name).rate_hz for flight in flights for name in channels)
     grid = _grid(flights, slowest)
     u = [np.asarray(values) for values in runs(source)]
@@ -143,16 +173,16 @@ def _of_axis(axis: str, flights: list[PreparedFlight], named: str) -> LogRespons
     models: TransferFunctions | None = None
     controllers: tuple[Controller, ...] = ()
     try:
-        top = min(BAND_HZ[1], float(grid[-1]))
-        models = transfer_functions(
-            response, band_hz=(BAND_HZ[0], top), sensor_filter=_filter(first, turning)
-        )
+        declared = not path.turns and bool(path.input)
+        low = min(BAND_HZ[0], float(grid[0])) if declared else BAND_HZ[0]
+        band_hz = low, min(BAND_HZ[1], float(grid[-1]))
+        models = transfer_functions(response, band_hz=band_hz, sensor_filter=_filter(first, path))
     except EstimationError as error:
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None:
         findings += _model_findings(models.chosen.p_value, response)
         is_sound = not response.is_direct and models.chosen.p_value >= UNLIKELY and response.shown.any()
-        if turning and is_sound and models.chosen.parameters["gain"] > 0.0:
+        if path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
     loop = None
     asked_for = {f"reference_{output}", f"feedback_reference_{output}"}
@@ -179,13 +209,10 @@ def _runs(flight: PreparedFlight, name: str) -> Iterator[Float[np.ndarray, " n"]
         yield np.where(flight.usable[run], values[run], np.nan)
 
 
-def _reference(flights: list[PreparedFlight], axis: str, named: str) -> tuple[str, list[str]]:
+def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str) -> tuple[str, list[str]]:
     """Channel that serves as reference, and what is to be said of it; empty for none."""
-    sources = (*(item for known in AXES for item in known.references), *_VERTICAL.channels.references)
     logged = {item.name for item in flights[0].references}
-    offered = dict.fromkeys(
-        item.channel for item in sources if item.channel in logged and (not axis or item.axis == axis)
-    )
+    offered = dict.fromkeys(item.channel for item in path.references if item.channel in logged)
     if named:
         check_among("a channel", named, tuple(sorted(flights[0].recording.channels)))
         if not exogenous(named):
@@ -206,7 +233,7 @@ def _reference(flights: list[PreparedFlight], axis: str, named: str) -> tuple[st
     return "", remarks
 
 
-def _grid(flights: list[PreparedFlight], slowest_hz: float) -> Float[np.ndarray, " f"]:
+def _grid(flights: Sequence[PreparedFlight], slowest_hz: float) -> Float[np.ndarray, " f"]:
     """Frequencies from fifteen cycles of the longest run to what is sampled fast enough."""
     longest = max((run.stop - run.start) * flight.signals.step_s for flight in flights for run in flight.runs)
     low = FIRST_CYCLES / longest
@@ -230,10 +257,10 @@ def _saturation(u: list[Float[np.ndarray, " n"]], name: str) -> list[str]:
     return [f"{name} stands at its limits for {share:.0%} of the time: the response is of what is left."]
 
 
-def _filter(flight: PreparedFlight, turning: object) -> Any:
+def _filter(flight: PreparedFlight, path: ResponsePath) -> Any:
     """Low pass of the gyroscope that the log declares; none else."""
     known = flight.recording.parameters
-    cutoff = next((float(known[name]) for name in FILTERS if known.get(name)), 0.0) if turning else 0.0
+    cutoff = next((float(known[name]) for name in FILTERS if known.get(name)), 0.0) if path.turns else 0.0
 
     def low_pass(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
         if cutoff <= 0.0:
@@ -425,9 +452,12 @@ def response_figure(results: Sequence[LogResponse]) -> Figure:
     panels = mosaic(page(max(5.2 * count, 7.0), 11.0, title), rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
     for k, item in enumerate(results):
         of = {row: panels[f"{row}{k}"] for row in ("magnitude", "phase", "coherence", "nichols")}
-        _draw_bode(item, of["magnitude"], of["phase"])
-        _draw_coherences(item, of["coherence"])
-        _draw_nichols(item, of["nichols"])
+        names = f"{item.axis}: {item.input} to {item.output}"
+        of["magnitude"].set_title(names, fontsize=9, parse_math=False)
+        _draw_magnitude(of["magnitude"], item)
+        _draw_phase(of["phase"], item)
+        _draw_coherences(of["coherence"], item)
+        _draw_nichols(of["nichols"], item)
     return panels["magnitude0"].figure  # type: ignore[return-value]
 
 
@@ -439,43 +469,75 @@ def _unwrapped(values: Complex[np.ndarray, " f"], shown: Any) -> Float[np.ndarra
     return np.asarray(np.rad2deg(phase))
 
 
-def _draw_bode(item: LogResponse, magnitude: Axes, phase: Axes) -> None:
-    response, shown, f = item.response, item.response.shown, item.response.frequency_hz
-    magnitude.set_title(f"{item.axis}: {item.input} to {item.output}", fontsize=9, parse_math=False)
+def _lines(
+    item: LogResponse,
+) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, dict[str, Any]]]:
+    """Responses to draw, where each is known, with words and look."""
+    response, every = item.response, np.ones(item.response.frequency_hz.size, dtype=np.bool_)
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
-    angle = _unwrapped(response.response, shown)
-    turn = angle - np.rad2deg(np.angle(response.response))
+    lines = [(response.response, response.shown, name, {"color": BLUE, "lw": 1.4})]
+    if not response.is_direct:
+        look = {"ls": ":", "color": RED, "lw": 1.1}
+        lines.append((response.direct, np.isfinite(response.direct), "direct, biased", look))
+    if item.models is not None:
+        model = item.models.chosen
+        words, look = f"model of order {model.order}", {"ls": "--", "color": DARK, "lw": 1.0}
+        lines.append((model.response(response.frequency_hz), every, words, look))
+    return lines
+
+
+def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
+    response, shown, f = item.response, item.response.shown, item.response.frequency_hz
     for bands, alpha, words in (
         (response.simultaneous_bands, 0.12, f"{response.level:.0%} all together"),
         (response.bands, 0.3, f"{response.level:.0%} each"),
     ):
         low, high = np.where(shown[:, None], np.maximum(bands[0], 1e-12), np.nan).T
-        early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
-        magnitude.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
-        phase.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
-    size = np.abs(response.response)
-    magnitude.plot(f, np.where(shown, size, np.nan), color=BLUE, lw=1.4, label=name)
-    phase.plot(f, angle, color=BLUE, lw=1.4)
-    if not response.is_direct:
-        magnitude.plot(f, np.abs(response.direct), ":", color=RED, lw=1.1, label="direct, biased")
-        phase.plot(f, _unwrapped(response.direct, np.isfinite(response.direct)), ":", color=RED, lw=1.1)
-    if item.models is not None:
-        model = item.models.chosen.response(f)
-        words = f"model of order {item.models.chosen.order}"
-        magnitude.plot(f, np.abs(model), "--", color=DARK, lw=1.0, label=words)
-        phase.plot(f, _unwrapped(model, np.ones(f.size, dtype=np.bool_)), "--", color=DARK, lw=1.0)
-    magnitude.set(xscale="log", yscale="log")
-    phase.set(xscale="log")
+        axes.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
+    for values, where, words, look in _lines(item):
+        axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **look)
+    axes.set(xscale="log", yscale="log")
     if shown.any():
-        middle = size[shown]
-        magnitude.set_ylim(0.2 * middle.min(), 5.0 * middle.max())
-    for axes, words in ((magnitude, "magnitude"), (phase, "phase [°]")):
-        axes.grid(alpha=0.25, which="both")
-        labelled(axes, y=words, size=9.0)
-    legend(magnitude, size=7, place="lower left")
+        size = np.abs(response.response)[shown]
+        axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
+    axes.grid(alpha=0.25, which="both")
+    labelled(axes, y="magnitude", size=9.0)
+    legend(axes, size=7, place="lower left")
 
 
-def _draw_coherences(item: LogResponse, axes: Axes) -> None:
+def _draw_phase(axes: Axes, item: LogResponse) -> None:
+    response, f = item.response, item.response.frequency_hz
+    turn = _unwrapped(response.response, response.shown) - np.rad2deg(np.angle(response.response))
+    for bands, alpha in ((response.simultaneous_bands, 0.12), (response.bands, 0.3)):
+        early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
+        axes.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
+    for values, where, _, look in _lines(item):
+        axes.plot(f, _unwrapped(values, where), **look)
+    axes.set(xscale="log")
+    axes.grid(alpha=0.25, which="both")
+    labelled(axes, y="phase [°]", size=9.0)
+
+
+def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
+    """Magnitude, phase and coherences of the axes of turning whose responses the flights show."""
+    flying = [flight for flight in result.prepared if flight.runs]
+    for axis, path in TURNING.items() if isinstance(result.motion, Rates) and result.fit else ():
+        try:
+            item = response_of_axis(axis, path, flying)
+        except (EstimationError, MissingChannelError, TooFewSamplesError, UsageError):
+            continue  # not logged, too short, or at several rates
+        if item.response.is_direct or not item.response.shown.any():
+            continue
+        words = f"{item.input} to {item.output}, on {item.reference}; {item.response.level:.0%} bands."
+        for what, draw in (
+            ("magnitude", _draw_magnitude),
+            ("phase", _draw_phase),
+            ("coherences", _draw_coherences),
+        ):
+            yield Picture(f"Response of {axis}: {what}", words, partial(draw, item=item))
+
+
+def _draw_coherences(axes: Axes, item: LogResponse) -> None:
     response, f = item.response, item.response.frequency_hz
     lines = [(response.direct_coherence, RED, "input, output")]
     if not response.is_direct:
@@ -489,7 +551,7 @@ def _draw_coherences(item: LogResponse, axes: Axes) -> None:
     legend(axes, size=7, place="lower left")
 
 
-def _draw_nichols(item: LogResponse, axes: Axes) -> None:
+def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
     drawn = False

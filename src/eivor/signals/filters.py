@@ -12,15 +12,31 @@ from eivor.tools import Float
 
 
 def actuator_state(
-    command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
+    command: Float[np.ndarray, "n rotors"],
+    *,
+    step_s: float,
+    lag_s: float,
+    delay_s: float,
+    second_stage: float = 0.0,
 ) -> Float[np.ndarray, "n rotors"]:
-    """State of each actuator at the samples, behind lag and delay [s] of held commands; first at rest."""
-    if lag_s <= 0.0 and delay_s <= 0.0:
-        return command
+    """State of each actuator at the samples, behind lag and delay [s] of held commands; first at rest.
+
+    With a second stage q, q lag^2 w'' + lag w' + w = command: two lags, whose sum is the lag.
+    """
+    if lag_s <= 0.0:  # a step of the command is seen in the middle of a difference of states around it
+        later = delay_s + 0.5 * step_s
+        return command if delay_s <= 0.0 else shifted_by(command, step_s=step_s, delay_s=later)
+    if second_stage > 0.0:
+        parts = 0.5 + 0.5 * np.sqrt(1.0 - 4.0 * second_stage) * np.array([1.0, -1.0])
+        states = [
+            actuator_state(command, step_s=step_s, lag_s=part * lag_s, delay_s=delay_s)
+            for part in parts.tolist()
+        ]
+        return (parts[0] * states[0] - parts[1] * states[1]) / (parts[0] - parts[1])
     whole = int(np.floor(delay_s / step_s + 1e-9))
     fraction = max(delay_s / step_s - whole, 0.0)
-    decay = np.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
-    tail = np.exp(-(1.0 - fraction) * step_s / lag_s) if lag_s > 0.0 else 0.0
+    decay = np.exp(-step_s / lag_s)
+    tail = np.exp(-(1.0 - fraction) * step_s / lag_s)
     start = command[0]
     moved = command - start
     driven = np.zeros(command.shape, order="F")

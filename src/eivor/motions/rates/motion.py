@@ -8,10 +8,11 @@ from itertools import chain
 
 import numpy as np
 
-from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.errors import EstimationError, InputError, MissingChannelError, UsageError
+from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
-from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction
+from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, Refinement, Solver
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import (
@@ -38,7 +39,16 @@ from eivor.flights.verdict import (
     record_rules,
 )
 from eivor.inference.verdict import Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    DELAY,
+    SECOND_LAG,
+    SECOND_STAGE,
+    TOLERANCE_S,
+    LaggedRuns,
+    of_order,
+)
+from eivor.models.separable import AT_END, WarmStart
 from eivor.motions.equation import (
     AxisEquation,
     DeclaredMotion,
@@ -211,12 +221,19 @@ ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or n
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
 #: Two equal lags act, to second order in the frequency, as one of 2^(1/2) times each with a delay: this share
 #: of that lag.
-SECOND_STAGE = 2.0**0.5 - 1.0
+IMITATED_SHARE = 2.0**0.5 - 1.0
+
+
+def _imitated_s(lag_s: float) -> float:
+    """Delay by which one lag may imitate a second stage, or none a short lag [s]."""
+    return IMITATED_SHARE * lag_s if lag_s > 0.0 else float(LAGS_S[0])
 
 
 def _second_stage(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     """What a second stage of the actuator takes from the delay and adds to the lag, at most [s]."""
-    delay_s = SECOND_STAGE * inputs.quantities[ACTUATOR_LAG.name].value
+    if SECOND_LAG in inputs.quantities or inputs.order_given:
+        return 0.0, 0.0
+    delay_s = _imitated_s(inputs.quantities[ACTUATOR_LAG.name].value)
     return (delay_s, 0.0) if name == DELAY.name else (0.0, delay_s)
 
 
@@ -240,6 +257,33 @@ PARTS = (
         f"{ROTORS}effectiveness by 2 %.",
     ),
 )
+
+#: A second stage is one where it is so many standard errors from none: Akaike's criterion falls by 2.
+STAGE_ERRORS = 2.0
+
+
+def chosen_order(
+    problem: LaggedRuns, solve: Solver[LaggedRuns], options: FlightOptions
+) -> tuple[LaggedRuns, Estimate]:
+    """The estimate, with a second stage of the actuators where the flights show one."""
+    estimate = solve(problem)
+    staged = replace(problem, nuisances=of_order(problem.nuisances, 3))
+    if options.order is not None or len(staged.nuisances) == len(problem.nuisances):
+        return problem, estimate
+    lag_s = estimate.nuisances[ACTUATOR_LAG.name]
+    if lag_s <= LAGS_S[0] + AT_END * TOLERANCE_S:
+        without = replace(problem, nuisances=of_order(problem.nuisances, 1))
+        return without, solve(without)
+    if DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
+        return problem, estimate  # nothing to gain: a second stage changes the delay by less than is known
+    start = WarmStart(estimate.theta, {**estimate.nuisances, SECOND_STAGE.name: 0.0})
+    try:
+        other = solve(replace(staged, warm_start=start))
+    except EstimationError:
+        return problem, estimate
+    shown = other.nuisances[SECOND_STAGE.name] > STAGE_ERRORS * other.std_error(SECOND_STAGE.name)
+    return (staged, other) if shown else (problem, estimate)
+
 
 FLY = (
     "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
@@ -324,6 +368,7 @@ QUANTITIES = QuantityTable(
         **_SPECS,
         ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
         DELAY.name: LAG_QUANTITIES[DELAY.name],
+        SECOND_LAG: LAG_QUANTITIES[SECOND_LAG],
     }
 )
 #: When a sentence speaks against quantities.
@@ -337,7 +382,7 @@ RULES = (
     ),
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
-    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name),
+    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, SECOND_LAG),
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 
@@ -404,6 +449,7 @@ class Rates(DeclaredMotion):
         vehicle_parameters=("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT"),
     )
     abilities = Abilities(
+        refinement=Refinement(chosen_order),
         prediction=Prediction(simple_models, multi_step=partial(equation_prediction, EQUATIONS)),
         excitation=excitation,
         coupled_axes=(THRUST,),

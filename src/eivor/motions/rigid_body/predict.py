@@ -21,7 +21,7 @@ from eivor.flights.motion import (
 )
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import actuators
 from eivor.models.separable import Values
 from eivor.motions.equation import STAYS
 from eivor.motions.rates.motion import AXES
@@ -180,21 +180,20 @@ class StatePropagator:
         return [(term, np.repeat(values, self.starts.samples.size)) for term, values in made if values.any()]
 
     @cached_property
-    def _nodes(self) -> list[tuple[float, float]]:
-        """Each pair of lag and delay of a model, once."""
-        return list(dict.fromkeys((item[ACTUATOR_LAG.name], item[DELAY.name]) for item in self.models))
+    def _nodes(self) -> list[tuple[float, ...]]:
+        """Lag, delay and second stage of each model, once."""
+        return list(dict.fromkeys(tuple(actuators(item).values()) for item in self.models))
 
     @cached_property
     def _timing(self) -> Int[np.ndarray, " models"]:
-        """Number of each model's pair."""
-        pairs = ((item[ACTUATOR_LAG.name], item[DELAY.name]) for item in self.models)
-        return np.array([self._nodes.index(pair) for pair in pairs])
+        """Number of each model's node."""
+        return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
 
     @cached_property
     def _rotors(self) -> list[RotorSums]:
-        """What the rotors do at each pair."""
+        """What the rotors do at each node."""
         states = RotorStates(self.logged.flight, self.vehicle, self._usual)
-        return [states.at(lag_s, delay_s)[0].rotors for lag_s, delay_s in self._nodes]
+        return [states.at(*path)[0].rotors for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:

@@ -16,6 +16,7 @@ from eivor.models.lagged_runs import (
     DELAY,
     AxisColumns,
     LaggedRuns,
+    actuators,
     lag_and_delay,
     measured_state,
 )
@@ -333,21 +334,26 @@ class RotorStates:
     flight: PreparedFlight
     vehicle: KnownVehicle
     usual: float  # State of a rotor for which damping and drag are
-    _last: tuple[tuple[float, float], tuple[BodyMotion, BodyMotion]] | None = None
+    _last: tuple[tuple[float, ...], tuple[BodyMotion, BodyMotion]] | None = None
 
-    def at(self, lag_s: float, delay_s: float) -> tuple[BodyMotion, BodyMotion]:
+    def at(
+        self, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0
+    ) -> tuple[BodyMotion, BodyMotion]:
         """What columns are made of at a lag and a delay; the same with means over steps of what drives."""
-        if self._last is None or self._last[0] != (lag_s, delay_s):
+        path = (lag_s, delay_s, second_stage)
+        if self._last is None or self._last[0] != path:
             thrust_of, weights = input_map(self.flight.input_map), self.vehicle.sums
             step_s = self.flight.signals.step_s
-            state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, 0.5 * step_s))
+            state, between = (
+                self._moved(lag_s, delay_s + later, second_stage) for later in (0.0, 0.5 * step_s)
+            )
             thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
             now = RotorSums(states, thrust, time_derivative(states[6], step_s))
             means = RotorSums(states, mean, change_over_step(states[6], step_s))
             of = BodyMotion(self.vehicle, self.usual, now, self.velocity, self.rates)
-            self._last = (lag_s, delay_s), (of, replace(of, rotors=means))
+            self._last = path, (of, replace(of, rotors=means))
         return self._last[1]
 
     @cached_property
@@ -370,11 +376,12 @@ class RotorStates:
         """What was logged of the rotors, each rotor's values side by side in memory."""
         return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
 
-    def _moved(self, lag_s: float, delay_s: float) -> Float[np.ndarray, "n rotors"]:
+    def _moved(self, lag_s: float, delay_s: float, second_stage: float) -> Float[np.ndarray, "n rotors"]:
         step_s = self.flight.signals.step_s
         if self.flight.input.measured:
             return shifted_by(self._logged, step_s=step_s, delay_s=delay_s)
-        return actuator_state(self._logged, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
+        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage}
+        return actuator_state(self._logged, step_s=step_s, **path)
 
 
 @dataclass(frozen=True)
@@ -388,7 +395,7 @@ class RotorColumns:
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
-        now, means = self.states.at(nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name])
+        now, means = self.states.at(**actuators(nuisance_values))
         of = means if self.axis < FORCE_X_EQUATION else now
         sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
         return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms()]).T
@@ -440,7 +447,7 @@ def _flight(
 ) -> Iterator[AxisColumns]:
     """Every equation of a flight."""
     signals, vehicle = flight.signals, states.vehicle
-    instruments, still = AxisInstruments(flight, vehicle, rule), states.at(0.0, 0.0)[0]
+    instruments, still = AxisInstruments(flight, vehicle, rule), states.at()[0]
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
     changes = change_over_step(states.rates, signals.step_s)
     by_velocity = force_by_velocity(signals) if any(term.by_velocity for term in terms) else None

@@ -320,7 +320,7 @@ def excitation(flights: Flights) -> str:
     moved: list[Float[np.ndarray, "_ 2"]] = []
     for flight in flights:
         cut = vertical_flight(flight)
-        moved.extend(cut.cut(np.column_stack([cut.mapped_input(model, 0.0, 0.0), cut.velocity])))
+        moved.extend(cut.cut(np.column_stack([cut.mapped_input(model), cut.velocity])))
     mapped, speed = np.concatenate(moved).T
     mean = abs(float(mapped.mean()))
     if mean == 0.0 or not np.isfinite(mapped.std() / mean):

@@ -191,7 +191,7 @@ def controller_gains(
         errors = _tracking_errors(flight)
         if errors is None or flight.input.measured:
             return None
-        command = numbers[INPUT_GAIN.name] * cut.mapped_input(problem.motion, 0.0, 0.0)
+        command = numbers[INPUT_GAIN.name] * cut.mapped_input(problem.motion)
         feed_forward = flight.signals.channels.get("reference_acceleration_z", np.zeros(command.size))
         for run in flight.runs:
             integral = np.cumsum(errors[run, 1]) * flight.signals.step_s

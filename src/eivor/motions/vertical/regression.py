@@ -24,6 +24,7 @@ from eivor.models.lagged_runs import (
     AxisColumns,
     LaggedRuns,
     RowNoise,
+    actuators,
     lag_and_delay,
     measured_state,
 )
@@ -102,8 +103,7 @@ def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarr
     """Samples after an impulse of the input, of the state that enters the equation."""
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
     impulse[BEFORE] = 1.0
-    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-    return np.asarray(flight.state_of(impulse, lag_s, delay_s)[BEFORE:, 0])
+    return np.asarray(flight.state_of(impulse, **actuators(nuisance_values))[BEFORE:, 0])
 
 
 # -- Terms --
@@ -230,15 +230,18 @@ class VerticalFlight:
         """What is logged of the actuators."""
         return self.signals.family(self.input)
 
-    def state_of(self, logged: Float[np.ndarray, "n m"], lag_s: float, delay_s: float) -> np.ndarray:
-        """State of actuators by what is logged of them."""
+    def state_of(self, logged: Float[np.ndarray, "n m"], **path: float) -> np.ndarray:
+        """State of actuators by what is logged of them, at a lag, a delay and a second stage."""
         if self.measured:
-            return shifted_by(logged, step_s=self.signals.step_s, delay_s=delay_s)
-        return actuator_state(logged, step_s=self.signals.step_s, lag_s=lag_s, delay_s=delay_s)
+            return shifted_by(logged, step_s=self.signals.step_s, delay_s=path["delay_s"])
+        return actuator_state(logged, step_s=self.signals.step_s, **path)
 
-    def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
+    def mapped_input(
+        self, motion: VerticalMotion, lag_s: float = 0.0, delay_s: float = 0.0, second_stage: float = 0.0
+    ) -> Float[np.ndarray, " n"]:
         """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
-        states = motion.input_map(self.state_of(self.logged, lag_s, delay_s))
+        path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage}
+        states = motion.input_map(self.state_of(self.logged, **path))
         mapped: Float[np.ndarray, " n"] = states[:, 0] if states.shape[1] == 1 else states.mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
 
@@ -271,9 +274,7 @@ class MovingColumns:
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
         """U at a lag and a delay, and a column for each term."""
-        mapped = self.flight.mapped_input(
-            self.motion, nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-        )
+        mapped = self.flight.mapped_input(self.motion, **actuators(nuisance_values))
         if not self.terms:
             return mapped[:, None]
         of = self._ingredients(mapped)
@@ -300,7 +301,7 @@ class MovingColumns:
 
     @cached_property
     def _unlagged(self) -> Float[np.ndarray, " n"]:
-        return self.flight.mapped_input(self.motion, 0.0, 0.0)
+        return self.flight.mapped_input(self.motion)
 
     @cached_property
     def _mean(self) -> float:
@@ -367,7 +368,7 @@ def vertical_problem(
     for number, flight in enumerate(flights):
         moving = MovingColumns(flight, motion, terms)
         accelerations = (flight.acceleration, flight.velocity_derivative)
-        driven = DrivenSignals(flight.signals, flight.mapped_input(motion, 0.0, 0.0))
+        driven = DrivenSignals(flight.signals, flight.mapped_input(motion))
         columns.append(
             AxisColumns(
                 flight.signals.step_s,

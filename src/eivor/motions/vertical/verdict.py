@@ -30,7 +30,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Cause, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
@@ -647,7 +647,9 @@ RULES = (
     ),
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
     *LIMITS[GAIN].rules(GAIN, QUANTITIES[GAIN], "intercept"),
-    *LIMITS[EFFECTIVE_LAG].rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name),
+    *LIMITS[EFFECTIVE_LAG].rules(
+        EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, SECOND_LAG
+    ),
     *LIMITS[HOVER].rules(HOVER, QUANTITIES[HOVER]),
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
     *(rule for term in OF_TERMS for rule in _term_rules(term)),
