@@ -126,7 +126,12 @@ def test_rooms_name_no_parameter_of_a_motion(room):
     """Only a motion knows what its parameters are called; others ask it."""
     from eivor.motions.table import motion_by_name
 
-    of_actuators = {"actuator_lag", "delay", "effective_lag"}  # of every motion whose actuators lag
+    of_actuators = {
+        "actuator_lag",
+        "delay",
+        "effective_lag",
+        "second_lag",
+    }  # of every motion whose actuators lag
     plain_words = {"intercept"}
     current = set(motion_by_name("vertical").quantities) - of_actuators - plain_words
     assert {"viscous_friction", "input_gain", "hover_input"} <= current

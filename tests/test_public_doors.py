@@ -87,6 +87,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "instruments terms": {"list", "texts"},
         "compare align pool_anyway": {"flag"},
         "rotor_radius controller_rate_hz": {*NUMBER, "none"},
+        "order": {"none", "whole"},
         "noise": {"none", "mapping"},
     },
     "Bounds": {"low high": ANY_NUMBER},

@@ -64,6 +64,7 @@ WORDS = frozenset(
         "--model",
         "--method",
         "--lag",
+        "--order",
         "--pool-friction",
         "--term",
         "--noise",

@@ -127,6 +127,8 @@ class FlightOptions:
             expected = f"a controller's rate between 0 and {FASTEST_HZ:g} Hz"
             remedy = "Give it in Hz, such as 400; leave it out where it is not known."
             raise UsageError(expected, f"{self.controller_rate_hz:g} Hz", remedy)
+        if self.order is not None:
+            checks.whole("order", self.order)
         if self.order not in (None, *ORDERS):
             raise UsageError("an order of 1, 2 or 3", f"{self.order!r}", "Leave it out to have it chosen.")
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
