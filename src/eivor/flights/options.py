@@ -127,10 +127,6 @@ class FlightOptions:
             expected = f"a controller's rate between 0 and {FASTEST_HZ:g} Hz"
             remedy = "Give it in Hz, such as 400; leave it out where it is not known."
             raise UsageError(expected, f"{self.controller_rate_hz:g} Hz", remedy)
-        if self.order is not None:
-            checks.whole("order", self.order)
-        if self.order not in (None, *ORDERS):
-            raise UsageError("an order of 1, 2 or 3", f"{self.order!r}", "Leave it out to have it chosen.")
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
         if isinstance(self.lag, Bounds) and not 0.0 <= self.lag.low <= self.lag.high <= LONGEST_LAG_S:
@@ -150,6 +146,10 @@ class FlightOptions:
         for name in ("max_tilt_deg", "accelerometer_bias", "rotor_radius", "controller_rate_hz"):
             if getattr(self, name) is not None or name in ("max_tilt_deg", "accelerometer_bias"):
                 checks.number(name, getattr(self, name))
+        if self.order is not None:
+            checks.whole("order", self.order)
+            if self.order not in ORDERS:
+                raise UsageError("an order of 1, 2 or 3", f"{self.order}", "Leave it out to have it chosen.")
         if not isinstance(self.method, Method):
             checks.text("method", self.method)
         for name in ("input", "input_map", "pool_friction"):
