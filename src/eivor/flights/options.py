@@ -146,10 +146,7 @@ class FlightOptions:
         for name in ("max_tilt_deg", "accelerometer_bias", "rotor_radius", "controller_rate_hz"):
             if getattr(self, name) is not None or name in ("max_tilt_deg", "accelerometer_bias"):
                 checks.number(name, getattr(self, name))
-        if self.order is not None:
-            checks.whole("order", self.order)
-            if self.order not in ORDERS:
-                raise UsageError("an order of 1, 2 or 3", f"{self.order}", "Leave it out to have it chosen.")
+        check_order(self.order)
         if not isinstance(self.method, Method):
             checks.text("method", self.method)
         for name in ("input", "input_map", "pool_friction"):
@@ -164,6 +161,14 @@ class FlightOptions:
             checks.kind("lag", self.lag, (Prior, Bounds), "a Prior, or Bounds,", remedy)
         if self.window is not None:
             check_window(self.window)
+
+
+def check_order(order: int | None) -> None:
+    """Refuse what is no order of a response; None has it chosen."""
+    if order is not None:
+        checks.whole("order", order)
+        if order not in ORDERS:
+            raise UsageError("an order of 1, 2 or 3", f"{order}", "Leave it out to have it chosen.")
 
 
 def check_window(window: object) -> None:
