@@ -30,7 +30,7 @@ RATIOS: dict[str, dict[str, str]] = {
     "generalized_iv": {
         "generalized IV, N = 1e6": r"fit, .* ([\d.]+) x faster",
         "its moments": r"moments, .*ratio +([\d.]+)",
-        "of 500 rows": r"^500 rows +[\d.]+ ms.*ratio +([\d.]+)",
+        "of 500 rows;": r"^500 rows +[\d.]+ ms.*ratio +([\d.]+)",
         "of 500 rows, with intervals": r"^500 rows with intervals.*ratio +([\d.]+)",
         "of 500 rows, with intervals and diagnostics": r"^500 rows with diagnostics.*ratio +([\d.]+)",
         "trials of a study": r"^trials of 1 methods.* ([\d.]+) x faster",
