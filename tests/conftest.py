@@ -113,7 +113,8 @@ OF_FLIGHTS = {"exports", "flights", "motions", "planning", "report"}
 @pytest.fixture(autouse=True)
 def results_once(request):
     """A flight of one test is that of another, and identified once; not for tests that change how."""
-    once = OF_FLIGHTS & set(request.path.parts) and "monkeypatch" not in request.fixturenames
+    changed = "monkeypatch" in request.fixturenames and "command_line" not in request.fixturenames
+    once = OF_FLIGHTS & set(request.path.parts) and not changed
     with searches.identified_once() if once else nullcontext():
         yield
 

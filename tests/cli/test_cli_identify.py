@@ -26,6 +26,7 @@ def test_the_example_is_identified(eivor):
     assert "Flight card" not in run.out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_the_table_has_every_quantity_in_80_columns(eivor, log, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     run = eivor("identify", log, "--compare")
@@ -278,6 +279,7 @@ def test_what_is_needed_decides_the_exit_code(eivor, needs, code):
         assert "Did you mean 'hover'?" in run.err
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.usefixtures("coarse_search")
 def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
     """A motion is chosen where one serves; where several do, it is to be named."""
