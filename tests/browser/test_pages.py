@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import eivor as ev
-from browser.conftest import PATIENCE_MS
 from coarse_search import coarse
 from eivor.inference.verdict import Reason, Verdict
 from eivor.report.flight_page import flight_page
@@ -40,27 +39,6 @@ def searched(page, word):
     return {item.get_attribute("href").partition("#")[0].rpartition("/")[2] for item in locator.all()}
 
 
-@pytest.fixture
-def watched_site(chromium):
-    """Open a page, and keep what it asks for and says; offline, but for a server of this machine."""
-    contexts = []
-
-    def opening(*, offline):
-        context = chromium.new_context(offline=offline, viewport={"width": 1440, "height": 900})
-        context.set_default_timeout(PATIENCE_MS)
-        contexts.append(context)
-        page = context.new_page()
-        page.asked, page.said = [], []
-        page.on("request", lambda request: page.asked.append(request.url))
-        page.on("console", lambda message: page.said.append(message.text))
-        page.on("pageerror", lambda error: page.said.append(str(error)))
-        return page
-
-    yield opening
-    for context in contexts:
-        context.close()
-
-
 def outside(page, origin):
     return [url for url in page.asked if not url.startswith((f"{origin}/", "data:"))]
 
@@ -69,9 +47,9 @@ def outside(page, origin):
 @pytest.mark.skipif(
     not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
 )
-def test_every_page_from_disk(watched_site):
+def test_every_page_from_disk(watched):
     """Nothing is asked of a network, nothing is missing, and every equation is drawn."""
-    page = watched_site(offline=True)
+    page = watched("about:blank", offline=True)
     paths = sorted(path for path in Path(SITE).rglob("*.html") if path.name != "404.html")
     assert len(paths) > 28
     equations = 0
@@ -90,8 +68,8 @@ def test_every_page_from_disk(watched_site):
 @pytest.mark.skipif(
     not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
 )
-def test_search_from_disk(watched_site):
-    page = watched_site(offline=True)
+def test_search_from_disk(watched):
+    page = watched("about:blank", offline=True)
     page.goto((Path(SITE) / "studies" / "coverage.html").as_uri())
     for word, about in WORDS.items():
         assert about in searched(page, word), word
