@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -71,6 +72,26 @@ def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
     for ended in (first, last):
         with pytest.raises(ProcessLookupError):
             os.kill(ended, 0)
+
+
+def test_the_last_attempt_has_the_computer_for_itself():
+    turns, seen = process_pool._Turns(), []
+
+    def attempt(alone):
+        with turns.turn(lambda: False, alone=alone):
+            seen.append(alone)
+
+    threads = [threading.Thread(target=attempt, args=(alone,)) for alone in (True, False)]
+    with turns.turn(lambda: False, alone=False):
+        for thread in threads:
+            thread.start()
+            wait_until(lambda: turns._wanted)
+        assert seen == []
+        with pytest.raises(AbandonedError), turns.turn(lambda: True, alone=True):
+            pass
+    for thread in threads:
+        thread.join()
+    assert seen == [True, False]
 
 
 def test_an_abandoned_item_is_given_up(monkeypatch):
@@ -161,6 +182,7 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
     from eivor.logs.table import columnar
 
     started = []
+    (tmp_path / "a").touch()
     monkeypatch.setattr(columnar.subprocess, "run", lambda *_, **__: started.append(1) or columnar.subprocess)
     monkeypatch.setattr(columnar.subprocess, "returncode", 0, raising=False)
 

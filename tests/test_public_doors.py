@@ -470,6 +470,10 @@ def test_messages_say_what_to_do():
             lambda: ev.regression(response=m.y, regressors=m.X, noise_covariance=1e308 * np.eye(3)),
             r"variances up to 1e\+150; received 1e\+308",
         ),
+        (
+            lambda: ev.regression(response=m.y, regressors=m.X, noise_covariance=1e-320 * np.eye(3)),
+            r"variances of zero, or from 1e-150; received 9.99989e-321",
+        ),
     ):
         with pytest.raises(EivorError, match=item):
             call()

@@ -13,9 +13,9 @@ import tempfile
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -48,7 +48,7 @@ ProgressCallback = Callable[[Any], None]
 SANDBOX = "EIVOR_SANDBOX"
 #: Period of the checks for cancellation and the time limit [s], and longest time to begin a process [s].
 POLL_S, BEGIN_S = 0.2, 120.0
-#: Attempts at an item at which the process dies.
+#: Attempts at an item at which the process dies, the last of them while no other process works.
 TRIES = 2
 #: Tasks submitted for each worker: one at work and one that waits for it.
 TASKS_PER_WORKER = 2
@@ -89,6 +89,39 @@ class Limits:
 UNLIMITED = Limits(math.inf, math.inf)
 
 
+class _Turns:
+    """Attempts at items: many at a time, or one alone, as a process may have died for want of memory."""
+
+    def __init__(self) -> None:
+        self._change = threading.Condition()
+        self._running = self._wanted = 0  # attempts, and those that want to be alone or are
+
+    @contextmanager
+    def turn(self, given_up: Callable[[], bool], *, alone: bool) -> Iterator[None]:
+        """Wait for one's turn, and have it for the block."""
+        with self._change:
+            self._wanted += alone
+            try:
+                while self._running if alone else self._wanted:
+                    if given_up():
+                        raise AbandonedError
+                    self._change.wait(POLL_S)
+            except BaseException:
+                self._wanted -= alone
+                raise
+            self._running += 1
+        try:
+            yield
+        finally:
+            with self._change:
+                self._running -= 1
+                self._wanted -= alone
+                self._change.notify_all()
+
+
+_TURNS = _Turns()
+
+
 class WorkerProcess:
     """A function of one item, called in a process of its own."""
 
@@ -104,7 +137,8 @@ class WorkerProcess:
         for attempt in range(TRIES):
             process, self._process = self._process or _Process(), None  # until it has answered
             try:
-                kind, value = process.result(self._pickled, self._limits, item, report, given_up)
+                with _TURNS.turn(given_up, alone=attempt > 0):
+                    kind, value = process.result(self._pickled, self._limits, item, report, given_up)
             except _DiedError as died:
                 process.end()
                 if given_up():

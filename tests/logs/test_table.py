@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import os
+import subprocess
+import sys
+from contextlib import suppress
 
 import bag_writer
 import numpy as np
@@ -16,6 +20,7 @@ from eivor.errors import (
     ChannelMapError,
     CorruptLogError,
     DataError,
+    EivorError,
     EmptyLogError,
     InputError,
     ShapeError,
@@ -500,3 +505,42 @@ def test_strange_metadata_is_left_out(tmp_path, metadata):
     r = ev.read_log(tmp_path / "r.parquet")
     assert r.frame is ev.Frame.Z_UP
     assert "metadata" in [f.name for f in r.findings]
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [np.arange(200) * 1e298, 1e300 + np.arange(200), np.arange(200) * 1e-320, np.r_[np.arange(199.0), 1e300]],
+)
+def test_stamps_at_the_edge_of_numbers_are_dropped(tmp_path, stamps):
+    """Before they were read, with rates of infinity, or ended in a raw error."""
+    values = np.sin(np.arange(200.0))
+    pl.DataFrame({"time": stamps, "velocity_z": values, "input": values}).write_csv(tmp_path / "t.csv")
+    channel = ev.read_log(tmp_path / "t.csv").channels["velocity_z"]
+    assert channel.values.size in (0, 1, 199)
+    assert np.isfinite(channel.rate_hz)
+    with suppress(EivorError):
+        ev.identify_flight(ev.read_log(tmp_path / "t.csv"))
+
+
+FORKED = """
+import os, sys
+import eivor as ev
+ev.read_log(sys.argv[1])
+if os.fork():
+    sys.exit(os.waitstatus_to_exitcode(os.wait()[1]))
+try:
+    ev.read_log(sys.argv[1])
+except Exception as error:
+    sys.stdout.write(str(error))
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such system call there")
+def test_a_forked_process_refuses_tables_in_place_of_waiting_for_ever(tmp_path):
+    (tmp_path / "t.csv").write_text("time,velocity_z\n0,1\n1,2\n")
+    command = [sys.executable, "-W", "ignore", "-c", FORKED, str(tmp_path / "t.csv")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert "forked from a process that had read one" in done.stdout
+    assert "get_context('spawn')" in done.stdout

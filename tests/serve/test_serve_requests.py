@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
@@ -20,6 +21,7 @@ import polars as pl
 import pytest
 import typer
 
+from eivor.atomic_file import LOCK, folder_lock
 from eivor.cli.main import app as command_line
 from eivor.process_pool import TRIES, Limits
 from eivor.serve import app, jobs
@@ -128,6 +130,7 @@ def test_a_body_says_how_long_it_is(page, length):
         (400, "GET / HTTP/1.1", f"X: {'a' * 700_000}\r\n"),
         (400, "GET /choices HTTP/1.1", "Host: 127.0.0.1:80\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nContent-Length: 2\r\n"),
+        (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nX-Y: z\r\ncontent-length : 1\r\n"),
         (404, "CONNECT evil.example:80 HTTP/1.1", ""),
         (404, "OPTIONS * HTTP/1.1", ""),
         (404, "GET http://evil.example/ HTTP/1.1", ""),
@@ -221,21 +224,37 @@ def test_a_log_or_a_folder_that_breaks_off_leaves_nothing(page, more):
 
 
 def test_connections_are_bounded(page, monkeypatch):
+    """Those that have shown no token make room for others, the oldest first; those with one are counted."""
     closed(page.server)
-    monkeypatch.setattr(app, "MOST_CONNECTIONS", 3)
-    monkeypatch.setattr(app, "HEAD_S", 600.0)
+    monkeypatch.setattr(app, "MOST_CONNECTIONS", 0)
     address = ("127.0.0.1", page.server.port)
+    with socket.create_connection(address, timeout=10.0) as further:
+        assert further.recv(100).startswith(b"HTTP/1.1 503 ")
+    monkeypatch.setattr(app, "MOST_CONNECTIONS", 3)
+    monkeypatch.setattr(app, "MOST_STRANGERS", 3)
+    monkeypatch.setattr(app, "HEAD_S", 600.0)
     with ExitStack() as held:
-        for _ in range(3):
-            held.enter_context(socket.create_connection(address, timeout=10.0)).sendall(
-                b"GET / HTTP/1.1\r\nHo"
-            )
-        wait_for(lambda: page.server.connections == 3)
-        with socket.create_connection(address, timeout=10.0) as further:
-            assert further.recv(100).startswith(b"HTTP/1.1 503 ")
+        lines = [held.enter_context(socket.create_connection(address, timeout=10.0)) for _ in range(5)]
+        assert [line.recv(100) for line in lines[:2]] == [b"", b""]
+        assert page("GET", "/choices")[0] == 200
+        assert lines[2].recv(100) == b""
     closed(page.server)
-    monkeypatch.undo()
-    assert page("GET", "/choices")[0] == 200
+
+
+@pytest.mark.skipif(os.name == "nt", reason="files in use stay there")
+def test_a_server_deletes_what_a_killed_one_left(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    left, lives = tmp_path / f"{app.PREFIX}left", tmp_path / f"{app.PREFIX}lives"
+    for folder in (left, lives):
+        (folder / "logs").mkdir(parents=True)
+        (folder / LOCK).touch()
+    with folder_lock(lives):
+        app.remove_abandoned()
+    assert (left.exists(), lives.exists()) == (False, True)
+    (tmp_path / f"{app.PREFIX}link").symlink_to(lives)
+    (lives / LOCK).unlink()
+    app.remove_abandoned()
+    assert lives.exists()
 
 
 def test_a_connection_must_say_what_it_wants(page, monkeypatch):
@@ -575,7 +594,7 @@ def test_what_is_old_is_forgotten(opening):
     server.forget()
     assert page.refused("GET", f"/jobs/{job}/result.json")[0] == 404
     assert page.refused("POST", "/jobs", json.dumps({"logs": [log]}).encode())[0] == 404
-    assert {path.name for path in server.folder.rglob("*")} == {"logs", "jobs"}
+    assert {path.name for path in server.folder.rglob("*")} == {"logs", "jobs", LOCK}
 
 
 def test_old_logs_make_room_and_those_of_jobs_stay(opening):

@@ -76,6 +76,8 @@ MARGIN_S = 1.0
 LAST_SAMPLE_SHARE = 1e-7
 #: Longest flight that is put on a grid [s].
 LONGEST_S = 6 * 3600.0
+#: Stamps that are further apart are not looked into for silences [s].
+FURTHEST_S = 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +127,8 @@ def common_grid(
         received = f"none (the last begins at {start:.2f} s, the first ends at {end:.2f} s)"
         remedy = "Check the clocks of the log, or leave out the channel that does not fit."
         raise InputError(f"a stretch of time in which {names} are all logged", received, remedy)
+    if end - start > FURTHEST_S:
+        raise _too_long(end - start)
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = step_s or (FINE_STEP_S if fine else STEP_S)
     fast_names = {channel.name for channel in fast}
@@ -136,10 +140,14 @@ def common_grid(
     ]
     grid = Grid(start, step, _without(silences, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
     if grid.count * step > LONGEST_S:
-        received = f"stamps that cover {grid.count * step / 3600:.1f} hours"
-        remedy = "Check the unit of the time stamps, or cut the log."
-        raise InputError(f"a flight of at most {LONGEST_S / 3600:.0f} hours", received, remedy)
+        raise _too_long(grid.count * step)
     return grid
+
+
+def _too_long(covered_s: float) -> InputError:
+    received = f"stamps that cover {covered_s / 3600:.8g} hours"
+    remedy = "Check the unit of the time stamps, or cut the log."
+    return InputError(f"a flight of at most {LONGEST_S / 3600:.0f} hours", received, remedy)
 
 
 def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:

@@ -408,6 +408,10 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
         remedy = "Give columns and noises in other units; products of these no double can hold."
         raise CovarianceError(f"variances up to {LARGEST_VARIANCE:g}", f"{np.abs(matrix).max():g}", remedy)
+    least = np.abs(np.diag(matrix)[np.diag(matrix) != 0.0]).min(initial=1.0)
+    if least < 1.0 / LARGEST_VARIANCE:
+        remedy = "Give columns and noises in other units, or zero for what is exact."
+        raise CovarianceError(f"variances of zero, or from {1.0 / LARGEST_VARIANCE:g}", f"{least:g}", remedy)
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     unit = matrix / np.outer(scale, scale)

@@ -13,8 +13,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from importlib import resources
 from pathlib import Path
@@ -32,8 +33,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from eivor.atomic_file import LOCK, folder_lock
 from eivor.cli.options import options_schema
-from eivor.errors import EivorError
+from eivor.errors import EivorError, InputError
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.process_pool import Limits
 from eivor.report.html import SHAPES, Sources, own, rendered, report_sources, whole_page
@@ -61,8 +63,13 @@ HEAD_S, BODY_S, BODY_RATE = 10.0, 30.0, 100_000.0
 LINGER_S = 1.0
 #: Time to finish answers when the server ends [s].
 LAST_S = 2
-#: Connections at a time, and bytes of a request's head and of a request that is no log.
-MOST_CONNECTIONS, MOST_HEAD, MOST_JSON = 64, 65_536, 1_000_000
+#: Connections at a time that have shown a token and that have not, and bytes of a request's head and of one
+#: that is no log.
+MOST_CONNECTIONS, MOST_STRANGERS, MOST_HEAD, MOST_JSON = 64, 32, 65_536, 1_000_000
+#: Headers of which a request has one.
+_SINGLE = re.compile(rb"(?im)^(host|content-length)[ \t]*:")
+#: How folders of servers are called.
+PREFIX = "eivor-serve-"
 MOST_FIELDS = 20
 _REOPEN = "Open the address that `eivor serve` has printed."
 _RELOAD = "Load the page again."
@@ -124,7 +131,11 @@ class Server:
         self.token = secrets.token_urlsafe(24)
         listening = _listening(chosen.port)
         self.port: int = listening.getsockname()[1]
-        self.folder = Path(tempfile.mkdtemp(prefix="eivor-serve-"))
+        remove_abandoned()
+        self.folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+        self._held = ExitStack()
+        self._held.enter_context(folder_lock(self.folder))
+        (self.folder / LOCK).chmod(0o600)
         self.workers = Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
         self.logs = KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
         self.jobs = Jobs(self.folder / "jobs", self.workers, chosen.clock)
@@ -172,12 +183,23 @@ class Server:
         self.workers.close()
         for thread in self._threads:
             thread.join()
+        self._held.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _look_after(self) -> None:
         while not self._closed.wait(LOOK_S):
             self.forget()
             self.workers.rest()
+
+
+def remove_abandoned() -> None:
+    """Delete what servers of this user left that were killed: folders that nobody holds."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError, InputError):  # another user's, or that of a server that runs
+            if not folder.is_symlink() and (folder / LOCK).is_file():
+                with folder_lock(folder):
+                    pass
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _listening(port: int) -> socket.socket:
@@ -196,14 +218,35 @@ def _listening(port: int) -> socket.socket:
 class BoundedProtocol(H11Protocol):
     """Connections of a limited number, whose requests come within a limited time."""
 
+    #: What has come of the head of the request; None once all of it has.
+    head: bytes | None = b""
+    has_token = False
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Accept a connection when there is room."""
+        """Accept a connection when there is room; of those without a token the oldest makes room."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        self.began_at = self.loop.time()
+        self.app_state = {"passed": partial(setattr, self, "has_token")}  # the gate calls it
+        others = [item for item in self.connections if isinstance(item, BoundedProtocol) and item is not self]
+        strangers = [item for item in others if not item.has_token and not item.transport.is_closing()]
+        if len(others) - len(strangers) >= MOST_CONNECTIONS:
             busy = HTTPStatus.SERVICE_UNAVAILABLE
             self._end(RefusedError(busy, "fewer connections", "one more", "Close some tabs."))
-        else:
-            self.loop.call_later(HEAD_S, self._end_late)
+            return
+        if len(strangers) >= MOST_STRANGERS:
+            min(strangers, key=lambda item: item.began_at).transport.close()
+        self.loop.call_later(HEAD_S, self._end_late)
+
+    def data_received(self, data: bytes) -> None:
+        """Refuse a head that says twice what it may say once, before it is parsed."""
+        if self.head is not None:
+            head, *rest = re.split(rb"\r?\n\r?\n", self.head + data, maxsplit=1)
+            names = [name.lower() for name in _SINGLE.findall(head)]
+            if len(names) > len(set(names)):
+                self.send_400_response("one that says its host or its length twice")
+                return
+            self.head = None if rest else head
+        super().data_received(data)
 
     def send_400_response(self, msg: str) -> None:
         """Answer what is no request."""
@@ -247,6 +290,7 @@ class Gate:
             await _read_on(request)
             await _refused(error)(scope, receive, with_headers)
         else:
+            scope["state"]["passed"](True)
             with suppress(ClientDisconnect):
                 await self._app(scope, receive, with_headers)
 

@@ -101,6 +101,8 @@ ROTARY_WING, HELICOPTER, VTOL = "rotary wing", "helicopter", "VTOL"
 GRAVITY = 9.80665
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.
 LARGEST_VALUE = 1e100
+#: Stamps beyond these are none, in any unit of a clock, and those as close are of one time [s].
+LAST_STAMP_S, SHORTEST_STEP_S = 1e19, 1e-12
 
 
 class Frame(Enum):
@@ -199,7 +201,7 @@ def clean_channel(
         expected = f"one stamp for each value of channel '{name}'"
         received = f"{time.size} stamps and {series.size} values"
         raise ShapeError(expected, received, "Give both as one-dimensional arrays of the same length.")
-    finite = np.isfinite(time)
+    finite = np.abs(time) <= LAST_STAMP_S
     if not finite.all():
         time, series = time[finite], series[finite]
     series[~((series >= -LARGEST_VALUE) & (series <= LARGEST_VALUE))] = np.nan
@@ -212,9 +214,9 @@ def clean_channel(
 
 
 def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
-    """Whether stamps are finite and strictly increase."""
-    ends = np.isfinite(time_s[:1]).all() and np.isfinite(time_s[-1:]).all()
-    return bool(ends and (time_s[1:] > time_s[:-1]).all())
+    """Whether stamps can be, and strictly increase."""
+    ends = (np.abs(time_s[:1]) <= LAST_STAMP_S).all() and (np.abs(time_s[-1:]) <= LAST_STAMP_S).all()
+    return bool(ends and (time_s[1:] - time_s[:-1] >= SHORTEST_STEP_S).all())
 
 
 def _rising(
@@ -224,8 +226,9 @@ def _rising(
     time = evened(time_s)
     latest = np.maximum.accumulate(time)
     first = np.ones(time.size, dtype=np.bool_)
-    first[1:] = time[1:] > latest[:-1]
-    duplicated = int((time[1:] == latest[:-1]).sum())
+    ahead = time[1:] - latest[:-1]
+    first[1:] = ahead >= SHORTEST_STEP_S
+    duplicated = int((np.abs(ahead) < SHORTEST_STEP_S).sum())
     result = replace(
         quality,
         duplicated_stamps=duplicated,

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
+from eivor.atomic_file import atomic_write
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
 from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names, most_bytes
 
@@ -323,7 +324,7 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
     plain = folder / "unpacked"
-    with plain.open("wb") as stream:
+    with atomic_write(plain) as stream:
         stream.writelines(budget.steps(file.read_bytes(), _zstd().ZstdDecompressor))
     return plain
 

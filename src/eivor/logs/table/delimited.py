@@ -133,11 +133,21 @@ def _unread_chunk(path: str | os.PathLike[str], error: BaseException) -> InputEr
     return InputError("a Parquet file whose columns are numbers", reason, "Check the path and the file.")
 
 
+#: The process that has polars' threads: a fork of it waits for them for ever.
+_POLARS_OF: dict[str, int] = {}
+
+
 @contextmanager
 def polars_errors(raised: Callable[[BaseException], EivorError]) -> Iterator[None]:
-    """Turn what polars raises for a file, its panics too, into one error."""
+    """Turn what polars raises for a file, its panics too, into one error; refuse in a forked process."""
     import polars as pl
 
+    if _POLARS_OF.setdefault("process", os.getpid()) != os.getpid():
+        raise InputError(
+            "a process in which polars can read tables",
+            "one that was forked from a process that had read one, whose threads it has not",
+            "Begin it by multiprocessing.get_context('spawn') or 'forkserver', or read tables there only.",
+        )
     try:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
