@@ -406,8 +406,8 @@ LOGS = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
 
 
 def test_formats_and_limits_are_named():
+    from eivor.logs.common import CELLS_PER_BYTE, MAX_CELLS
     from eivor.logs.read import log_formats, readable_formats
-    from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
 
     formats = LOGS.partition("## Formats")[2].partition("## Channels")[0]
     for row in readable_formats():
@@ -415,7 +415,7 @@ def test_formats_and_limits_are_named():
     unread = {"tlog": ".tlog", "dji": "DJI", "arrow": "Arrow"}
     assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
     assert all(words in formats for words in unread.values())
-    assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
+    assert f"{CELLS_PER_BYTE} needed numbers for each" in " ".join(formats.split())
     assert f"{MAX_CELLS // 1_000_000} million needed numbers" in formats
 
 
