@@ -131,6 +131,7 @@ def test_rooms_name_no_parameter_of_a_motion(room):
         "delay",
         "effective_lag",
         "second_lag",
+        "second_stage",
     }  # of every motion whose actuators lag
     plain_words = {"intercept"}
     current = set(motion_by_name("vertical").quantities) - of_actuators - plain_words

@@ -53,6 +53,7 @@ LAG_QUANTITIES = {
     SECOND_LAG: QuantitySpec(
         "second lag", "τ₂", "s", Kind.DERIVED, optional=True, shown_unit="ms", scale=1e3, lowest=0.0
     ),
+    SECOND_STAGE.name: QuantitySpec("second stage", "q", "", optional=True, lowest=0.0),
 }
 
 
@@ -119,6 +120,7 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
         error = 0.5 * (high - low) / NORMAL
         quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
+        quantities[SECOND_STAGE.name] = stage
     return quantities
 
 

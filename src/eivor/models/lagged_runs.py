@@ -20,6 +20,7 @@ ACTUATOR_LAG = Parameter("actuator_lag", "s")
 DELAY = Parameter("delay", "s")
 #: q of actuators that lag in two stages, q lag^2 w'' + lag w' + w = command, and the shorter of these [s].
 SECOND_STAGE, SECOND_LAG = Parameter("second_stage", ""), "second_lag"
+STAGES = (SECOND_LAG, SECOND_STAGE.name)
 #: Values of it to begin a search at: from one stage to nearly two equal ones.
 SECOND_STAGES = np.linspace(0.0, 0.249, 4)
 

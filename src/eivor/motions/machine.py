@@ -47,7 +47,7 @@ from eivor.inference.covariance import JointEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, InTime
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences
 from eivor.motions.equation import (
     AxisEquation,
@@ -518,7 +518,7 @@ class Machine(DeclaredMotion):
         return tuple(rows)
 
     def _lag_rules(self, words: FlightWords, stages: tuple[str, ...]) -> list[Rule]:
-        lag = LAG_LIMIT.rules(EFFECTIVE_LAG, self.quantities[EFFECTIVE_LAG], *LAGS, SECOND_LAG)
+        lag = LAG_LIMIT.rules(EFFECTIVE_LAG, self.quantities[EFFECTIVE_LAG], *LAGS, *STAGES)
         check = "Check that the command is that of this machine, or declare a longer one."
         return [
             *flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG),

@@ -139,9 +139,9 @@ def log_responses(
 
 
 def response_of_axis(
-    axis: str, path: ResponsePath, flights: Sequence[PreparedFlight], named: str = ""
+    axis: str, path: ResponsePath, flights: Sequence[PreparedFlight], named: str = "", *, loops: bool = True
 ) -> LogResponse:
-    """Response of one axis of flights, by the reference that is named or by rule."""
+    """Response of one axis of flights, by the reference that is named or by rule; maybe with its loops."""
     first, output = flights[0], path.output
     source = path.input or first.input.name
     for flight in flights:
@@ -182,13 +182,18 @@ def response_of_axis(
     if models is not None:
         findings += _model_findings(models.chosen.p_value, response)
         is_sound = not response.is_direct and models.chosen.p_value >= UNLIKELY and response.shown.any()
-        if path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
+        if loops and path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
     loop = None
     asked_for = {f"reference_{output}", f"feedback_reference_{output}"}
     setpoint = next((name for name in sorted(asked_for) if name in first.recording.channels), "")
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
-    if is_attitude and setpoint and all(setpoint in flight.recording.channels for flight in flights):
+    if (
+        loops
+        and is_attitude
+        and setpoint
+        and all(setpoint in flight.recording.channels for flight in flights)
+    ):
         off = [asked - got for asked, got in zip(runs(setpoint), y, strict=True)]
         loop = frequency_response(off, y, reference=r, **given)
     names = ", ".join(flight.recording.name for flight in flights)
@@ -501,7 +506,7 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
         size = np.abs(response.response)[shown]
         axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
     axes.grid(alpha=0.25, which="both")
-    labelled(axes, y="magnitude", size=9.0)
+    labelled(axes, x="frequency [Hz]", y="magnitude", size=9.0)
     legend(axes, size=7, place="lower left")
 
 
@@ -515,7 +520,7 @@ def _draw_phase(axes: Axes, item: LogResponse) -> None:
         axes.plot(f, _unwrapped(values, where), **look)
     axes.set(xscale="log")
     axes.grid(alpha=0.25, which="both")
-    labelled(axes, y="phase [°]", size=9.0)
+    labelled(axes, x="frequency [Hz]", y="phase [°]", size=9.0)
 
 
 def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
@@ -523,7 +528,7 @@ def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
     flying = [flight for flight in result.prepared if flight.runs]
     for axis, path in TURNING.items() if isinstance(result.motion, Rates) and result.fit else ():
         try:
-            item = response_of_axis(axis, path, flying)
+            item = response_of_axis(axis, path, flying, loops=False)
         except (EstimationError, MissingChannelError, TooFewSamplesError, UsageError):
             continue  # not logged, too short, or at several rates
         if item.response.is_direct or not item.response.shown.any():

@@ -44,6 +44,7 @@ from eivor.models.lagged_runs import (
     DELAY,
     SECOND_LAG,
     SECOND_STAGE,
+    STAGES,
     TOLERANCE_S,
     LaggedRuns,
     of_order,
@@ -368,7 +369,7 @@ QUANTITIES = QuantityTable(
         **_SPECS,
         ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
         DELAY.name: LAG_QUANTITIES[DELAY.name],
-        SECOND_LAG: LAG_QUANTITIES[SECOND_LAG],
+        **{name: LAG_QUANTITIES[name] for name in STAGES},
     }
 )
 #: When a sentence speaks against quantities.
@@ -382,7 +383,7 @@ RULES = (
     ),
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
-    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, SECOND_LAG),
+    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES),
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 

@@ -37,7 +37,7 @@ from eivor.flights.quantity import (
     flight_card,
 )
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
@@ -441,7 +441,7 @@ _ORDER = (
     *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
     ACTUATOR_LAG.name,
     DELAY.name,
-    SECOND_LAG,
+    *STAGES,
 )
 QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 _MANOEUVRES = (

@@ -33,7 +33,7 @@ from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.models.spectral import SpectralRun
@@ -623,11 +623,11 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
         _check_rule("lags", (), Status.WEAK),
         _check_rule("filters", (), Status.WEAK),
         _check_rule("wind", ACROSS, Status.WEAK),
-        *LAG_LIMIT.rules(EFFECTIVE_LAG, wording[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, SECOND_LAG),
+        *LAG_LIMIT.rules(EFFECTIVE_LAG, wording[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES),
         *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
     for name in wording:
-        if name in (*LAGS, DELAY.name, SECOND_LAG):
+        if name in (*LAGS, DELAY.name, *STAGES):
             continue
         # what trades is reported together
         stage = THRUST.name if name == FRICTION.name else name

@@ -30,7 +30,7 @@ from eivor.flights.verdict import (
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Cause, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
@@ -648,7 +648,7 @@ RULES = (
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
     *LIMITS[GAIN].rules(GAIN, QUANTITIES[GAIN], "intercept"),
     *LIMITS[EFFECTIVE_LAG].rules(
-        EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, SECOND_LAG
+        EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES
     ),
     *LIMITS[HOVER].rules(HOVER, QUANTITIES[HOVER]),
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
