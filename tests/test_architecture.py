@@ -30,16 +30,16 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 210,
-    "lines": 69_893,  # To be 64,000 again
-    "lines of code without docstrings and imports": 45_894,  # And 41,000
-    "files of fewer than 60 lines": 8,
+    "lines": 69_902,  # To be 64,000 again
+    "lines of code without docstrings and imports": 45_902,  # And 41,000
+    "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
     "the words told and tells": 30,
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_789, "lines of tests": 37_479}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 8_789, "lines of tests": 37_481}  # To be 36,000
 
 
 def lint_imports(source):
@@ -131,6 +131,7 @@ def test_rooms_name_no_parameter_of_a_motion(room):
         "delay",
         "effective_lag",
         "second_lag",
+        "second_stage",
         "second_stage",
     }  # of every motion whose actuators lag
     plain_words = {"intercept"}
