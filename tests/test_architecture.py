@@ -39,7 +39,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_789, "lines of tests": 37_481}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 8_789, "lines of tests": 37_480}  # To be 36,000
 
 
 def lint_imports(source):
@@ -131,7 +131,6 @@ def test_rooms_name_no_parameter_of_a_motion(room):
         "delay",
         "effective_lag",
         "second_lag",
-        "second_stage",
         "second_stage",
     }  # of every motion whose actuators lag
     plain_words = {"intercept"}
