@@ -17,6 +17,7 @@ import polars as pl
 import pytest
 from backports import zstd
 from bag_writer import blank, header, mavros_messages, px4_messages, stores, vector, write_ros1, write_ros2
+from damage import damaged
 from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
 from dataflash_writer import told as told_dataflash
 from hypothesis import HealthCheck, given, settings
@@ -49,29 +50,6 @@ QUICK = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
     derandomize=True,
 )
-
-
-def damaged(blob, rng):
-    """One of the ways in which files break: changed bytes, a cut, a block twice, a block gone, zeros."""
-    data = bytearray(blob)
-    for _ in range(rng.integers(1, 4)):
-        kind = rng.integers(6)
-        index = int(rng.integers(len(data))) if data else 0
-        length = int(rng.integers(1, 200))
-        if kind == 0:
-            for integer in rng.integers(0, max(len(data), 1), rng.integers(1, 20)):
-                data[integer : integer + 1] = rng.bytes(1)
-        elif kind == 1:
-            del data[index:]
-        elif kind == 2:
-            data[index:index] = data[int(rng.integers(len(data) + 1)) :][:length]
-        elif kind == 3:
-            del data[index : index + length]
-        elif kind == 4:
-            data[index : index + length] = bytes(length)
-        else:
-            data[index:index] = rng.bytes(length)
-    return bytes(data)
 
 
 def survives(path, blob, limit_s=10.0):
