@@ -14,6 +14,7 @@ import scipy
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.models.frequency_response import (
+    TINY,
     FrequencyResponse,
     Points,
     local_polynomials,
@@ -52,6 +53,8 @@ UNION = 4.0
 STEPS, ENOUGH = 40, 1e-8
 #: Half-width of the logarithm of what is not known at all.
 UNKNOWN = 10.0
+#: Of each draw so many are proposed, of a t distribution with these degrees of freedom.
+PROPOSED, TAILS = 40, 4.0
 #: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
@@ -61,6 +64,19 @@ Response: TypeAlias = Callable[[Complex[np.ndarray, " f"]], Complex[np.ndarray, 
 
 def _no_filter(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
     return np.ones_like(s)
+
+
+def _responses(
+    names: tuple[str, ...],
+    drawn: Float[np.ndarray, "draws n"],
+    s: Complex[np.ndarray, " f"],
+    known: Complex[np.ndarray, " f"],
+) -> Complex[np.ndarray, "draws f"]:
+    """Responses of models with many values of the parameters."""
+    value = dict(zip(names, drawn.T[:, :, None], strict=True))
+    first, second, third = (value.get(name, 0.0) for name in ("first", "second", "third"))
+    poles = (s + value["damping"]) * (1.0 + first * s + second * s * s) * (1.0 + third * s)
+    return np.asarray(value["gain"] * np.exp(-value["delay"] * s) * known / poles)
 
 
 @dataclass(frozen=True)
@@ -102,6 +118,14 @@ class _Criterion:
         change = 2.0 * (slope.conj() * (G * p.input_variance - p.covariance)[:, None]).real
         J = -(p.input * weight)[:, None] * slope - (0.5 * left / power)[:, None] * change
         return np.concatenate([left.real, left.imag]), np.concatenate([J.real, J.imag])
+
+    def values(
+        self, names: tuple[str, ...], drawn: Float[np.ndarray, "draws n"]
+    ) -> Float[np.ndarray, " draws"]:
+        """The criterion at many values of the parameters."""
+        G, p = _responses(names, drawn, self.s, self.known), self.points
+        power = p.output_variance - 2.0 * (G.conj() * p.covariance).real + np.abs(G) ** 2 * p.input_variance
+        return np.asarray(np.sum(np.abs(p.output - G * p.input) ** 2 / power, axis=1))
 
     def fitted(
         self, names: tuple[str, ...], theta: Float[np.ndarray, " n"], fixed: str = ""
@@ -168,6 +192,7 @@ class TransferFunction:
     aicc: float = 0.0
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     known: Response = field(default=_no_filter, repr=False)
+    drawn: Float[np.ndarray, "draws n"] = field(default_factory=lambda: np.empty((0, 0)), repr=False)
 
     @property
     def lag_s(self) -> float:
@@ -214,17 +239,6 @@ class TransferFunction:
         if value["delay"] > 0.0:
             model *= control.tf(*control.pade(value["delay"], delay_order))
         return control.ss(model)
-
-    def draws(self, count: int, rng: np.random.Generator) -> list[TransferFunction]:
-        """Models with parameters drawn from their distribution, within their bounds."""
-        names, mean = tuple(self.parameters), np.array(list(self.parameters.values()))
-        low, high = (np.array([PARAMETERS[name][k] for name in names], dtype=float) for k in (0, 1))
-        scale = np.sqrt(np.maximum(self.covariance.diagonal(), 1e-300))
-        root = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        half = root[1] * np.sqrt(np.maximum(root[0], 0.0)) * scale[:, None]
-        drawn = np.clip(mean + rng.standard_normal((count, mean.size)) @ half.T, low, high)
-        values = (dict(zip(names, row, strict=True)) for row in drawn.tolist())
-        return [TransferFunction(self.order, item, self.covariance, known=self.known) for item in values]
 
 
 _NO_POINTS = Points(*(np.empty(0, dtype=np.complex128 if k in (1, 2, 5) else np.float64) for k in range(11)))
@@ -411,7 +425,37 @@ def _of_order(
         chi_square + 2.0 * p * n / max(n - p - 1, 1),
         _intervals(criterion, names, best, value, covariance, spread, level),
         known,
+        _drawn(criterion, names, best, value, J / math.sqrt(spread), spread),
     )
+
+
+def _drawn(
+    criterion: _Criterion,
+    names: tuple[str, ...],
+    best: Float[np.ndarray, " n"],
+    value: float,
+    J: Float[np.ndarray, "rows n"],
+    spread: float,
+) -> Float[np.ndarray, "draws n"]:
+    """Draws of the parameters within their bounds, as likely as the criterion says.
+
+    By importance: proposals of a t distribution, whose spread the bounds limit where the points do not.
+    """
+    low, high = (np.array([PARAMETERS[name][k] for name in names], dtype=float) for k in (0, 1))
+    span = np.where(np.isfinite(high), high - low, 4.0 * np.abs(best) + TINY)
+    scaled = J * span
+    half = np.linalg.cholesky(np.linalg.inv(scaled.T @ scaled + 16.0 * np.eye(best.size)))
+    rng, count = np.random.default_rng(0), PROPOSED * DRAWS
+    normal = rng.standard_normal((count, best.size))
+    moves = normal / np.sqrt(rng.chisquare(TAILS, (count, 1)) / TAILS)
+    drawn = best + moves @ half.T * span
+    inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
+    drawn = drawn[inside]
+    squares = np.sum(moves[inside] ** 2, axis=1)
+    likely = -0.5 * (criterion.values(names, drawn) - value) / spread
+    likely += 0.5 * (TAILS + best.size) * np.log1p(squares / TAILS)
+    weights = np.exp(likely - likely.max())
+    return np.asarray(drawn[rng.choice(len(drawn), DRAWS, p=weights / weights.sum())])
 
 
 def _search(
@@ -619,7 +663,9 @@ def loop_margins(loop: Response) -> Margins:
         When the loop is no function that gives complex numbers.
     """
     checked_response("loop", loop)
-    return _margins(loop, None)
+    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    values = np.asarray(loop(2j * np.pi * f), dtype=np.complex128)
+    return Margins(**{name: float(each[0]) for name, each in _margins(f, values[None], loop).items()})
 
 
 def checked_response(name: str, given: object) -> None:
@@ -636,60 +682,62 @@ def checked_response(name: str, given: object) -> None:
         raise UsageError(f"a number for each s from {name}", f"the shape {values.shape}", remedy)
 
 
-def _margins(loop: Response, values: Complex[np.ndarray, " f"] | None) -> Margins:
-    """Margins refined on the loop, or by lines between its values."""
-    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
-    exact = values is None
-    L = loop(2j * np.pi * f) if values is None else values
+def _margins(
+    f: Float[np.ndarray, " f"], L: Complex[np.ndarray, "loops f"], exact: Response | None = None
+) -> dict[str, Float[np.ndarray, " loops"]]:
+    """Margins of loops by lines between their values; of a single one, refined on its function."""
+    rows = np.arange(len(L))
 
-    def at(frequency: float) -> complex:
-        if exact:
-            return complex(loop(np.array([2j * np.pi * frequency]))[0])
-        k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
-        share = (frequency - f[k - 1]) / (f[k] - f[k - 1])
-        return complex(L[k - 1] * (L[k] / L[k - 1]) ** share)
+    @np.errstate(invalid="ignore")
+    def at(frequency: Float[np.ndarray, " loops"]) -> Complex[np.ndarray, " loops"]:
+        if exact is not None:
+            return np.asarray(exact(2j * np.pi * frequency))
+        k = np.clip(np.searchsorted(f, frequency), 1, f.size - 1)
+        share = np.log(frequency / f[k - 1]) / np.log(f[k] / f[k - 1])
+        return np.asarray(L[rows, k - 1] * (L[rows, k] / L[rows, k - 1]) ** share)
 
-    def crossing(of: Response) -> float:
-        return _crossing(lambda x: float(of(np.array([at(x)]))[0].real), f, of(L).real)
+    def crossing(
+        values: Float[np.ndarray, "loops f"], of: Callable[[Any], Any]
+    ) -> Float[np.ndarray, " loops"]:
+        """First frequencies at which values fall below zero; `of` gives them by values of the loop."""
+        fallen = (values[:, :-1] > 0.0) & (values[:, 1:] <= 0.0)
+        k, known = fallen.argmax(axis=1), fallen.any(axis=1)
+        before, after = values[rows, k], values[rows, k + 1]
+        share = np.where(known, before / np.where(known, before - after, 1.0), np.nan)
+        if exact is not None and known[0]:
+            ends = float(f[k[0]]), float(f[k[0] + 1])
+            sides = [of(exact(2j * np.pi * np.array([end])))[0] for end in ends]
+            if sides[0] * sides[1] > 0.0:
+                return np.array([np.nan])
+            function = lambda x: float(of(exact(np.array([2j * np.pi * x])))[0])  # noqa: E731
+            return np.array([scipy.optimize.brentq(function, *ends, xtol=1e-12, rtol=1e-13)])
+        return np.asarray(f[k] * (f[k + 1] / f[k]) ** share)
 
-    def phase_falls(of: Response, angle: float) -> float:
-        turned = np.exp(-1j * angle)
-        values = _phase(of(L)) - angle
-        return _crossing(lambda x: float(np.angle(of(np.array([at(x)]))[0] * turned)), f, values)
+    def phase_falls(of: Callable[[Any], Any], angle: float) -> Float[np.ndarray, " loops"]:
+        return crossing(_phase(of(L)) - angle, lambda x: np.angle(of(x) * np.exp(-1j * angle)))
 
-    crossover = crossing(lambda L: np.abs(L) - 1.0)
-    phase_crossover = phase_falls(lambda L: L, -np.pi)
-    half_turn = phase_falls(lambda L: L / (1.0 + L), -np.pi)
-    delay = math.nan
-    if half_turn < LOOKED_HZ[1] / 2.0:
-        later = at(2.0 * half_turn)
-        delay = -float(np.angle(-later / (1.0 + later))) / (4.0 * math.pi * half_turn)
-    return Margins(
-        crossover,
-        math.degrees(float(np.angle(-at(crossover)))) if crossover > 0.0 else math.nan,
-        phase_crossover,
-        -20.0 * math.log10(abs(at(phase_crossover))) if phase_crossover > 0.0 else math.nan,
-        phase_falls(lambda L: L / (1.0 + L), -0.5 * np.pi),
-        delay,
-        crossing(lambda L: np.abs(1.0 + L) - math.sqrt(2.0)),
-    )
+    def closed(x: Any) -> Any:
+        return x / (1.0 + x)
+
+    crossover = crossing(np.abs(L) - 1.0, lambda x: np.abs(x) - 1.0)
+    phase_crossover, half_turn = phase_falls(lambda x: x, -np.pi), phase_falls(closed, -np.pi)
+    twice = np.where(half_turn < LOOKED_HZ[1] / 2.0, 2.0 * half_turn, np.nan)
+    root = math.sqrt(2.0)
+    return {
+        "crossover_hz": crossover,
+        "phase_margin_deg": np.rad2deg(np.angle(-at(crossover))),
+        "phase_crossover_hz": phase_crossover,
+        "gain_margin_db": -20.0 * np.log10(np.abs(at(phase_crossover))),
+        "bandwidth_hz": phase_falls(closed, -0.5 * np.pi),
+        "phase_delay_s": -np.angle(-closed(at(twice))) / (4.0 * np.pi * half_turn),
+        "disturbance_bandwidth_hz": crossing(np.abs(1.0 + L) - root, lambda x: np.abs(1.0 + x) - root),
+    }
 
 
-def _phase(values: Complex[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
-    """Phase without jumps, which begins below 90 degrees [rad]."""
-    phase: Float[np.ndarray, " f"] = np.unwrap(np.angle(values))
-    return phase - 2.0 * np.pi * np.ceil((phase[0] - 0.5 * np.pi) / (2.0 * np.pi))
-
-
-def _crossing(function: Callable[[float], float], at: np.ndarray, values: np.ndarray) -> float:
-    """First place at which values fall below zero, found on the function itself."""
-    fallen = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    if not fallen.size:
-        return math.nan
-    low, high = float(at[fallen[0]]), float(at[fallen[0] + 1])
-    if function(low) * function(high) > 0.0:
-        return math.nan
-    return float(scipy.optimize.brentq(function, low, high, xtol=1e-12, rtol=1e-13))
+def _phase(values: Complex[np.ndarray, "loops f"]) -> Float[np.ndarray, "loops f"]:
+    """Phases without jumps, which begin below 90 degrees [rad]."""
+    phase: Float[np.ndarray, "loops f"] = np.unwrap(np.angle(values))
+    return phase - 2.0 * np.pi * np.ceil((phase[:, :1] - 0.5 * np.pi) / (2.0 * np.pi))
 
 
 def margin_intervals(
@@ -711,20 +759,16 @@ def margin_intervals(
     dict
         Interval of each field of `Margins`; NaN where fewer than three draws in four have a crossing.
     """
-    rng = np.random.default_rng(seed)
-    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
-    control = controller(2j * np.pi * f)
+    rng, f = np.random.default_rng(seed), np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    s, loops = 2j * np.pi * f, []
     weights = np.array([math.exp(0.5 * (models.chosen.aicc - model.aicc)) for model in models.allowed])
     counts = np.round(DRAWS * weights / weights.sum()).astype(int)
-    drawn = [
-        _margins(controller, model.response(f) * control)
-        for allowed, count in zip(models.allowed, counts.tolist(), strict=True)
-        for model in allowed.draws(count, rng)
-    ]
+    for model, count in zip(models.allowed, counts.tolist(), strict=True):
+        chosen = model.drawn[rng.integers(len(model.drawn), size=count)]
+        loops.append(_responses(tuple(model.parameters), chosen, s, model.known(s)) * controller(s))
     tails = [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
     ends = {}
-    for name in Margins.__dataclass_fields__:
-        values = np.array([getattr(margins, name) for margins in drawn])
+    for name, values in _margins(f, np.concatenate(loops)).items():
         known = values[np.isfinite(values)]
         enough = known.size >= 0.75 * values.size
         low, high = np.quantile(known, tails).tolist() if enough else (math.nan, math.nan)
@@ -772,7 +816,7 @@ def proposed_controllers(
     found = [("SIMC", gain)]
     f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
     loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
-    over = _phase(loop) + np.pi - math.radians(phase_margin_deg)
+    over = _phase(loop[None])[0] + np.pi - math.radians(phase_margin_deg)
     if (over > 0.0).any():  # the highest frequency that leaves so much
         last = int(np.flatnonzero(over > 0.0)[-1])
         found.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
