@@ -447,6 +447,7 @@ def _drawn(
     half = np.linalg.cholesky(np.linalg.inv(scaled.T @ scaled + 16.0 * np.eye(best.size)))
     rng, count = np.random.default_rng(0), PROPOSED * DRAWS
     normal = rng.standard_normal((count, best.size))
+    normal[0] = 0.0  # the estimate itself, which is within the bounds
     moves = normal / np.sqrt(rng.chisquare(TAILS, (count, 1)) / TAILS)
     drawn = best + moves @ half.T * span
     inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
