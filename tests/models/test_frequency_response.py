@@ -258,6 +258,17 @@ def test_references_of_the_loop_are_refused(log):
     assert not item.controllers
 
 
+def test_a_reference_that_answers_the_output_is_provisional():
+    """A rate setpoint that an attitude loop makes; the attitude setpoint itself is from outside."""
+    made, setpoint, u, y = flights(2, "setpoints", 2.0, 1, 3)
+    attitude = np.cumsum(y, axis=0) / RATE_HZ
+    loop = made.ka * (setpoint - attitude)
+    for reference, answered in ((loop, True), (setpoint, False)):
+        result = frequency_response(u[:, 0], y[:, 0], reference=reference[:, 0], rate_hz=RATE_HZ)
+        assert result.is_answered is answered
+        assert any("provisional" in sentence for sentence in result.findings) is answered
+
+
 def test_page_of_turning_shows_responses(log):
     page = flight_page(ev.identify_flight(log, model="rates"))
     assert "Response of roll: magnitude" in page

@@ -211,9 +211,9 @@ def validate(
 
 
 FREQUENCY_RESPONSE_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 shown at some frequencies. 3 nothing is shown, or the log has no reference "
-    "and the direct estimate is shown, which is biased in closed loop. 2 wrong usage. 1 a log that cannot "
-    "be read, or without input and output.\n\n"
+    "[bold]Exit codes[/bold]: 0 shown at some frequencies. 3 nothing is shown, the reference answers the "
+    "output, or the log has none and the direct estimate is shown, which is biased in closed loop. 2 wrong "
+    "usage. 1 a log that cannot be read, or without input and output.\n\n"
     "[bold]JSON[/bold] (schema eivor.frequency-response/1): for each axis the response with bands and "
     "coherences, models by order, and controllers."
 )

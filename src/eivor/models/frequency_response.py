@@ -41,6 +41,16 @@ NOT_REACHED = (
     "The reference reaches the input at no three neighbouring frequencies: nothing is shown. Fly a sweep."
 )
 
+ANSWERS = (
+    "The reference answers the output, whose past explains {:.2g} % of what is new in it: the bands are "
+    "provisional. Give what is set from outside."
+)
+#: Samples of its own past that say what is new in a reference, of the output's, and of all looked at.
+OWN_PAST, OUTPUT_PAST, MOST_ROWS = 60, 4, 20_000
+NAMES = ("reference", "u", "y")
+#: So much of what is new the output has to explain, so much there has to be, and by chance at most so often.
+ANSWERED, NEW, BY_CHANCE = 1e-3, 1e-6, 1e-6
+
 #: One array, or one for each run or flight.
 Arrays: TypeAlias = ArrayLike | Sequence[ArrayLike]
 
@@ -286,6 +296,7 @@ class FrequencyResponse:
     findings: tuple[str, ...] = ()  # What speaks against the response, in sentences
     runs: tuple[Spectra, ...] = field(default=(), repr=False)
     is_periodic: bool = False  # At the lines of a reference that repeats
+    is_answered: bool = False  # The reference answers the output: bands hold no more than those of `direct`
 
     @property
     def frequency_hz(self) -> Float[np.ndarray, " f"]:
@@ -431,7 +442,8 @@ def frequency_response(
     checks.positive("rate_hz", rate_hz)
     checks.number("level", level)
     checks.require(0.0 < level < 1.0, "a level between 0 and 1", f"level={level}")
-    runs = _runs(u if reference is None else reference, u, y, float(rate_hz), period_s)
+    parts = _stretches(u if reference is None else reference, u, y)
+    runs = _runs(parts, float(rate_hz), period_s)
     longest = max(run.length_s for run in runs)
     grid = _frequencies(frequency_hz, longest, float(rate_hz))
     if period_s is None:
@@ -440,7 +452,9 @@ def frequency_response(
         ends = (0.0, rate_hz / 2.0) if frequency_hz is None else (float(grid[0]), float(grid[-1]))
         points = multisine_lines(runs, period_s, ends)
     direct = local_polynomials(runs, points.frequency_hz, driver=1)
-    findings = (DIRECT,) if reference is None else ()
+    answered = 0.0 if reference is None else answered_share(parts)
+    said = (DIRECT,) if reference is None else (ANSWERS.format(100.0 * answered),) if answered > 0.0 else ()
+    findings: tuple[str, ...] = said
     result = FrequencyResponse(
         direct.with_known_input() if reference is None else points,
         direct.response,
@@ -451,6 +465,7 @@ def frequency_response(
         findings,
         runs,
         period_s is not None,
+        answered > 0.0,
     )
     return result if result.shown.any() else replace(result, findings=(*findings, NOT_REACHED))
 
@@ -480,25 +495,59 @@ def _arrays(name: str, given: Arrays) -> list[Float[np.ndarray, " n"]]:
     return arrays
 
 
-def _runs(
-    reference: Arrays, u: Arrays, y: Arrays, rate_hz: float, period_s: float | None
-) -> tuple[Spectra, ...]:
-    """Spectra of every stretch of samples that are finite in all three."""
-    names = ("reference", "u", "y")
-    columns = [_arrays(name, given) for name, given in zip(names, (reference, u, y), strict=True)]
+def _stretches(reference: Arrays, u: Arrays, y: Arrays) -> list[Float[np.ndarray, "n 3"]]:
+    """Reference, input and output of every stretch of samples that are finite in all three."""
+    columns = [_arrays(name, given) for name, given in zip(NAMES, (reference, u, y), strict=True)]
     lengths = [[array.size for array in arrays] for arrays in columns]
     if lengths[0] != lengths[1] or lengths[0] != lengths[2]:
-        received = ", ".join(f"{name} {sizes}" for name, sizes in zip(names, lengths, strict=True))
+        received = ", ".join(f"{name} {sizes}" for name, sizes in zip(NAMES, lengths, strict=True))
         raise DataError("arrays of the same lengths", received, "Cut them to the same samples.")
     found = []
     for arrays in zip(*columns, strict=True):
         values = np.column_stack(arrays)
         found += [values[part] for part in stretches(np.isfinite(values).all(axis=1))]
+    return found
+
+
+def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
+    """Share of what is new in a reference that the output's past explains; zero where that may be chance."""
+    rows = []
+    for part in parts:
+        count = min(len(part), MOST_ROWS - sum(map(len, rows))) - OWN_PAST
+        if count > 0:
+            r, y = part[: count + OWN_PAST, [0, 2]].T
+            own = np.lib.stride_tricks.sliding_window_view(r - r.mean(), OWN_PAST + 1)
+            late = np.lib.stride_tricks.sliding_window_view(y - y.mean(), OUTPUT_PAST)
+            rows.append(np.column_stack([own[:, :-1], late[OWN_PAST - OUTPUT_PAST : -1], own[:, -1:]]))
+    if not rows:
+        return 0.0
+    table = np.concatenate(rows)
+    moments = (table.T @ table) / len(table)
+
+    def left(count: int) -> float:
+        past = moments[:count, :count]
+        solved = np.linalg.lstsq(past, moments[:count, -1], rcond=1e-13)[0]
+        return float(moments[-1, -1] - moments[:count, -1] @ solved)
+
+    new, rest = left(OWN_PAST), left(OWN_PAST + OUTPUT_PAST)
+    degrees = len(table) - OWN_PAST - OUTPUT_PAST - 1
+    if degrees < 1 or not new > NEW * moments[-1, -1]:
+        return 0.0
+    ratio = (new - rest) / OUTPUT_PAST / max(rest, TINY) * degrees
+    by_chance = float(scipy.special.fdtrc(OUTPUT_PAST, degrees, max(ratio, 0.0))) > BY_CHANCE
+    share = 1.0 - rest / new
+    return 0.0 if by_chance or share < ANSWERED else share
+
+
+def _runs(
+    found: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float | None
+) -> tuple[Spectra, ...]:
+    """Spectra of the stretches."""
     longest = max((len(values) for values in found), default=0) / rate_hz
     if longest < LEAST_S:
         expected = f"a run of {LEAST_S:g} s or more without NaN"
         raise TooFewSamplesError(expected, f"{longest:.3g} s at most", "Use a longer record.")
-    for name, column in zip(names, np.concatenate(found).T, strict=True):
+    for name, column in zip(NAMES, np.concatenate(found).T, strict=True):
         if np.ptp(column) == 0.0:
             raise DataError(f"a {name} that changes", f"{column[0]:g} throughout", "Use a record that moves.")
     if period_s is None:

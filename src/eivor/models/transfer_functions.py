@@ -683,13 +683,13 @@ def checked_response(name: str, given: object) -> None:
         raise UsageError(f"a number for each s from {name}", f"the shape {values.shape}", remedy)
 
 
+@np.errstate(invalid="ignore")
 def _margins(
     f: Float[np.ndarray, " f"], L: Complex[np.ndarray, "loops f"], exact: Response | None = None
 ) -> dict[str, Float[np.ndarray, " loops"]]:
     """Margins of loops by lines between their values; of a single one, refined on its function."""
     rows = np.arange(len(L))
 
-    @np.errstate(invalid="ignore")
     def at(frequency: Float[np.ndarray, " loops"]) -> Complex[np.ndarray, " loops"]:
         if exact is not None:
             return np.asarray(exact(2j * np.pi * frequency))
