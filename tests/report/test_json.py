@@ -124,6 +124,7 @@ SCHEMA: dict[str, Any] = {
             "terms": [str],
             "rotor_radius": (float, type(None)),
             "controller_rate_hz": (float, type(None)),
+            "order": (int, type(None)),
             "noise": (dict, str, type(None)),
         },
     },

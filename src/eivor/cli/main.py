@@ -45,6 +45,7 @@ EXAMPLES = {
     "study": "study.toml",
     "fleet run": "logs/ -o fleet/",
     "fleet query": "fleet/ verdicts",
+    "fleet compact": "fleet/",
     "fleet report": "fleet/",
     "example fetch": "ardupilot_log_0036",
     "vehicle show": "quadrotor-x",

@@ -145,7 +145,8 @@ def common_grid(
 
 
 def _too_long(covered_s: float) -> InputError:
-    received = f"stamps that cover {covered_s / 3600:.8g} hours"
+    hours = covered_s / 3600.0
+    received = f"stamps that cover {f'{hours:.1f}' if hours < 1e6 else f'{hours:.3g}'} hours"
     remedy = "Check the unit of the time stamps, or cut the log."
     return InputError(f"a flight of at most {LONGEST_S / 3600:.0f} hours", received, remedy)
 
