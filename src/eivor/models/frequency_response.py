@@ -511,9 +511,9 @@ def _stretches(reference: Arrays, u: Arrays, y: Arrays) -> list[Float[np.ndarray
 
 def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
     """Share of what is new in a reference that the output's past explains; zero where that may be chance."""
-    rows = []
+    rows: list[np.ndarray] = []
     for part in parts:
-        count = min(len(part), MOST_ROWS - sum(map(len, rows))) - OWN_PAST
+        count = min(len(part), MOST_ROWS - sum(len(each) for each in rows)) - OWN_PAST
         if count > 0:
             r, y = part[: count + OWN_PAST, [0, 2]].T
             own = np.lib.stride_tricks.sliding_window_view(r - r.mean(), OWN_PAST + 1)

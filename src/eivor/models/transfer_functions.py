@@ -702,7 +702,7 @@ def _margins(
     ) -> Float[np.ndarray, " loops"]:
         """First frequencies at which values fall below zero; `of` gives them by values of the loop."""
         fallen = (values[:, :-1] > 0.0) & (values[:, 1:] <= 0.0)
-        k, known = fallen.argmax(axis=1), fallen.any(axis=1)
+        k, known = fallen.argmax(axis=1), np.asarray(fallen.any(axis=1))
         before, after = values[rows, k], values[rows, k + 1]
         share = np.where(known, before / np.where(known, before - after, 1.0), np.nan)
         if exact is not None and known[0]:
