@@ -55,6 +55,10 @@ RATIOS: dict[str, dict[str, str]] = {
         "with every method": r"every method: .*ratio ([\d.]+)",
     },
     "rigid_body_identify": {"a whole vehicle identified": r"ratio +([\d.]+)"},
+    "spectral": {
+        "frequency response of 60 s": r"^response, with bands .*csd +([\d.]+)",
+        "its models of order 1 to 4": r"^response, models .*csd +([\d.]+)",
+    },
 }
 
 
