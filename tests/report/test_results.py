@@ -246,6 +246,11 @@ def test_a_damaged_document_ends_in_a_sentence(fit, recording, tmp_path):
     file.write_text(json.dumps(document))
     with pytest.raises(InputError, match="a value for each parameter of its models"):
         ev.validate(file, recording, window=(10.0, 15.0))
+    huge = json.loads(text)
+    next(iter(huge["parameters"].values()))["std_error"] = 1e200  # which has no square
+    file.write_text(json.dumps(huge))
+    with pytest.raises(InputError, match=r"a result that can be read|one that lacks parts"):
+        ev.load_fit(file)
     file.write_text(json.dumps({**document, "verdict": 3}))
     with pytest.raises(InputError, match="one that lacks parts"):
         ev.load_fit(file)
