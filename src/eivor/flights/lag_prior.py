@@ -120,7 +120,8 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
         error = 0.5 * (high - low) / NORMAL
         quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
-        quantities[SECOND_STAGE.name] = stage
+        low, high = stage.interval
+        quantities[SECOND_STAGE.name] = replace(stage, interval=(max(low, 0.0), min(high, 0.25)))
     return quantities
 
 

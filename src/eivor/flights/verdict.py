@@ -16,7 +16,7 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIden
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, SECOND_LAG, STAGES
 
 # -- Inputs --
 
@@ -556,6 +556,17 @@ def end_of_grid_rule(
         lambda inputs: sentence(inputs.searched[nuisance].highest, inputs),
         remedy,
     )
+
+
+#: Row of a second stage that may be none.
+SECOND_STAGE_RULE = Rule(
+    STAGES,
+    lambda inputs: not inputs.quantities[SECOND_LAG].interval[0] > 0.0,
+    Status.WEAK,
+    "A second stage of the actuators cannot be distinguished from none: its interval reaches zero.",
+    "Fly a sweep, or quicker steps.",
+    Cause.ZERO,
+)
 
 
 def longest_lag_rule(quantities: tuple[str, ...], remedy: str) -> Rule:

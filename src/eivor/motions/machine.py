@@ -33,6 +33,7 @@ from eivor.flights.quantity import (
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import (
+    SECOND_STAGE_RULE,
     FlightWords,
     Limit,
     Rule,
@@ -523,6 +524,7 @@ class Machine(DeclaredMotion):
         return [
             *flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG),
             *lag,
+            SECOND_STAGE_RULE,
             longest_lag_rule((), check),
             end_of_grid_rule(
                 DELAY.name,

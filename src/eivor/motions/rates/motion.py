@@ -26,6 +26,7 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
+    SECOND_STAGE_RULE,
     FlightWords,
     Limit,
     Rule,
@@ -384,6 +385,7 @@ RULES = (
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
     *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES),
+    SECOND_STAGE_RULE,
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 

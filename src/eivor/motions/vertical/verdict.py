@@ -12,6 +12,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
 from eivor.flights.verdict import (
+    SECOND_STAGE_RULE,
     SLOW_COMMAND_HZ,
     FlightWords,
     Limit,
@@ -650,6 +651,7 @@ RULES = (
     *LIMITS[EFFECTIVE_LAG].rules(
         EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES
     ),
+    SECOND_STAGE_RULE,
     *LIMITS[HOVER].rules(HOVER, QUANTITIES[HOVER]),
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
     *(rule for term in OF_TERMS for rule in _term_rules(term)),
