@@ -51,6 +51,9 @@ BEGINNING = {"delay": 0.005, "third": 0.01}
 UNION = 4.0
 #: Steps of a search, and the relative change of the criterion that ends it.
 STEPS, ENOUGH = 40, 1e-8
+#: Parameters with profiles, by how many a model has. Where a second lag is none, a change of it is one of the
+#: delay and of the first: none of the three has a normal error.
+PROFILED = {3: ("damping",), 4: ("damping",), 5: ("damping", "delay", "first"), 6: ("damping", "delay")}
 #: Half-width of the logarithm of what is not known at all.
 UNKNOWN = 10.0
 #: Of each draw so many are proposed, of a t distribution with these degrees of freedom.
@@ -66,17 +69,24 @@ def _no_filter(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
     return np.ones_like(s)
 
 
-def _responses(
-    names: tuple[str, ...],
-    drawn: Float[np.ndarray, "draws n"],
-    s: Complex[np.ndarray, " f"],
-    known: Complex[np.ndarray, " f"],
-) -> Complex[np.ndarray, "draws f"]:
-    """Responses of models with many values of the parameters."""
-    value = dict(zip(names, drawn.T[:, :, None], strict=True))
+def _bounds(names: tuple[str, ...]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Lowest and highest values of parameters."""
+    low, high = (np.array([PARAMETERS[name][end] for name in names], dtype=np.float64) for end in (0, 1))
+    return low, high
+
+
+def _factors(value: Mapping[str, Any], s: Complex[np.ndarray, " f"]) -> tuple[Any, Any, Any]:
+    """Factors of the denominator at numbers, or columns of numbers, of the parameters."""
     first, second, third = (value.get(name, 0.0) for name in ("first", "second", "third"))
-    poles = (s + value["damping"]) * (1.0 + first * s + second * s * s) * (1.0 + third * s)
-    return np.asarray(value["gain"] * np.exp(-value["delay"] * s) * known / poles)
+    return s + value["damping"], 1.0 + first * s + second * s * s, 1.0 + third * s
+
+
+def _responses(
+    value: Mapping[str, Any], s: Complex[np.ndarray, " f"], known: Complex[np.ndarray, " f"]
+) -> Complex[np.ndarray, "*models f"]:
+    """Responses at numbers, or columns of numbers, of the parameters."""
+    slow, lagged, later = _factors(value, s)
+    return np.asarray(value["gain"] * (np.exp(-value["delay"] * s) * known / (slow * lagged * later)))
 
 
 @dataclass(frozen=True)
@@ -92,9 +102,8 @@ class _Criterion:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Response and its derivatives, columns as the names."""
         value, s = dict(zip(names, theta.tolist(), strict=True)), self.s
-        first, second, third = (value.get(name, 0.0) for name in ("first", "second", "third"))
-        slow, lagged, later = s + value["damping"], 1.0 + first * s + second * s * s, 1.0 + third * s
-        unit = np.exp(-value["delay"] * s) * self.known / (slow * lagged * later)
+        slow, lagged, later = _factors(value, s)
+        unit = _responses({**value, "gain": 1.0}, s, self.known)
         G = value["gain"] * unit
         by_name = {
             "gain": unit,
@@ -111,8 +120,7 @@ class _Criterion:
     ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows n"]]:
         """Weighted residuals, real and imaginary, and their derivatives."""
         G, slope = self.response(names, theta)
-        p = self.points
-        power = p.output_variance - 2.0 * (G.conj() * p.covariance).real + np.abs(G) ** 2 * p.input_variance
+        p, power = self.points, self.power(G)
         weight = 1.0 / np.sqrt(power)
         left = (p.output - G * p.input) * weight
         change = 2.0 * (slope.conj() * (G * p.input_variance - p.covariance)[:, None]).real
@@ -123,18 +131,21 @@ class _Criterion:
         self, names: tuple[str, ...], drawn: Float[np.ndarray, "draws n"]
     ) -> Float[np.ndarray, " draws"]:
         """The criterion at many values of the parameters."""
-        G, p = _responses(names, drawn, self.s, self.known), self.points
-        power = p.output_variance - 2.0 * (G.conj() * p.covariance).real + np.abs(G) ** 2 * p.input_variance
-        return np.asarray(np.sum(np.abs(p.output - G * p.input) ** 2 / power, axis=1))
+        columns = dict(zip(names, drawn.T[:, :, None], strict=True))
+        G, p = _responses(columns, self.s, self.known), self.points
+        return np.asarray(np.sum(np.abs(p.output - G * p.input) ** 2 / self.power(G), axis=1))
+
+    def power(self, G: Complex[np.ndarray, "*models f"]) -> Float[np.ndarray, "*models f"]:
+        """Variance of the error of what responses leave."""
+        p = self.points
+        crossed = 2.0 * (G.conj() * p.covariance).real
+        return np.asarray(p.output_variance - crossed + np.abs(G) ** 2 * p.input_variance)
 
     def fitted(
         self, names: tuple[str, ...], theta: Float[np.ndarray, " n"], fixed: str = ""
     ) -> tuple[Float[np.ndarray, " n"], float]:
         """Minimum within the bounds from a start (Levenberg and Marquardt), and its value."""
-        low, high, _ = (
-            np.array(column) for column in zip(*(PARAMETERS[name] for name in names), strict=True)
-        )
-        low, high = low.astype(float), high.astype(float)
+        low, high = _bounds(names)
         free = np.array([name != fixed for name in names])
         residual, J = self.residuals(names, theta)
         value, damping = float(residual @ residual), 1e-3
@@ -161,6 +172,118 @@ class _Criterion:
             else:
                 damping *= 6.0
         return theta, value
+
+
+@dataclass(frozen=True)
+class _Minimum:
+    """Where the criterion of one order is least, and what that says of the parameters."""
+
+    criterion: _Criterion
+    names: tuple[str, ...]
+    best: Float[np.ndarray, " n"]
+    value: float
+
+    @cached_property
+    def spread(self) -> float:
+        """Variance of residuals over estimated ones, whose real and imaginary parts have one half each."""
+        dof = float(np.mean(self.criterion.points.dof))
+        return 0.5 * (dof + 1.0) / (dof - 1.0)
+
+    @cached_property
+    def _slope(self) -> Float[np.ndarray, "rows n"]:
+        return self.criterion.residuals(self.names, self.best)[1]
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of the parameters by the slope of the residuals."""
+        J = self._slope
+        scale = np.sqrt(np.maximum(np.sum(J * J, axis=0), 1e-300))
+        inverse = np.linalg.pinv((J / scale).T @ (J / scale), rcond=1e-12)
+        return np.asarray(self.spread * inverse / np.outer(scale, scale))
+
+    def intervals(self, level: float) -> dict[str, tuple[float, float]]:
+        """Intervals of the parameters, and of what follows from them."""
+        names, best, covariance = self.names, self.best, self.covariance
+        t = float(scipy.special.ndtri(0.5 + 0.5 * level))
+        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+        ends = {
+            name: (float(at - t * error), float(at + t * error))
+            for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
+        }
+        profiled = PROFILED[len(names)]
+        for name in profiled:
+            ends[name] = self._profile(self.value + self.spread * t * t, names.index(name))
+        lags = np.array([name in ("first", "third") for name in names], dtype=float)
+        middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
+        ends["lag"] = (
+            ends["first"] if "first" in profiled else (max(middle - t * error, 0.0), middle + t * error)
+        )
+        ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
+        if len(names) > 4 and best[4] > 0.0:
+            second, first = float(best[4]), float(best[3])
+            slopes = {
+                "natural_frequency_hz": (0.0, -0.5 / second),
+                "damping_ratio": (1.0 / max(first, 1e-9), -0.5 / second),
+            }
+            centres = {
+                "natural_frequency_hz": 0.5 / math.pi / math.sqrt(second),
+                "damping_ratio": 0.5 * first / math.sqrt(second),
+            }
+            for name, slope in slopes.items():  # of logarithms, since both are above zero
+                error = math.sqrt(max(float(np.array(slope) @ covariance[3:5, 3:5] @ np.array(slope)), 0.0))
+                ends[name] = (0.0, math.inf)
+                if t * error < UNKNOWN:
+                    factor = math.exp(t * error)
+                    ends[name] = (centres[name] / factor, centres[name] * factor)
+        return ends
+
+    def _profile(self, limit: float, k: int) -> tuple[float, float]:
+        """Where the criterion with a parameter fixed, and the others fitted, reaches a limit."""
+        names, best, covariance = self.names, self.best, self.covariance
+        lows, highs = _bounds(names)
+        low, high = float(lows[k]), float(highs[k])
+        error = math.sqrt(max(float(covariance[k, k]), 1e-20))
+        ends = []
+        for side, bound in ((-1.0, low), (1.0, high)):
+            inside, outside, theta, value = float(best[k]), math.nan, best, 0.0
+            step = max(1.6 * error, 1e-5)
+            for _ in range(12):
+                trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
+                trial = min(max(trial, low), high)
+                moved = theta + covariance[:, k] / covariance[k, k] * (trial - theta[k])
+                moved[k] = trial
+                refitted, value = self.criterion.fitted(names, np.clip(moved, lows, highs), names[k])
+                if value > limit:
+                    outside = trial
+                else:
+                    inside, theta = trial, refitted
+                    if trial == bound:
+                        break
+                if math.isfinite(outside) and abs(outside - inside) < 0.05 * abs(outside - best[k]):
+                    break
+            ends.append(0.5 * (inside + outside) if math.isfinite(outside) else inside)
+        return ends[0], ends[1]
+
+    def drawn(self) -> Float[np.ndarray, "draws n"]:
+        """Draws of the parameters within their bounds, as likely as the criterion says.
+
+        By importance: proposals of a t distribution, whose spread the bounds limit where the points do not.
+        """
+        best, (low, high) = self.best, _bounds(self.names)
+        span = np.where(np.isfinite(high), high - low, 4.0 * np.abs(best) + TINY)
+        scaled = self._slope / math.sqrt(self.spread) * span
+        half = np.linalg.cholesky(np.linalg.inv(scaled.T @ scaled + 16.0 * np.eye(best.size)))
+        rng, count = np.random.default_rng(0), PROPOSED * DRAWS
+        normal = rng.standard_normal((count, best.size))
+        normal[0] = 0.0  # the estimate itself, which is within the bounds
+        moves = normal / np.sqrt(rng.chisquare(TAILS, (count, 1)) / TAILS)
+        drawn = best + moves @ half.T * span
+        inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
+        drawn, squares = drawn[inside], np.sum(moves[inside] ** 2, axis=1)
+        likely = -0.5 * (self.criterion.values(self.names, drawn) - self.value) / self.spread
+        likely += 0.5 * (TAILS + best.size) * np.log1p(squares / TAILS)
+        weights = np.exp(likely - likely.max())
+        return np.asarray(drawn[rng.choice(len(drawn), DRAWS, p=weights / weights.sum())])
 
 
 @dataclass(frozen=True)
@@ -192,7 +315,7 @@ class TransferFunction:
     aicc: float = 0.0
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     known: Response = field(default=_no_filter, repr=False)
-    drawn: Float[np.ndarray, "draws n"] = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    _minimum: _Minimum | None = field(default=None, repr=False)
 
     @property
     def lag_s(self) -> float:
@@ -227,9 +350,13 @@ class TransferFunction:
 
     def response(self, frequency_hz: Float[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
         """Response with hold and sensor filter at frequencies [Hz]."""
-        names, s = tuple(self.parameters), 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        criterion = _Criterion(_NO_POINTS, s, self.known(s))
-        return np.asarray(criterion.response(names, np.array(list(self.parameters.values())))[0])
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return _responses(self.parameters, s, self.known(s))
+
+    @cached_property
+    def drawn(self) -> Float[np.ndarray, "draws n"]:
+        """Draws of the parameters that the data allow; of a model that was not fitted its own."""
+        return np.array([[*self.parameters.values()]]) if self._minimum is None else self._minimum.drawn()
 
     def to_control(self, delay_order: int = 3) -> Any:
         """State space of python-control, without hold and filter; its delay is Padé's of that order."""
@@ -239,9 +366,6 @@ class TransferFunction:
         if value["delay"] > 0.0:
             model *= control.tf(*control.pade(value["delay"], delay_order))
         return control.ss(model)
-
-
-_NO_POINTS = Points(*(np.empty(0, dtype=np.complex128 if k in (1, 2, 5) else np.float64) for k in range(11)))
 
 
 @dataclass(frozen=True)
@@ -402,14 +526,8 @@ def _of_order(
 ) -> TransferFunction:
     names = OF_ORDER[order]
     best, value = _search(criterion, names, simpler)
-    points = criterion.points
-    _, J = criterion.residuals(names, best)
-    dof = float(np.mean(points.dof))
-    # the variance of residuals that are divided by estimated ones, in real and imaginary parts of one half
-    spread = 0.5 * (dof + 1.0) / (dof - 1.0)
-    scale = np.sqrt(np.maximum(np.sum(J * J, axis=0), 1e-300))
-    covariance = spread * np.linalg.pinv((J / scale).T @ (J / scale), rcond=1e-12) / np.outer(scale, scale)
-    n, p = 2 * points.frequency_hz.size, len(names)
+    minimum, dof = _Minimum(criterion, names, best, value), float(np.mean(criterion.points.dof))
+    n, p = 2 * criterion.points.frequency_hz.size, len(names)
     chi_square = 2.0 * value * (dof - 1.0) / dof
     raw, _ = unsmoothed.fitted(names, best)
     left, _ = unsmoothed.residuals(names, raw)
@@ -418,45 +536,15 @@ def _of_order(
     return TransferFunction(
         order,
         dict(zip(names, best.tolist(), strict=True)),
-        covariance,
+        minimum.covariance,
         chi_square,
         float(n - p),
         float(scipy.special.chdtrc(n - p, test)),
         chi_square + 2.0 * p * n / max(n - p - 1, 1),
-        _intervals(criterion, names, best, value, covariance, spread, level),
+        minimum.intervals(level),
         known,
-        _drawn(criterion, names, best, value, J / math.sqrt(spread), spread),
+        minimum,
     )
-
-
-def _drawn(
-    criterion: _Criterion,
-    names: tuple[str, ...],
-    best: Float[np.ndarray, " n"],
-    value: float,
-    J: Float[np.ndarray, "rows n"],
-    spread: float,
-) -> Float[np.ndarray, "draws n"]:
-    """Draws of the parameters within their bounds, as likely as the criterion says.
-
-    By importance: proposals of a t distribution, whose spread the bounds limit where the points do not.
-    """
-    low, high = (np.array([PARAMETERS[name][k] for name in names], dtype=float) for k in (0, 1))
-    span = np.where(np.isfinite(high), high - low, 4.0 * np.abs(best) + TINY)
-    scaled = J * span
-    half = np.linalg.cholesky(np.linalg.inv(scaled.T @ scaled + 16.0 * np.eye(best.size)))
-    rng, count = np.random.default_rng(0), PROPOSED * DRAWS
-    normal = rng.standard_normal((count, best.size))
-    normal[0] = 0.0  # the estimate itself, which is within the bounds
-    moves = normal / np.sqrt(rng.chisquare(TAILS, (count, 1)) / TAILS)
-    drawn = best + moves @ half.T * span
-    inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
-    drawn = drawn[inside]
-    squares = np.sum(moves[inside] ** 2, axis=1)
-    likely = -0.5 * (criterion.values(names, drawn) - value) / spread
-    likely += 0.5 * (TAILS + best.size) * np.log1p(squares / TAILS)
-    weights = np.exp(likely - likely.max())
-    return np.asarray(drawn[rng.choice(len(drawn), DRAWS, p=weights / weights.sum())])
 
 
 def _search(
@@ -485,84 +573,6 @@ def _search(
             )
         found.append(criterion.fitted(names, theta))
     return min(found, key=lambda pair: pair[1])
-
-
-def _intervals(
-    criterion: _Criterion,
-    names: tuple[str, ...],
-    best: Float[np.ndarray, " n"],
-    value: float,
-    covariance: Float[np.ndarray, "n n"],
-    spread: float,
-    level: float,
-) -> dict[str, tuple[float, float]]:
-    t = float(scipy.special.ndtri(0.5 + 0.5 * level))
-    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    ends = {
-        name: (float(at - t * error), float(at + t * error))
-        for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
-    }
-    # where the second lag is none, a change of it is one of the delay and of the first: no normal error
-    profiled = {4: ("damping",), 5: ("damping", "delay", "first"), 6: ("damping", "delay")}[
-        max(len(names), 4)
-    ]
-    for name in profiled:
-        k = names.index(name)
-        ends[name] = _profile(criterion, names, best, value + spread * t * t, k, covariance)
-    lags = np.array([name in ("first", "third") for name in names], dtype=float)
-    middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
-    ends["lag"] = ends["first"] if "first" in profiled else (max(middle - t * error, 0.0), middle + t * error)
-    ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
-    if len(names) > 4 and best[4] > 0.0:
-        second, first = float(best[4]), float(best[3])
-        slopes = {
-            "natural_frequency_hz": (0.0, -0.5 / second),
-            "damping_ratio": (1.0 / max(first, 1e-9), -0.5 / second),
-        }
-        centres = {
-            "natural_frequency_hz": 0.5 / math.pi / math.sqrt(second),
-            "damping_ratio": 0.5 * first / math.sqrt(second),
-        }
-        for name, slope in slopes.items():  # of logarithms, since both are above zero
-            error = math.sqrt(max(float(np.array(slope) @ covariance[3:5, 3:5] @ np.array(slope)), 0.0))
-            factor = math.exp(t * error) if t * error < UNKNOWN else math.nan
-            known = (centres[name] / factor, centres[name] * factor)
-            ends[name] = (0.0, math.inf) if math.isnan(factor) else known
-    return ends
-
-
-def _profile(
-    criterion: _Criterion,
-    names: tuple[str, ...],
-    best: Float[np.ndarray, " n"],
-    limit: float,
-    k: int,
-    covariance: Float[np.ndarray, "n n"],
-) -> tuple[float, float]:
-    """Where the criterion with a parameter fixed, and the others fitted, reaches a limit."""
-    lows, highs = (np.array([PARAMETERS[name][end] for name in names], dtype=float) for end in (0, 1))
-    low, high = float(lows[k]), float(highs[k])
-    error = math.sqrt(max(float(covariance[k, k]), 1e-20))
-    ends = []
-    for side, bound in ((-1.0, low), (1.0, high)):
-        inside, outside, theta, value = float(best[k]), math.nan, best, 0.0
-        step = max(1.6 * error, 1e-5)
-        for _ in range(12):
-            trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
-            trial = min(max(trial, low), high)
-            moved = theta + covariance[:, k] / covariance[k, k] * (trial - theta[k])
-            moved[k] = trial
-            refitted, value = criterion.fitted(names, np.clip(moved, lows, highs), names[k])
-            if value > limit:
-                outside = trial
-            else:
-                inside, theta = trial, refitted
-                if trial == bound:
-                    break
-            if math.isfinite(outside) and abs(outside - inside) < 0.05 * abs(outside - best[k]):
-                break
-        ends.append(0.5 * (inside + outside) if math.isfinite(outside) else inside)
-    return ends[0], ends[1]
 
 
 # -- Loops --
@@ -766,7 +776,8 @@ def margin_intervals(
     counts = np.round(DRAWS * weights / weights.sum()).astype(int)
     for model, count in zip(models.allowed, counts.tolist(), strict=True):
         chosen = model.drawn[rng.integers(len(model.drawn), size=count)]
-        loops.append(_responses(tuple(model.parameters), chosen, s, model.known(s)) * controller(s))
+        columns = dict(zip(model.parameters, chosen.T[:, :, None], strict=True))
+        loops.append(_responses(columns, s, model.known(s)) * controller(s))
     tails = [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
     ends = {}
     for name, values in _margins(f, np.concatenate(loops)).items():
