@@ -186,6 +186,5 @@ def frequency_response(
         json,
         *figure_parts(picture, lambda: response_figure(results)),
     )
-    responses = [item.response for item in results if not item.response.is_answered]
-    found = any(item.shown.any() and not item.is_direct for item in responses)
+    found = any(item.response.shown.any() and not item.response.is_provisional for item in results)
     return outputs.ExitCode.IDENTIFIED if found else outputs.ExitCode.NOT_IDENTIFIED

@@ -115,13 +115,13 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
         effective = replace(alone, value=value, interval=(low, high))
     quantities = {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
     if SECOND_STAGE.name in joint and lag.value > 0.0:
-        stage = joint[SECOND_STAGE.name]
-        ends = np.clip([stage.value, *stage.interval], 0.0, 0.25)
+        low, high = joint[SECOND_STAGE.name].interval
+        stage = replace(joint[SECOND_STAGE.name], interval=(max(low, 0.0), min(high, 0.25)))
+        ends = np.array([stage.value, *stage.interval])
         second, low, high = (0.5 * lag.value * (1.0 - np.sqrt(1.0 - 4.0 * ends))).tolist()
         error = 0.5 * (high - low) / NORMAL
         quantities[SECOND_LAG] = QuantityEstimate(second, "s", error, (low, high), lowest=0.0)
-        low, high = stage.interval
-        quantities[SECOND_STAGE.name] = replace(stage, interval=(max(low, 0.0), min(high, 0.25)))
+        quantities[SECOND_STAGE.name] = stage
     return quantities
 
 

@@ -16,7 +16,7 @@ from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIden
 from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, SECOND_LAG, STAGES
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, STAGES
 
 # -- Inputs --
 
@@ -567,6 +567,12 @@ SECOND_STAGE_RULE = Rule(
     "Fly a sweep, or quicker steps.",
     Cause.ZERO,
 )
+
+
+def lag_rules(limit: Limit, wording: QuantitySpec) -> tuple[Rule, ...]:
+    """Rows of the effective lag, of its parts, and of a second stage."""
+    parts = (ACTUATOR_LAG.name, DELAY.name, *STAGES)
+    return (*limit.rules(EFFECTIVE_LAG, wording, *parts), SECOND_STAGE_RULE)
 
 
 def longest_lag_rule(quantities: tuple[str, ...], remedy: str) -> Rule:

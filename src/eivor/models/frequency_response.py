@@ -299,6 +299,11 @@ class FrequencyResponse:
     is_answered: bool = False  # The reference answers the output: bands hold no more than those of `direct`
 
     @property
+    def is_provisional(self) -> bool:
+        """Whether the bands hold in open loop only: without a reference, or with one that answers."""
+        return self.is_direct or self.is_answered
+
+    @property
     def frequency_hz(self) -> Float[np.ndarray, " f"]:
         """Frequencies [Hz]."""
         return self.points.frequency_hz
@@ -453,8 +458,9 @@ def frequency_response(
         points = multisine_lines(runs, period_s, ends)
     direct = local_polynomials(runs, points.frequency_hz, driver=1)
     answered = 0.0 if reference is None else answered_share(parts)
-    said = (DIRECT,) if reference is None else (ANSWERS.format(100.0 * answered),) if answered > 0.0 else ()
-    findings: tuple[str, ...] = said
+    findings = (DIRECT,) if reference is None else ()
+    if answered > 0.0:
+        findings = (ANSWERS.format(100.0 * answered),)
     result = FrequencyResponse(
         direct.with_known_input() if reference is None else points,
         direct.response,

@@ -33,7 +33,6 @@ from eivor.flights.quantity import (
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import (
-    SECOND_STAGE_RULE,
     FlightWords,
     Limit,
     Rule,
@@ -42,13 +41,14 @@ from eivor.flights.verdict import (
     clock_part,
     end_of_grid_rule,
     flight_rules,
+    lag_rules,
     longest_lag_rule,
 )
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, InTime
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences
 from eivor.motions.equation import (
     AxisEquation,
@@ -519,12 +519,10 @@ class Machine(DeclaredMotion):
         return tuple(rows)
 
     def _lag_rules(self, words: FlightWords, stages: tuple[str, ...]) -> list[Rule]:
-        lag = LAG_LIMIT.rules(EFFECTIVE_LAG, self.quantities[EFFECTIVE_LAG], *LAGS, *STAGES)
         check = "Check that the command is that of this machine, or declare a longer one."
         return [
             *flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG),
-            *lag,
-            SECOND_STAGE_RULE,
+            *lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG]),
             longest_lag_rule((), check),
             end_of_grid_rule(
                 DELAY.name,

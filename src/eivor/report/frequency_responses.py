@@ -181,11 +181,7 @@ def response_of_axis(
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None:
         findings += _model_findings(models.chosen.p_value, response)
-        is_sound = (
-            not (response.is_direct or response.is_answered)
-            and models.chosen.p_value >= UNLIKELY
-            and response.shown.any()
-        )
+        is_sound = not response.is_provisional and models.chosen.p_value >= UNLIKELY and response.shown.any()
         if loops and path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
     loop = None
@@ -420,7 +416,7 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
         "output": item.output,
         "reference": item.reference or None,
         "direct_only": item.response.is_direct,
-        "provisional": item.response.is_direct or item.response.is_answered,
+        "provisional": item.response.is_provisional,
         "level": item.response.level,
         "shown_hz": item.response.shown_ranges,
         "response": item.response.columns(),

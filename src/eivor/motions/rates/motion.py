@@ -26,7 +26,6 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
-    SECOND_STAGE_RULE,
     FlightWords,
     Limit,
     Rule,
@@ -36,6 +35,7 @@ from eivor.flights.verdict import (
     clock_part,
     disagreement_part,
     flight_rules,
+    lag_rules,
     longest_lag_rule,
     record_rules,
 )
@@ -384,8 +384,7 @@ RULES = (
     ),
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
-    *LAG.rules(EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES),
-    SECOND_STAGE_RULE,
+    *lag_rules(LAG, QUANTITIES[EFFECTIVE_LAG]),
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 

@@ -17,7 +17,6 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
 from eivor.flights.verdict import (
-    SECOND_STAGE_RULE,
     FlightWords,
     Limit,
     MotionChecks,
@@ -28,6 +27,7 @@ from eivor.flights.verdict import (
     clock_part,
     disagreement_part,
     flight_rules,
+    lag_rules,
     record_rules,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
@@ -624,8 +624,7 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
         _check_rule("lags", (), Status.WEAK),
         _check_rule("filters", (), Status.WEAK),
         _check_rule("wind", ACROSS, Status.WEAK),
-        *LAG_LIMIT.rules(EFFECTIVE_LAG, wording[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES),
-        SECOND_STAGE_RULE,
+        *lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
     for name in wording:

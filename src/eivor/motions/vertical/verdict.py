@@ -12,7 +12,6 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
 from eivor.flights.verdict import (
-    SECOND_STAGE_RULE,
     SLOW_COMMAND_HZ,
     FlightWords,
     Limit,
@@ -25,13 +24,14 @@ from eivor.flights.verdict import (
     end_of_grid_rule,
     flight_rules,
     half_hold_part,
+    lag_rules,
     longest_lag_rule,
     short_flight_part,
     weak_instrument_sentence,
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Cause, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
@@ -648,10 +648,7 @@ RULES = (
     ),
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
     *LIMITS[GAIN].rules(GAIN, QUANTITIES[GAIN], "intercept"),
-    *LIMITS[EFFECTIVE_LAG].rules(
-        EFFECTIVE_LAG, QUANTITIES[EFFECTIVE_LAG], ACTUATOR_LAG.name, DELAY.name, *STAGES
-    ),
-    SECOND_STAGE_RULE,
+    *lag_rules(LIMITS[EFFECTIVE_LAG], QUANTITIES[EFFECTIVE_LAG]),
     *LIMITS[HOVER].rules(HOVER, QUANTITIES[HOVER]),
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
     *(rule for term in OF_TERMS for rule in _term_rules(term)),
