@@ -242,12 +242,10 @@ def part_files(folder: Path) -> list[Path]:
 
 def _merged(path: Path) -> list[str]:
     """Names of the parts that a part took in when it was written."""
+    if not _NUMBERED.fullmatch(path.name):
+        return []
     try:
-        return (
-            pl.read_parquet_metadata(_parquet(path)).get(MERGED, "").split()
-            if _NUMBERED.fullmatch(path.name)
-            else []
-        )
+        return pl.read_parquet_metadata(_parquet(path)).get(MERGED, "").split()
     except (OSError, *POLARS_ERRORS):
         return []  # whoever reads it says so
 

@@ -93,10 +93,7 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
-    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
-
-    Also `second_lag`, the shorter of two in series that add up to the actuators'.
-    """
+    """Lag, delay and their sum, zero for what was not searched for; and the shorter of two lags in series."""
     joint = joint_quantities(estimate)
     fixed = {item.name: item.first for item in problem.nuisances if item.name not in joint}
     joint |= {name: QuantityEstimate(value, "s", 0.0, (value, value)) for name, value in fixed.items()}

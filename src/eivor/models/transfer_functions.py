@@ -265,10 +265,7 @@ class _Minimum:
         return ends[0], ends[1]
 
     def drawn(self) -> Float[np.ndarray, "draws n"]:
-        """Draws of the parameters within their bounds, as likely as the criterion says.
-
-        By importance: proposals of a t distribution, whose spread the bounds limit where the points do not.
-        """
+        """Draws within the bounds, as likely as the criterion says; proposed by a t distribution."""
         best, (low, high) = self.best, _bounds(self.names)
         span = np.where(np.isfinite(high), high - low, 4.0 * np.abs(best) + TINY)
         scaled = self._slope / math.sqrt(self.spread) * span

@@ -322,10 +322,7 @@ _NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
 def hdf5_variables(
     h5py: Any, file: Any, most: int, objects: int, depth: int
 ) -> tuple[dict[str, tuple[int, ...]], set[str]]:
-    """Shapes of the variables of an HDF5 file by path, and those that take more than so many numbers.
-
-    Small ones are counted first, chunks as a whole. Links to other places are not followed.
-    """
+    """Shapes of variables by path, and those beyond so many numbers, small ones and whole chunks first."""
     found: dict[str, tuple[int, ...]] = {}
     cells: dict[str, int] = {}
     waiting, seen = [("", file, 1)], 0
