@@ -31,7 +31,7 @@ from eivor.lab.disturbances import (
     bilinear,
     paper_disturbance,
 )
-from eivor.lab.records import AltitudeControl, DisturbanceRoute, VelocityControl, pushed_motion
+from eivor.lab.records import AltitudeControl, DisturbanceRoute, VelocityControl, moved
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.excitation import (
     Chirp,
@@ -478,7 +478,7 @@ def test_altitude_follows_its_reference():
     assert result.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
     assert result.truth.channel("position_z")[0] == 0.0
     np.testing.assert_array_equal(result.signals.channel("reference_position_z"), 1.0)
-    pushed = pushed_motion(steps, np.full(1500, 0.3))
+    pushed = moved(steps, np.zeros(1500), np.full(1500, 0.3))
     assert pushed.altitude is not None
     assert pushed.altitude[-1] == pytest.approx(0.0, abs=1e-7)
     assert pushed.input[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)

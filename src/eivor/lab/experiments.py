@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,55 +33,50 @@ def stream(seed: int, *key: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
-#: Constants of NumPy's `SeedSequence` and `PCG64`, whose streams it keeps from version to version.
-SEED_A, SEED_B, MIX = (0x43B0D7E5, 0x931E8875), (0x8B51F9DD, 0x58F38DED), (0xCA01F9DD, 0x4973F715)
-PCG_FACTOR, ALL_128 = 0x2360ED051FC65DA44385DF649FCCF645, (1 << 128) - 1
+#: First value and factor of both sequences of constants of NumPy's `SeedSequence`, and factors of its mixing.
+POOL_HASH, STATE_HASH, MIX = (0x43B0D7E5, 0x931E8875), (0x8B51F9DD, 0x58F38DED), (0xCA01F9DD, 0x4973F715)
+
+
+Words: TypeAlias = "np.ndarray[Any, np.dtype[np.uint32]]"
+
+
+class SeededState(np.random.bit_generator.ISeedSequence):
+    """State that a seed sequence would generate, known before."""
+
+    def __init__(self, words: Words) -> None:
+        self.words = words
+
+    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
+        return self.words.view(dtype)[:n_words]
 
 
 def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random.Generator]:
-    """A generator set to `stream(seed, number, place)` for each number, much sooner; never spawn from it."""
-    words = _words(seed)
-    words += [0] * (4 - len(words))
-    keys = (np.array(numbers, dtype=np.uint32), np.full(len(numbers), place, dtype=np.uint32))
-    entropy = [*(np.full(len(numbers), word, dtype=np.uint32) for word in words), *keys]
-    mix, constants = [np.uint32(factor) for factor in MIX], _hashing(*SEED_A)
-    with np.errstate(over="ignore"):
-        pool = [_hashed(word, constants) for word in entropy[:4]]
-        pairs: list[tuple[list[Any], int, int]] = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
-        pairs += [(entropy, i, j) for i in range(4, len(entropy)) for j in range(4)]
-        for source, i, j in pairs:
-            mixed = mix[0] * pool[j] - mix[1] * _hashed(source[i], constants)
-            pool[j] = mixed ^ mixed >> np.uint32(16)
-        constants = _hashing(*SEED_B)
-        state = np.array([_hashed(pool[i % 4], constants) for i in range(8)]).T.tolist()
-    generator = np.random.Generator(np.random.PCG64(0))
-    for w in state:
-        start, odd = (w[i + 1] << 96 | w[i] << 64 | w[i + 3] << 32 | w[i + 2] for i in (0, 4))
-        increment = (odd << 1 | 1) & ALL_128
-        value = ((increment + start) * PCG_FACTOR + increment) & ALL_128
-        inside = {"state": value, "inc": increment}
-        facts = {"bit_generator": "PCG64", "state": inside, "has_uint32": 0, "uinteger": 0}
-        generator.bit_generator.state = facts
-        yield generator
+    """Generators `stream(seed, number, place)`, seeded all at once."""
+    words = [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 97), 32)]
+    entropy = np.array([np.full(len(numbers), word) for word in (*words, 0, place)], dtype=np.uint32)
+    entropy[-2] = numbers
+    (first, second), hashed = np.array(MIX, dtype=np.uint32), _hash(*POOL_HASH)
+    pool = [hashed(word) for word in entropy[:4]]
+    pairs = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
+    pairs += [(entropy, i, j) for i in range(4, len(entropy)) for j in range(4)]
+    for source, i, j in pairs:
+        mixed = first * pool[j] - second * hashed(source[i])
+        pool[j] = mixed ^ mixed >> np.uint32(16)
+    hashed = _hash(*STATE_HASH)
+    for state in np.stack([hashed(pool[i % 4]) for i in range(8)], axis=1):
+        yield np.random.Generator(np.random.PCG64(SeededState(state)))
 
 
-def _words(seed: int) -> list[int]:
-    """A whole number in words of 32 bits, the lowest first."""
-    return [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 1), 32)]
+def _hash(value: int, factor: int) -> Callable[[Words], Words]:
+    """A hash whose constants change from call to call."""
 
+    def hashed(word: Words) -> Words:
+        nonlocal value
+        before, value = value, value * factor & 0xFFFFFFFF
+        word = (word ^ np.uint32(before)) * np.uint32(value)
+        return word ^ word >> np.uint32(16)
 
-def _hashing(value: int, factor: int) -> Iterator[Any]:
-    """Successive constants of a hash, each with the next."""
-    while True:
-        following = value * factor & 0xFFFFFFFF
-        yield np.array([value, following], dtype=np.uint32)
-        value = following
-
-
-def _hashed(value: Any, constants: Iterator[Any]) -> Any:
-    before, after = next(constants)
-    value = (value ^ before) * after
-    return value ^ value >> np.uint32(16)
+    return hashed
 
 
 class Experiment(ABC):

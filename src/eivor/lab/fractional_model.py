@@ -54,37 +54,36 @@ class FractionalOperator(ABC):
     """A causal filter for each order, the identity at zero; the record is zero before it starts."""
 
     @abstractmethod
-    def weights(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
-        """Weights w_0 ... w_{count-1} of the filter, for samples `step_s` apart [s]."""
+    def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
+        """Terms c Delta^(order + n) of samples `step_s` apart [s]: c, its derivative by the order, and n."""
 
-    @abstractmethod
-    def slope(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
+    def weights(self, order: float, count: int, step_s: float) -> Float[np.ndarray, " count"]:
+        """Weights w_0 ... w_{count-1} of the filter."""
+        terms = self.differences(order, step_s)
+        return np.asarray(sum(c * fractional_weights(order + n, count) for c, _, n in terms))
+
+    def slope(self, order: float, count: int, step_s: float) -> Float[np.ndarray, " count"]:
         """Derivatives of the weights by the order."""
+        total = np.zeros(count)
+        for c, by_order, n in self.differences(order, step_s):
+            total += c * order_slope(order + n, count) + by_order * fractional_weights(order + n, count)
+        return total
 
-    @abstractmethod
     def response(
-        self, order: float, back: Complex[np.ndarray, " k"], step_s: float, /
+        self, order: float, back: Complex[np.ndarray, " k"], step_s: float
     ) -> Complex[np.ndarray, " k"]:
-        """sum_j w_j z^-j where z^-1 has the values `back`."""
+        """sum_j w_j z^-j where z^-1 has the values `back`, the principal value."""
+        change = 1.0 - back
+        return np.asarray(sum(c * change ** (order + n) for c, _, n in self.differences(order, step_s)))
 
 
 @dataclass(frozen=True, slots=True)
 class FractionalDifference(FractionalOperator):
     """Grunwald-Letnikov's difference of samples, Delta^order = (1 - z^-1)^order: the step is not in it."""
 
-    def weights(self, order: float, count: int, _step_s: float, /) -> Float[np.ndarray, " count"]:
-        """See `fractional_weights`."""
-        return fractional_weights(order, count)
-
-    def slope(self, order: float, count: int, _step_s: float, /) -> Float[np.ndarray, " count"]:
-        """See `order_slope`."""
-        return order_slope(order, count)
-
-    def response(
-        self, order: float, back: Complex[np.ndarray, " k"], _step_s: float, /
-    ) -> Complex[np.ndarray, " k"]:
-        """(1 - z^-1)^order, the principal value."""
-        return np.asarray((1.0 - back) ** order)
+    def differences(self, _order: float, _step_s: float, /) -> tuple[tuple[float, float, int], ...]:
+        """One."""
+        return ((1.0, 0.0, 0),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,23 +94,10 @@ class FractionalDerivative(FractionalOperator):
     first order of the step; the second term takes it away, which leaves one of the second order.
     """
 
-    def weights(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
-        """Weights of both terms."""
-        both = fractional_weights(order, count) + 0.5 * order * fractional_weights(order + 1.0, count)
-        return np.asarray(both * step_s**-order)
-
-    def slope(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
-        """Of the weights, and of the power of the step before them."""
-        both = order_slope(order, count) + 0.5 * order * order_slope(order + 1.0, count)
-        both += 0.5 * fractional_weights(order + 1.0, count)
-        return both * step_s**-order - np.log(step_s) * self.weights(order, count, step_s)
-
-    def response(
-        self, order: float, back: Complex[np.ndarray, " k"], step_s: float, /
-    ) -> Complex[np.ndarray, " k"]:
-        """((1 - z^-1) / step)^order (1 + order/2 (1 - z^-1))."""
-        change = 1.0 - back
-        return np.asarray((change / step_s) ** order * (1.0 + 0.5 * order * change))
+    def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
+        """Both."""
+        scale, by_order = step_s**-order, -np.log(step_s) * step_s**-order
+        return (scale, by_order, 0), (0.5 * order * scale, 0.5 * (scale + order * by_order), 1)
 
 
 #: Points of the unit circle, from so near to one on, at which the equation's roots are counted.

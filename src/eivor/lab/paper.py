@@ -19,8 +19,9 @@ from eivor.estimation.linear import LinearMethod, first_stage_strengths
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.lab.disturbances import paper_disturbance
+from eivor.lab.experiments import stream
 from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
-from eivor.lab.study import Spread
+from eivor.lab.study import Spread, spread_of
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.process_pool import in_order, local_executor
@@ -301,11 +302,11 @@ def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRe
     truth = made.truth
     errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
     velocity = truth.channels["velocity_z"]
+    if reading.motion is MotionSource.NOISY_VELOCITY:
+        velocity = velocity + errors.pop("velocity_z")
     if reading.motion is MotionSource.EULER_STEPS:
         velocity, acceleration = euler_steps(truth.channels["input"])
     else:
-        if reading.motion is MotionSource.NOISY_VELOCITY:
-            velocity = velocity + errors["velocity_z"]
         height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
         velocity, acceleration = _DIFFERENCES[reading.motion](velocity, height)
     made_of = {
@@ -313,9 +314,7 @@ def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRe
         "acceleration_z": acceleration + truth.channels[DISTURBANCE],
         "input": truth.channels["input"],
     }
-    measured = {name: values + errors[name] for name, values in made_of.items()}
-    if reading.motion is MotionSource.NOISY_VELOCITY:
-        measured["velocity_z"] = velocity
+    measured = {name: values + errors.get(name, 0.0) for name, values in made_of.items()}
     return SimulatedRecord(
         _without_edges(measured, made.signals), _without_edges(made_of, truth), made.parameters
     )
@@ -463,11 +462,7 @@ class PaperResult:
 
     def spreads(self, method: str) -> tuple[Spread, ...]:
         """Mean and SD of each score; NaN where there are too few runs."""
-        scores = self.nrmse(method)
-        nan = np.full(scores.shape[1], np.nan)
-        means = scores.mean(axis=0) if len(scores) else nan
-        stds = scores.std(axis=0, ddof=1) if len(scores) > 1 else nan
-        return tuple(Spread(float(mean), float(std)) for mean, std in zip(means, stds, strict=True))
+        return tuple(map(spread_of, self.nrmse(method).T))
 
 
 @dataclass(frozen=True, slots=True)
@@ -502,7 +497,7 @@ def run_together(
 
 def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
     """Generator of one run."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(index,))))
+    return stream(seed, index)
 
 
 def run_paper(

@@ -116,11 +116,6 @@ class SampledVehicle:
     held: float  # Velocity per held acceleration [s]
     ramp: float  # Velocity per acceleration that grows from 0 to 1 over the step [s]
 
-    @property
-    def rise(self) -> float:
-        """Altitude per held acceleration [s^2]."""
-        return self.step_s * self.ramp
-
 
 def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -> SampledVehicle:
     """Step of a vehicle."""
@@ -156,7 +151,7 @@ def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
     present = feedback.proportional + summed
     # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
     plant = np.array([[vehicle.decay, 0.0, 0.0], [vehicle.held, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    push = np.array([vehicle.held, vehicle.rise, 0.0])
+    push = np.array([vehicle.held, vehicle.step_s * vehicle.ramp, 0.0])
     seen = np.array([1.0, feedback.altitude_gain, 0.0])
     from_state = np.array([0.0, 0.0, summed]) - present * seen
     sums = np.array([0.0, 0.0, 1.0])
@@ -427,16 +422,17 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
     streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
-    motion = driven_motion(scenario, drive)
+    feedback, rest = scenario.control.feedback, np.zeros_like(drive)
+    motion = moved(scenario, drive if feedback is None else feedback.reference_gain * drive, rest)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
-        motion += pushed_motion(scenario, disturbance)
+        motion += moved(scenario, rest, disturbance)
     channels = _channels(scenario, motion, disturbance)
     noise = declared_noise(scenario.noise, scenario.noise_to_signal, channels)
     errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
-    feedback = scenario.control.feedback
     if feedback is not None:
-        motion += misled_motion(scenario, feedback, errors)
+        error = errors["velocity_z"] + feedback.altitude_gain * errors.get("position_z", rest)
+        motion += moved(scenario, -error, rest)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
     measured = {name: true[name] + error for name, error in errors.items()} | references
@@ -446,34 +442,19 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     return SimulatedRecord(Signals(scenario.rate_hz, measured, noise=noise), truth, parameters)
 
 
-def driven_motion(scenario: Scenario, drive: Series) -> LinearMotion:
-    """Motion under the excitation alone: as the input, or under control as the reference."""
-    feedback = scenario.control.feedback
+def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
+    """Motion from rest under what is added to the input, or to a controller's error, and accelerations."""
+    vehicle, feedback = scenario.vehicle, scenario.control.feedback
     if feedback is not None:
-        return _controlled(scenario, feedback, feedback.reference_gain * drive, np.zeros_like(drive))
-    vehicle = scenario.vehicle
+        loop = sampled_loop(vehicle, feedback)
+        forcing = np.outer(added[:-1], loop.error_effect) + np.outer(pushed[:-1], loop.push_effect)
+        states = from_rest(loop.matrix, forcing)
+        commanded = loop.error_gain * added + states @ loop.input_from_state
+        return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
+    steps = scenario.input_gain * vehicle.held * added[:-1] + vehicle.held * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
-        pushed = (vehicle.held - vehicle.ramp) * drive[:-1] + vehicle.ramp * drive[1:]
-    else:
-        pushed = vehicle.held * drive[:-1]
-    return LinearMotion(drive, _decaying(scenario, scenario.input_gain * pushed))
-
-
-def pushed_motion(scenario: Scenario, disturbance: Series) -> LinearMotion:
-    """Motion under a held acceleration [m/s^2] alone, with a controller when there is one."""
-    rest = np.zeros_like(disturbance)
-    feedback = scenario.control.feedback
-    if feedback is not None:
-        return _controlled(scenario, feedback, rest, disturbance)
-    return LinearMotion(rest, _decaying(scenario, scenario.vehicle.held * disturbance[:-1]))
-
-
-def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> LinearMotion:
-    """Motion of a controlled vehicle under the errors of what its controller measures alone."""
-    error = errors["velocity_z"]
-    if feedback.altitude_gain != 0.0:
-        error = error + feedback.altitude_gain * errors["position_z"]
-    return _controlled(scenario, feedback, -error, np.zeros_like(error))
+        steps += scenario.input_gain * vehicle.ramp * np.diff(added)
+    return LinearMotion(added, from_rest(np.array([[vehicle.decay]]), steps[:, None])[:, 0])
 
 
 def declared_noise(
@@ -510,21 +491,6 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
         raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)
     response = _channels(scenario, undisturbed, rest)["acceleration_z"]
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
-
-
-def _decaying(scenario: Scenario, steps: Float[np.ndarray, " steps"]) -> Series:
-    """v[k+1] = decay v[k] + steps[k] from rest."""
-    velocity: Series = from_rest(np.array([[scenario.vehicle.decay]]), steps[:, None])[:, 0]
-    return velocity
-
-
-def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> LinearMotion:
-    """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
-    loop = sampled_loop(scenario.vehicle, feedback)
-    forcing = np.outer(additions[:-1], loop.error_effect) + np.outer(pushes[:-1], loop.push_effect)
-    states = from_rest(loop.matrix, forcing)
-    commanded = loop.error_gain * additions + states @ loop.input_from_state
-    return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
 
 
 # -- Log about hover --
