@@ -57,14 +57,15 @@ def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random
     entropy[-2] = numbers
     (first, second), hashed = np.array(MIX, dtype=np.uint32), _hash(*POOL_HASH)
     pool = [hashed(word) for word in entropy[:4]]
-    pairs = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
+    pairs: list[tuple[Any, int, int]] = [(pool, i, j) for i in range(4) for j in range(4) if i != j]
     pairs += [(entropy, i, j) for i in range(4, len(entropy)) for j in range(4)]
     for source, i, j in pairs:
         mixed = first * pool[j] - second * hashed(source[i])
         pool[j] = mixed ^ mixed >> np.uint32(16)
     hashed = _hash(*STATE_HASH)
     for state in np.stack([hashed(pool[i % 4]) for i in range(8)], axis=1):
-        yield np.random.Generator(np.random.PCG64(SeededState(state)))
+        seeded: Any = SeededState(state)
+        yield np.random.Generator(np.random.PCG64(seeded))
 
 
 def _hash(value: int, factor: int) -> Callable[[Words], Words]:

@@ -395,7 +395,7 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
 
 def _least_squares(equations: Stack) -> Float[np.ndarray, "trials n"]:
     """Solutions of [A b]; NaN where A is ill conditioned."""
-    root, n = np.linalg.qr(equations, mode="r"), equations.shape[2] - 1
+    root, n = np.asarray(np.linalg.qr(equations, mode="r")), equations.shape[2] - 1
     lengths = np.linalg.norm(root[:, :, :n], axis=1)[:, None]
     inverse = np.linalg.inv(root[:, :n, :n] / lengths)
     condition = np.sqrt(n) * np.linalg.norm(inverse, axis=(1, 2))

@@ -119,6 +119,20 @@ def page(width: float, height: float, title: str = "") -> Figure:
     return figure
 
 
+def drawn(
+    panels: Panels,
+    axes: GivenAxes | None,
+    made: Callable[[tuple[str, ...]], dict[str, Axes]],
+    title: str = "",
+) -> Figure:
+    """Figure of panels, in Axes that are given or those of a page that is made."""
+    names = tuple(panels)
+    placed = made(names) if axes is None else given_axes(axes, names, title)
+    for name, ax in placed.items():
+        panels[name](ax)
+    return figure_of(*placed.values())
+
+
 def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
     """Axes to draw the only panel into: the caller's, or those of a page of that size [inch]."""
     if ax is None:
@@ -171,6 +185,11 @@ def labelled(axes: Axes, *, x: str = "", y: str = "", size: float = 10.0) -> Non
     if y:
         axes.set_ylabel(y, fontsize=size, parse_math=False)
     axes.grid(alpha=0.25)
+
+
+def headed(axes: Axes, words: str) -> None:
+    """Words above a panel, in as many lines as they take."""
+    axes.set_title(fitting(axes, words), fontsize=9, parse_math=False)
 
 
 def drawable(things: Sized, what: str, remedy: str) -> None:
@@ -319,23 +338,30 @@ def estimates_figure(
             row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
             rows.setdefault(name, []).append(row)
             units.setdefault(name, unit)
-    names = tuple(rows)
-    if axes is None:
-        height = ROW_HEIGHT * (len(estimates) + 1) + 1.3
-        title = title or f"estimates and their {100 * level:g} % intervals"
-        panels = mosaic(page(PANEL_WIDTH * len(names) + 1.2, height, title), [names])
-    else:
-        panels = given_axes(axes, names, title)
-    for index, (name, panel) in enumerate(panels.items()):
-        _draw_intervals(panel, rows[name], [*estimates], (truth or {}).get(name))
-        if axes is None and index:
-            panel.tick_params(labelleft=False)
-        labelled(panel, x=axis_words(name, units[name]), size=9.0)
-    return figure_of(*panels.values())
+    marked = truth or {}
+    panels: Panels = {
+        name: partial(
+            _draw_intervals,
+            rows=of_name,
+            labels=[*estimates],
+            truth=marked.get(name),
+            words=axis_words(name, units[name]),
+        )
+        for name, of_name in rows.items()
+    }
+
+    def made(names: tuple[str, ...]) -> dict[str, Axes]:
+        size = PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (len(estimates) + 1) + 1.3
+        placed = mosaic(page(*size, title or f"estimates and their {100 * level:g} % intervals"), [names])
+        for name in names[1:]:
+            placed[name].tick_params(labelleft=False)
+        return placed
+
+    return drawn(panels, axes, made, title)
 
 
 def _draw_intervals(
-    axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None
+    axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None, words: str
 ) -> None:
     from matplotlib.ticker import MaxNLocator
 
@@ -353,6 +379,7 @@ def _draw_intervals(
     axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
     axes.tick_params(axis="x", labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(5))
+    labelled(axes, x=words, size=9.0)
 
 
 def pair_figure(

@@ -79,8 +79,7 @@ def _draw_ahead_over_time(
     plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
     if first:
-        title = f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight"
-        ax.set_title(plots.fitting(ax, title), fontsize=9, parse_math=False)
+        plots.headed(ax, f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight")
 
 
 def _by_horizon(
@@ -182,7 +181,6 @@ def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: fl
     plots.legend(axes)
 
 
-PANELS = ("time", "autocorrelation", "spectrum")
 #: Lags of the autocorrelation, and the largest share of the record that they may reach.
 LAGS, LARGEST_SHARE = 60, 0.25
 #: More samples than so many are drawn as the range of each of so many stretches.
@@ -225,22 +223,19 @@ def residual_figure(
     if residual.size < 2 * LEAST_BANDWIDTH + 1:
         expected = f"{2 * LEAST_BANDWIDTH + 1} residuals or more"
         raise TooFewSamplesError(expected, f"{residual.size}", "Use a longer record.")
-    if axes is None:
-        rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
-        panels = plots.mosaic(plots.page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
-    else:
-        panels = plots.given_axes(axes, PANELS, title)
-    squared = unit.replace("^2", "²")
-    if "time" in panels:
-        over_time = panels["time"]
-        _draw_time(over_time, residual, start_s + np.arange(residual.size) / rate_hz)
-        over_time.set_ylabel(f"residual [{printable(squared) or '-'}]", parse_math=False)
-    if "autocorrelation" in panels:
-        most = max(1, min(lags, int(LARGEST_SHARE * residual.size)))
-        _draw_autocorrelation(panels["autocorrelation"], residual, most, rate_hz)
-    if "spectrum" in panels:
-        draw_noise_spectrum(panels["spectrum"], residual, rate_hz, squared)
-    return plots.figure_of(*panels.values())
+    unit, most = unit.replace("^2", "²"), max(1, min(lags, int(LARGEST_SHARE * residual.size)))
+    time = start_s + np.arange(residual.size) / rate_hz
+    panels: plots.Panels = {
+        "time": partial(_draw_time, values=residual, time=time, unit=unit),
+        "autocorrelation": partial(_draw_autocorrelation, values=residual, lags=most, rate_hz=rate_hz),
+        "spectrum": partial(draw_noise_spectrum, values=residual, rate_hz=rate_hz, unit=unit),
+    }
+
+    def made(names: tuple[str, ...]) -> dict[str, Axes]:
+        rows = [(names[0], names[0]), names[1:]]
+        return plots.mosaic(plots.page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
+
+    return plots.drawn(panels, axes, made, title)
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
@@ -256,7 +251,7 @@ def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarra
     return width
 
 
-def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> None:
+def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], unit: str) -> None:
     if values.size > 2 * STRETCHES:
         first = np.arange(STRETCHES) * values.size // STRETCHES
         low, high = (reduce.reduceat(values, first) for reduce in (np.minimum, np.maximum))
@@ -264,7 +259,7 @@ def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarr
     else:
         axes.plot(time, values, color=plots.GREY, lw=0.7)
     axes.axhline(0.0, color=plots.DARK, lw=0.8)
-    plots.labelled(axes, x="time t [s]")
+    plots.labelled(axes, x="time t [s]", y=f"residual [{printable(unit) or '-'}]")
     axes.margins(x=0.005)
 
 
@@ -298,19 +293,16 @@ WORDS = {
 
 def signals_figure(signals: Signals, *, title: str = "", axes: plots.GivenAxes | None = None) -> Figure:
     """Channels over time, one below the other; samples that are not valid leave gaps."""
-    names = tuple(signals.channels)
-    if axes is None:
-        panels = plots.column_page(names, (SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7), title)
-    else:
-        panels = plots.given_axes(axes, names, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
-    for name, drawn_panel in panels.items():
-        values = signals.channel(name)
-        if signals.valid is not None:
-            values = np.where(signals.valid, values, np.nan)
-        drawn_panel.plot(time, values, color=plots.DARK, lw=0.7)
-        channel = canonical_channel(name)
+
+    def draw(axes: Axes, name: str) -> None:
+        values, channel = signals.channel(name), canonical_channel(name)
+        shown = values if signals.valid is None else np.where(signals.valid, values, np.nan)
+        axes.plot(time, shown, color=plots.DARK, lw=0.7)
         unit = (channel.unit if channel else "").replace("^2", "²") or "-"
-        plots.labelled(drawn_panel, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
-        drawn_panel.margins(x=0.005)
-    return plots.figure_of(*panels.values())
+        plots.labelled(axes, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
+        axes.margins(x=0.005)
+
+    size = SIGNAL_WIDTH, PANEL_HEIGHT * len(signals.channels) + 0.7
+    panels: plots.Panels = {name: partial(draw, name=name) for name in signals.channels}
+    return plots.drawn(panels, axes, partial(plots.column_page, size=size, title=title), title)

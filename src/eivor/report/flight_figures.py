@@ -117,8 +117,7 @@ def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) ->
             what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
         low, high = band_of(trace, run)
         passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
-        title = f"Measured and predicted, {passed}: {what}, {short_name(run.name)}"
-        axes.set_title(plots.fitting(axes, title), fontsize=9, parse_math=False)
+        plots.headed(axes, f"Measured and predicted, {passed}: {what}, {short_name(run.name)}")
         plots.legend(axes)
     plots.labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
@@ -406,20 +405,10 @@ def flight_figure(result: FlightEstimate, axes: plots.GivenAxes | None = None) -
     have a "profile of NAME" each. Without an estimate there are what the motion looks at, "input" and
     "reasons".
     """
-    panels = _flight_panels(result) if result.fit is None else _fit_panels(result, result.fit)
-    names = tuple(panels)
-    if axes is not None:
-        placed = plots.given_axes(axes, names)
-    elif result.fit is None:
-        above = len(names) - 1  # the last has words only
-        placed = plots.column_page(
-            names, plots.SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1)
-        )
+    if result.fit is None:
+        figure = plots.drawn(_flight_panels(result), axes, _flight_page)
     else:
-        placed = _fit_page(names)
-    for name, panel in placed.items():
-        panels[name](panel)
-    figure = plots.figure_of(*placed.values())
+        figure = plots.drawn(_fit_panels(result, result.fit), axes, _fit_page)
     if axes is None:
         _title(figure, result)
     return figure
@@ -513,6 +502,11 @@ def _flight_panels(result: FlightEstimate) -> plots.Panels:
     return panels
 
 
+def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
+    above = len(names) - 1  # the last has words only
+    return plots.column_page(names, plots.SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
+
+
 def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
     prepared = result.prepared[0]
     time = prepared.grid.time_s
@@ -527,7 +521,7 @@ def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title:
             across = axes.get_xaxis_transform()
             axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
     if title:
-        axes.set_title(plots.fitting(axes, title), fontsize=9, parse_math=False)
+        plots.headed(axes, title)
 
 
 def _write_reasons(axes: Axes, result: FlightEstimate) -> None:

@@ -172,6 +172,7 @@ def response_of_axis(
     findings += [*response.findings, *_saturation(u, source)]
     models: TransferFunctions | None = None
     controllers: tuple[Controller, ...] = ()
+    loop: FrequencyResponse | None = None
     try:
         declared = not path.turns and bool(path.input)
         low = min(BAND_HZ[0], float(grid[0])) if declared else BAND_HZ[0]
@@ -184,16 +185,11 @@ def response_of_axis(
         is_sound = not response.is_provisional and models.chosen.p_value >= UNLIKELY and response.shown.any()
         if loops and path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
-    loop = None
-    asked_for = {f"reference_{output}", f"feedback_reference_{output}"}
-    setpoint = next((name for name in sorted(asked_for) if name in first.recording.channels), "")
+    asked_for = (f"feedback_reference_{output}", f"reference_{output}")
+    setpoint = next((name for name in asked_for if name in first.recording.channels), "")
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
-    if (
-        loops
-        and is_attitude
-        and setpoint
-        and all(setpoint in flight.recording.channels for flight in flights)
-    ):
+    everywhere = setpoint and all(setpoint in flight.recording.channels for flight in flights)
+    if loops and is_attitude and everywhere:
         off = [asked - got for asked, got in zip(runs(setpoint), y, strict=True)]
         loop = frequency_response(off, y, reference=r, **given)
     names = ", ".join(flight.recording.name for flight in flights)
@@ -290,15 +286,10 @@ def response_document(item: LogResponse) -> Document:
     ranges = ", ".join(f"{low:.2g} to {high:.2g} Hz" for low, high in response.shown_ranges)
     kind = "direct estimate" if response.is_direct else "response"
     about = f"{item.axis}: {kind} shown from {ranges}" if ranges else f"{item.axis}: nothing is shown"
-    facts = Facts(
-        (
-            ("from", item.input),
-            ("to", item.output),
-            ("reference", item.reference or "none"),
-            ("bands", f"{response.level:.0%} at each frequency by itself"),
-        )
-    )
-    parts: list[Any] = [facts]
+    bands = f"{response.level:.0%} at each frequency by itself"
+    reference = item.reference or "none"
+    facts = (("from", item.input), ("to", item.output), ("reference", reference), ("bands", bands))
+    parts: list[Any] = [Facts(facts)]
     if response.shown.any():
         parts.append(_frequencies(response))
     sections = [Section("", tuple(parts))]
@@ -411,9 +402,7 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
     orders = {} if models is None else models.by_order
     return {
         "log": item.name,
-        "axis": item.axis,
-        "input": item.input,
-        "output": item.output,
+        **{name: getattr(item, name) for name in ("axis", "input", "output")},
         "reference": item.reference or None,
         "direct_only": item.response.is_direct,
         "provisional": item.response.is_provisional,
@@ -425,24 +414,14 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
                 "parameters": model.parameters,
                 "intervals": model.intervals,
                 "poles": [(pole.real, pole.imag) for pole in model.poles.tolist()],
-                "aicc": model.aicc,
-                "chi_square": model.chi_square,
-                "dof": model.dof,
-                "p_value": model.p_value,
+                **{name: getattr(model, name) for name in ("aicc", "chi_square", "dof", "p_value")},
             }
             for order, model in orders.items()
         },
         "order": None if models is None else models.chosen.order,
         "intervals": None if models is None else models.intervals,
         "controllers": [
-            {
-                "name": controller.name,
-                "proportional": controller.proportional,
-                "integral_s": controller.integral_s,
-                "margins": asdict(controller.margins),
-                "intervals": controller.intervals,
-                "parameters": controller.autopilot_parameters(item.axis),
-            }
+            asdict(controller) | {"parameters": controller.autopilot_parameters(item.axis)}
             for controller in item.controllers
         ],
         "loop": None if item.loop is None else item.loop.columns(),
@@ -502,12 +481,10 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
         axes.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
     for values, where, words, look in _lines(item):
         axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **look)
-    axes.set(xscale="log", yscale="log")
+    _over_frequency(axes, "magnitude", yscale="log")
     if shown.any():
         size = np.abs(response.response)[shown]
         axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
-    axes.grid(alpha=0.25, which="both")
-    labelled(axes, x="frequency [Hz]", y="magnitude", size=9.0)
     legend(axes, size=7, place="lower left")
 
 
@@ -519,9 +496,13 @@ def _draw_phase(axes: Axes, item: LogResponse) -> None:
         axes.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
     for values, where, _, look in _lines(item):
         axes.plot(f, _unwrapped(values, where), **look)
-    axes.set(xscale="log")
+    _over_frequency(axes, "phase [°]")
+
+
+def _over_frequency(axes: Axes, words: str, **limits: Any) -> None:
+    axes.set(xscale="log", **limits)
+    labelled(axes, x="frequency [Hz]", y=words, size=9.0)
     axes.grid(alpha=0.25, which="both")
-    labelled(axes, x="frequency [Hz]", y="phase [°]", size=9.0)
 
 
 def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
@@ -551,9 +532,7 @@ def _draw_coherences(axes: Axes, item: LogResponse) -> None:
         lines.append((response.points.partial, GREY, "input, output without the reference"))
     for values, colour, words in lines:
         axes.plot(f, values, color=colour, lw=1.2, label=words)
-    axes.set(xscale="log", ylim=(0.0, 1.05))
-    axes.grid(alpha=0.25, which="both")
-    labelled(axes, x="frequency [Hz]", y="coherence", size=9.0)
+    _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
     legend(axes, size=7, place="lower left")
 
 

@@ -562,17 +562,9 @@ def validation_figure(validation: Validation, axes: plots.GivenAxes | None = Non
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
-    names = tuple(panels)
-    if axes is not None:
-        placed = plots.given_axes(axes, names)
-    elif multi_step is not None:
-        placed = prediction_page(names)
-    else:
-        size = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(names) / 4.0)
-        placed = plots.column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
-    for name, ax in placed.items():
-        panels[name](ax)
-    figure = plots.figure_of(*placed.values())
+    size, heights = (plots.SIZE_INCHES[0], plots.SIZE_INCHES[1] * len(panels) / 4.0), (1.6, 1.0)
+    whole_runs = partial(plots.column_page, size=size, heights=heights * (len(panels) // 2), shared=2)
+    figure = plots.drawn(panels, axes, whole_runs if multi_step is None else prediction_page)
     if axes is None:
         sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
         title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
@@ -592,13 +584,8 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
     ax.set_ylim(*limits)
     plots.labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
     start, end = time[0], time[-1]
-    ax.set_title(
-        plots.fitting(
-            ax, f"{first.quantity.capitalize()}, {first.horizon.words}, from {start:.0f} to {end:.0f} s"
-        ),
-        fontsize=9,
-        parse_math=False,
-    )
+    what = f"{first.quantity.capitalize()}, {first.horizon.words}"
+    plots.headed(ax, f"{what}, from {start:.0f} to {end:.0f} s")
     plots.legend(ax, place="upper right")
 
 

@@ -269,9 +269,7 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
 class DelayLine:
     """What is on its way."""
 
-    def __init__(
-        self, late: int | Int[np.ndarray, " flights"], before: Sequence[Value] | None = None
-    ) -> None:
+    def __init__(self, late: Int[np.ndarray, " flights"], before: Sequence[Value] | None = None) -> None:
         steps = np.unique(late).tolist()
         self._longest = int(steps[-1])
         # For each delay, the flights that have it; none to choose among when all have the same.
@@ -395,7 +393,7 @@ class LiveFilter:
     def __init__(
         self,
         filtered: tuple[tuple[Value, ...], tuple[Value, ...]] | None,
-        late: int | Int[np.ndarray, " flights"],
+        late: Int[np.ndarray, " flights"],
     ) -> None:
         self._filter = filtered
         self._late = DelayLine(late)

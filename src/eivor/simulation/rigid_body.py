@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from itertools import groupby
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -30,9 +30,7 @@ from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.simulation.controller import (
     Cascade,
     DelayLine,
-    Gains,
     LiveFilter,
-    Mixer,
     Sensor,
     control_effectiveness,
     gains_of,
@@ -43,13 +41,12 @@ from eivor.simulation.controller import (
 from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.rigid_body_spec import (
     RigidBodyFlightSpec,
-    Stepper,
     Surroundings,
     runge_kutta,
     stamping_stream,
     surroundings_of,
 )
-from eivor.tools import Float
+from eivor.tools import Float, Int
 
 Series: TypeAlias = Float[np.ndarray, " n"]
 Vectors: TypeAlias = Float[np.ndarray, "n 3"]
@@ -70,9 +67,18 @@ class ClosedLoopRecord:
 
 
 def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[ClosedLoopRecord]:
-    """Fly specifications that agree in everything that `alike` compares, side by side."""
-    series = _alone(specs[0], met[0]) if len(specs) == 1 else _together(specs, met)
-    for flight in range(len(specs)):
+    """Fly specifications whose `shared_settings` are the same, side by side."""
+    count, flights, start = specs[0].count, len(specs), 0
+    series: list[Float[np.ndarray, "n ..."]] = []
+    for moments in _moments(specs, met):
+        for number, (part, shape) in enumerate(zip(zip(*moments, strict=True), _SHAPES, strict=True)):
+            # Of rotors, flights side by side have a list of one array.
+            values = np.array(part).reshape(len(moments), *shape, flights)
+            if start == 0:
+                series.append(np.empty((count, *values.shape[1:])))
+            series[number][start : start + len(moments)] = values
+        start += len(moments)
+    for flight in range(flights):
         yield ClosedLoopRecord(*(np.ascontiguousarray(part[..., flight]) for part in series))
 
 
@@ -96,120 +102,73 @@ _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple
 READ = Surroundings.__slots__[:9]
 
 
-@dataclass(frozen=True, slots=True)
-class _Loop:
-    specs: Sequence[RigidBodyFlightSpec]
-    read: Callable[[int, int], Mapping[str, _Rows]]  # Each of `READ` from a step to another
-    senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
-    gains: Gains
-    mixer: Mixer
-    line: DelayLine
-    stepper: Stepper
-    body: Body
-    speeds: list[Value]
-
-    def run(self) -> Iterator[list[_Moment]]:
-        """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
-        first = self.specs[0]
-        control = first.controller
-        cascade = Cascade(self.gains, 1.0 / control.rate_hz, 1.0 / control.height_hz)
-        every, attitude_every, height_every = (
-            round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
-        )
-        holds = any(spec.controller.hold for spec in self.specs)
-        body, speeds = self.body, self.speeds
-        thrust = ZERO
-        rates = torque = (ZERO, ZERO, ZERO)
-        command = speeds
-        for k in range(first.count):
-            now = k % CHUNK
-            if now == 0:
-                read = self.read(k, k + CHUNK)
-                moments: list[_Moment] = []
-            seen = (
-                _sum(body[10:13], read["rate_error"][now]),
-                turned(body[6:10], *read["attitude_error"][now]),
-                _sum(body[3:6], read["velocity_error"][now]),
-                _sum(body[0:3], read["position_error"][now]),
-            )
-            (p, q, r), attitude, velocity, position = (
-                sense.read(raw) for sense, raw in zip(self.senses, seen, strict=True)
-            )
-            if k % height_every == 0:
-                _, x, y, _ = attitude
-                cosine = 1.0 - 2.0 * (x * x + y * y)
-                z, climb, acceleration = read["height"][now]
-                thrust = cascade.thrust((z, climb, acceleration), position[2], velocity[2], cosine)
-            if k % attitude_every == 0:
-                wanted = read["attitude"][now]
-                if holds:
-                    wanted = cascade.holding(wanted, position[:2], velocity[:2])
-                rates = cascade.rates(wanted, attitude)
-            if k % every == 0:
-                roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read["injected"][now])
-                torque = (roll, pitch, yaw)
-                command = self.mixer.commands(thrust, torque)
-            moments.append((body, speeds, command, thrust, torque, rates))
-            (wx, wy, wz), (mx, my, mz) = read["wind"][now], read["disturbance"][now]
-            reaching = self.line.pass_on(command)
-            body, speeds = self.stepper(body, speeds, reaching, (wx, wy, wz), (mx, my, mz))
-            if now == CHUNK - 1 or k == first.count - 1:
-                yield moments
-
-
-def _collected(loop: _Loop) -> list[Float[np.ndarray, "n ..."]]:
-    """Every part of a moment as one array, whose last axis is the flight."""
-    flights, series, start = len(loop.specs), [], 0
-    for moments in loop.run():
-        for number, part in enumerate(zip(*moments, strict=True)):
-            values = np.array(part)
-            # Of rotors, flights side by side have a list of one array.
-            values = values.reshape(len(moments), *_SHAPES[number], flights)
-            if start == 0:
-                series.append(np.empty((loop.specs[0].count, *values.shape[1:])))
-            series[number][start : start + len(moments)] = values
-        start += len(moments)
-    return series
-
-
 #: Shapes of the parts of a moment, of one flight.
 _SHAPES: tuple[tuple[int, ...], ...] = ((13,), (-1,), (-1,), (), (3,), (3,))
 
 
-def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarray, "n ..."]]:
-    """One flight, in floats."""
-    vehicle, sensors, step_s = spec.vehicle, spec.sensors, spec.step_s
-    hover: list[Value] = [vehicle.hover_speed] * vehicle.rotors.count
-
-    def read(first: int, last: int) -> dict[str, _Rows]:
-        return {name: getattr(met, name)[first:last].tolist() for name in READ}
-
-    senses = tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES)
-    gains = gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)
-    line = DelayLine(round(vehicle.rotors.delay / step_s), hover)
-    stepper = runge_kutta(coefficients_of(vehicle), step_s)
-    body = _start(met).tolist()
-    return _collected(_Loop([spec], read, senses, gains, mixer_of(vehicle), line, stepper, body, hover))
-
-
-def _together(
-    specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]
-) -> list[Float[np.ndarray, "n ..."]]:
-    """Several flights, in arrays whose last axis is the flight."""
-    first, vehicles = specs[0], [spec.vehicle for spec in specs]
-    step_s = first.step_s
-    hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (first.vehicle.rotors.count, 1))
-
-    def read(start: int, stop: int) -> dict[str, _Rows]:
-        return {name: np.stack([getattr(item, name)[start:stop] for item in met], axis=-1) for name in READ}
-
-    senses = tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
+def _moments(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[list[_Moment]]:
+    """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
+    first, vehicles, alone = specs[0], [spec.vehicle for spec in specs], len(specs) == 1
+    step_s, control, late = first.step_s, first.controller, [spec.vehicle.rotors.delay for spec in specs]
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
-    line = DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover])
-    stepper = runge_kutta(side_by_side(vehicles), step_s)
-    body, mixer = np.stack([_start(item) for item in met], axis=1), mixers_side_by_side(vehicles)
-    together = stacked(gains)
-    return _collected(_Loop(specs, read, senses, together, mixer, line, stepper, body, [hover]))
+    cascade = Cascade(_together(gains), 1.0 / control.rate_hz, 1.0 / control.height_hz)
+    senses = [_filter_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES]
+    mixer = mixer_of(vehicles[0]) if alone else mixers_side_by_side(vehicles)
+    stepper = runge_kutta(coefficients_of(vehicles[0]) if alone else side_by_side(vehicles), step_s)
+    body: Body = _start(met[0]).tolist() if alone else np.stack([_start(item) for item in met], axis=1)
+    hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (vehicles[0].rotors.count, 1))
+    speeds: list[Value] = hover[:, 0].tolist() if alone else [hover]
+    line = DelayLine(_steps(late, step_s), speeds)
+    every, attitude_every, height_every = (
+        round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
+    )
+    holds = any(spec.controller.hold for spec in specs)
+    thrust = ZERO
+    rates = torque = (ZERO, ZERO, ZERO)
+    command = speeds
+    for k in range(first.count):
+        now = k % CHUNK
+        if now == 0:
+            read, moments = _read(met, k), list[_Moment]()
+        seen = (
+            _sum(body[10:13], read["rate_error"][now]),
+            turned(body[6:10], *read["attitude_error"][now]),
+            _sum(body[3:6], read["velocity_error"][now]),
+            _sum(body[0:3], read["position_error"][now]),
+        )
+        (p, q, r), attitude, velocity, position = (
+            sense.read(raw) for sense, raw in zip(senses, seen, strict=True)
+        )
+        if k % height_every == 0:
+            _, x, y, _ = attitude
+            cosine = 1.0 - 2.0 * (x * x + y * y)
+            z, climb, acceleration = read["height"][now]
+            thrust = cascade.thrust((z, climb, acceleration), position[2], velocity[2], cosine)
+        if k % attitude_every == 0:
+            wanted = read["attitude"][now]
+            if holds:
+                wanted = cascade.holding(wanted, position[:2], velocity[:2])
+            rates = cascade.rates(wanted, attitude)
+        if k % every == 0:
+            roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read["injected"][now])
+            torque = (roll, pitch, yaw)
+            command = mixer.commands(thrust, torque)
+        moments.append((body, speeds, command, thrust, torque, rates))
+        (wx, wy, wz), (mx, my, mz) = read["wind"][now], read["disturbance"][now]
+        body, speeds = stepper(body, speeds, line.pass_on(command), (wx, wy, wz), (mx, my, mz))
+        if now == CHUNK - 1 or k == first.count - 1:
+            yield moments
+
+
+def _read(met: Sequence[Surroundings], start: int) -> dict[str, _Rows]:
+    """What the loop reads of the next steps: floats of one flight, arrays of several."""
+    rows = {name: [getattr(item, name)[start : start + CHUNK] for item in met] for name in READ}
+    return {name: of[0].tolist() if len(met) == 1 else np.stack(of, axis=-1) for name, of in rows.items()}
+
+
+def _together(each: Sequence[Any]) -> Any:
+    """Floats of one flight as they are, those of several as arrays whose last axis is the flight."""
+    return each[0] if len(each) == 1 else stacked(each)
 
 
 #: Sensors that the controller reads, as the loop reads them.
@@ -221,16 +180,14 @@ def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
     return np.array([0.0, 0.0, height, *met.wind[0, :2], climb, *met.attitude[0], 0.0, 0.0, 0.0])
 
 
-def _filter_of(sensor: Sensor, step_s: float) -> LiveFilter:
-    parts = _coefficients(sensor, step_s) if sensor.cutoff_hz else None
-    return LiveFilter(parts, round(sensor.delay_s / step_s))
+def _filter_of(sensors: Sequence[Sensor], step_s: float) -> LiveFilter:
+    parts = [_coefficients(sensor, step_s) for sensor in sensors]
+    late = _steps([sensor.delay_s for sensor in sensors], step_s)
+    return LiveFilter(_together(parts) if any(sensor.cutoff_hz for sensor in sensors) else None, late)
 
 
-def _filters_of(sensors: Sequence[Sensor], step_s: float) -> LiveFilter:
-    late = np.array([round(sensor.delay_s / step_s) for sensor in sensors])
-    if not any(sensor.cutoff_hz for sensor in sensors):
-        return LiveFilter(None, late)
-    return LiveFilter(stacked([_coefficients(sensor, step_s) for sensor in sensors]), late)
+def _steps(times_s: Sequence[float], step_s: float) -> Int[np.ndarray, " flights"]:
+    return np.array([round(time_s / step_s) for time_s in times_s])
 
 
 def _coefficients(sensor: Sensor, step_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
