@@ -10,6 +10,7 @@ from itertools import zip_longest
 import numpy as np
 
 from eivor.checks import finite, non_negative, positive, require
+from eivor.simulation.environment import gusts
 from eivor.simulation.excitation import (
     Disturbance,
     GivenSeries,
@@ -316,10 +317,8 @@ class OrnsteinUhlenbeck(Disturbance):
         positive("correlation_s", self.correlation_s)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        decay = float(np.exp(-step_s / self.correlation_s))
-        shocks = rng.standard_normal(count)
-        shocks[1:] *= np.sqrt(1.0 - decay**2)
-        return self.std * autoregression(shocks, constant((decay,), count))
+        known = {"step_s": step_s, "rms": self.std, "correlation_s": self.correlation_s}
+        return gusts(count=count, axes=1, rng=rng, **known)[:, 0]
 
 
 # -- Nonlinear disturbance --

@@ -82,7 +82,6 @@ class FractionalDifference(FractionalOperator):
     """Grunwald-Letnikov's difference of samples, Delta^order = (1 - z^-1)^order: the step is not in it."""
 
     def differences(self, _order: float, _step_s: float, /) -> tuple[tuple[float, float, int], ...]:
-        """One."""
         return ((1.0, 0.0, 0),)
 
 
@@ -95,7 +94,6 @@ class FractionalDerivative(FractionalOperator):
     """
 
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
-        """Both."""
         scale, by_order = step_s**-order, -np.log(step_s) * step_s**-order
         return (scale, by_order, 0), (0.5 * order * scale, 0.5 * (scale + order * by_order), 1)
 
@@ -114,7 +112,6 @@ class Side:
     step_s: float  # Time between samples [s]
 
     def weights(self, count: int) -> Float[np.ndarray, " count"]:
-        """Weights of the side as one filter."""
         total: Float[np.ndarray, " count"] = np.zeros(count)
         for coefficient, order, lag in self.terms:
             weights = self.operator.weights(order, count, self.step_s)
@@ -287,7 +284,6 @@ class FilteredSignals:
 
     @property
     def count(self) -> int:
-        """Samples of the record."""
         return self.signals.sample_count
 
     def values(self, column: FractionalColumn, first: int) -> Float[np.ndarray, " rows"]:
@@ -449,7 +445,6 @@ class ChannelTerm:
     sign: float = 1.0
 
     def column(self, nuisances: Values) -> FractionalColumn:
-        """The term at values of the orders that are sought."""
         return (FractionalPart(self.channel, self.term.order_at(nuisances), self.term.lag, self.sign),)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache, partial
 from importlib.resources import files
+from typing import get_type_hints
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -169,14 +170,7 @@ class PaperReading:
 
 #: Choices that are words, and what they are members of.
 _CHOICES: Mapping[str, type[Enum]] = {
-    "input": Input,
-    "ratio": Ratio,
-    "ratio_of": RatioOf,
-    "weights": Weights,
-    "motion": MotionSource,
-    "intersample": Intersample,
-    "route": DisturbanceRoute,
-    "compensation": Compensation,
+    name: kind for name, kind in get_type_hints(PaperReading).items() if issubclass(kind, Enum)
 }
 
 
@@ -457,7 +451,6 @@ class PaperResult:
         return len(self.estimates) - len(self.nrmse(method))
 
     def weak_runs(self, method: str) -> int:
-        """Runs in which the method's instruments were weak."""
         return int(self.weak[:, METHODS.index(method)].sum())
 
     def spreads(self, method: str) -> tuple[Spread, ...]:

@@ -96,7 +96,6 @@ class Tikhonov:
             object.__setattr__(self, "towards", vector)
 
     def vector(self, unknowns: int) -> Float[np.ndarray, " n"]:
-        """The vector for a number of unknowns."""
         if self.towards is None:
             return np.zeros(unknowns)
         if self.towards.size != unknowns:

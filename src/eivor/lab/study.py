@@ -147,7 +147,6 @@ class MethodChoice:
 
     @property
     def method(self) -> Method:
-        """The method itself."""
         make: Callable[..., Method] = getattr(methods, self.name)
         if self.name in WEIGHTED:
             made = make(WEIGHTINGS[self.weighting]())
@@ -170,7 +169,6 @@ class MethodChoice:
 
     @property
     def instruments(self) -> tuple[Column, ...]:
-        """Columns of the instruments; none for direct methods."""
         return () if self.lags is None else lags(self.channel, *self.lags)
 
 
@@ -205,11 +203,9 @@ class Study:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters."""
         return tuple(self.experiment.truth)
 
     def rng(self, index: int) -> np.random.Generator:
-        """Generator of one trial."""
         return stream(self.seed, index)
 
     @property
@@ -345,21 +341,21 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
             warnings.simplefilter("ignore")
             records = study.experiment.records(study.seed, numbers)
     rows: list[Row] = [none | {"trial": number} for number in numbers]
-    done = np.full(len(numbers), records is not None)
-    for choice in study.methods if records is not None else ():
+    for choice in study.methods:
+        if records is None or not choice.is_plain:
+            continue
         solved = np.full((len(numbers), len(study.parameters)), np.nan)
-        if choice.is_plain and records is not None:
-            # whatever breaks all of them breaks each
-            with suppress(EivorError, ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-                solved = _solved(study, choice, records)
+        # whatever breaks all of them breaks each
+        with suppress(EivorError, ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+            solved = _solved(study, choice, records)
         names = [f"{choice.label}.status", *(f"{choice.label}.{name}" for name in study.parameters)]
-        plain = np.isfinite(solved).all(axis=1)
-        done &= plain
-        for index in np.flatnonzero(plain).tolist():
-            rows[index].update(zip(names, (Status.IDENTIFIED.value, *solved[index].tolist()), strict=True))
+        for row, values in zip(rows, solved.tolist(), strict=True):
+            if all(map(math.isfinite, values)):
+                row.update(zip(names, (Status.IDENTIFIED.value, *values), strict=True))
+    statuses = [f"{choice.label}.status" for choice in study.methods]
     return [
-        row if whole else trial(study, number, row)
-        for number, row, whole in zip(numbers, rows, done.tolist(), strict=True)
+        trial(study, number, row) if None in map(row.get, statuses) else row
+        for number, row in zip(numbers, rows, strict=True)
     ]
 
 
@@ -452,11 +448,9 @@ class TrialShards:
 
     @property
     def count(self) -> int:
-        """Number of shards."""
         return -(-self.study.runs // self.study.shard_trials)
 
     def path(self, number: int) -> Path:
-        """File of a shard."""
         return self.folder / "shards" / f"{number:06d}.parquet"
 
     def missing(self) -> list[int]:
@@ -482,7 +476,6 @@ class TrialShards:
         return pl.read_parquet(io.BytesIO(content))
 
     def write(self, number: int, trials: Sequence[Row]) -> None:
-        """Keep the trials of a shard."""
         table = pl.DataFrame(trials, schema=schema(self.study))
         with report_study_errors(self.folder):
             write_atomically(self.path(number), sealed(table, self._facts(number)))

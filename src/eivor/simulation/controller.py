@@ -358,7 +358,6 @@ class Sensor:
         return (total[last] - total[first]) / (last - first)[:, None]
 
     def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:
-        """Which steps are logged."""
         first = round(self.offset_s / step_s)
         if not self.rate_hz:
             return np.arange(first, count)

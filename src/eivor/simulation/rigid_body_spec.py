@@ -227,7 +227,6 @@ class RigidBodyFlightSpec:
 
     @property
     def count(self) -> int:
-        """Number of steps."""
         return round(self.duration * self.rate_hz)
 
 

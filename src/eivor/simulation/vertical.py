@@ -131,7 +131,6 @@ class CommandHistory:
         self._flight = np.arange(hover.size)
 
     def push(self, command: Flights) -> None:
-        """Add the command of the period that begins."""
         self._past = np.roll(self._past, 1, axis=0)
         self._past[0] = command
 
@@ -223,7 +222,6 @@ class VerticalFlightSpec:
 
     @property
     def count(self) -> int:
-        """Number of stamps."""
         return round(self.duration / STEP_S)
 
     @property
@@ -241,7 +239,6 @@ class VerticalFlightSpec:
 
     @property
     def controller(self) -> AltitudeController:
-        """Gains that suit the actuator."""
         velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
         return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
