@@ -81,6 +81,8 @@ class VehicleSpec:
     slower_down: float = 1.0  # Time constant downwards over that upwards
     load_sag: float = 0.0  # c in the speed w (1 - c (x^3 - 1)) with x = w over its value at hover
     voltage_sag: float = 0.0  # Share of the voltage that is lost over the flight; speed follows it
+    payload: float = 0.0  # Share of the mass that is dropped at half of the flight
+    slew: float = 0.0  # Largest rate of the command that reaches the rotor [1/s]; none for zero
     # Thrust gains 1 / (1 - (R / 4 z)^2) above a ground that is `least_height` below the lowest reference; no
     # ground for a radius of zero
     rotor_radius: float = 0.0
@@ -120,7 +122,11 @@ class LoggerSpec:
     attitude_hz: float = 100.0
     jitter: Jitter = Jitter.NONE  # What is irregular
     jitter_s: float = 0.0  # Its standard deviation [s], at most `LARGEST_JITTER` of a channel's period
-    dropouts: float = 0.0  # Times a minute at which the logger loses all channels, for up to half a second
+    dropouts: float = 0.0  # Times a minute at which the logger loses all channels, for so long at most [s]
+    longest_dropout: float = 0.5
+    even_stamps: bool = False  # Commands have the stamps of the logger's clock, not those of the controller
+    filled_hz: float = 0.0  # Rate to which the last command logged is repeated; none for zero
+    command_drift: float = 0.0  # Share by which the clock of the commands is fast
     duplicates: float = 0.0  # Share of the samples that are written twice
     # Of accelerometer, velocity, position and attitude
     noise: SensorNoise = field(default_factory=SensorNoise)
@@ -225,20 +231,23 @@ class Thrust:
 def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
     thrust_of, controller = Thrust(spec), _Controller(spec, met)
     scale = (supply(spec, met.position.size) * met.cos_tilt).tolist()
-    friction, coupling = (part.tolist() for part in _along_vertical(spec, met))
+    lighter = _lighter(spec, met.position.size)
+    friction, coupling = ((lighter * part).tolist() for part in _along_vertical(spec, met))
     gust, floor = met.gust.tolist(), float(met.position.min()) - spec.least_height
     lags = (spec.actuator_lag, spec.actuator_lag * spec.slower_down)
     up, down = (math.exp(-0.5 * STEP_S / lag) for lag in lags)
     late, every = round(spec.delay / STEP_S), spec.controller_steps
+    slew = STEP_S * spec.slew or math.inf
     state, z, v = spec.hover_input, float(met.position[0]), float(met.velocity[0])
-    command, thrust = spec.hover_input, thrust_of(spec.hover_input)
+    command = acting = spec.hover_input
+    thrust = thrust_of(spec.hover_input)
     commands = [command] * late
     rows = []
     for k, lifted in enumerate(scale):
         if k % every == 0:
             command = controller.command(k, z, v, thrust_of)
         commands.append(command)
-        acting = commands[k]
+        acting += min(max(commands[k] - acting, -slew), slew)
         decay, away = down if acting < state else up, state - acting
         end = acting + decay * decay * away
         middle_thrust, end_thrust = thrust_of(acting + decay * away), thrust_of(end)
@@ -275,9 +284,14 @@ class _Controller:
 
 
 def supply(spec: VehicleSpec, steps: int) -> Float[np.ndarray, " steps"]:
-    """What a falling voltage leaves of the thrust: speed goes with it, and thrust with speed."""
+    """What a falling voltage leaves of the thrust for a mass: speed goes with it, and thrust with speed."""
     left = 1.0 - spec.voltage_sag * np.arange(steps) / steps
-    return np.asarray(left ** Thrust(spec).exponent)
+    return np.asarray(left ** Thrust(spec).exponent * _lighter(spec, steps))
+
+
+def _lighter(spec: VehicleSpec, steps: int) -> Float[np.ndarray, " steps"]:
+    """Mass at the start over the mass at each step."""
+    return 1.0 / (1.0 - spec.payload * (2 * np.arange(steps) >= steps))
 
 
 def _along_vertical(

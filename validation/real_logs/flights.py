@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from eivor.logs.common import on_channel_clock
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.filters import actuator_state
@@ -25,8 +26,8 @@ from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, 
 
 #: A channel's jitter is at most this share of its period, or loggers would write heaps of stamps.
 LARGEST_JITTER = 0.35
-#: How long the logger is lost [s].
-DROPOUT_SECONDS = (0.05, 0.5)
+#: The logger is lost for so long at least [s].
+DROPOUT_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,8 @@ def command_clock(spec: FlightSpec, rng: np.random.Generator) -> Clock:
     ticks = rng.uniform(0.0, period) + period * np.arange(int(spec.duration / period) - 1)
     if spec.logger.jitter is Jitter.INSTANTS:
         ticks = _jittered(spec, ticks, period, rng).instants
+    if spec.logger.even_stamps:
+        return Clock(ticks, ticks)
     issued = every * np.unique(np.floor(ticks / every + 1e-9))
     return (
         _jittered(spec, issued, period, rng) if spec.logger.jitter is Jitter.STAMPS else Clock(issued, issued)
@@ -87,7 +90,11 @@ class Writer:
 def writer(spec: FlightSpec, rng: np.random.Generator) -> Writer:
     count = int(rng.poisson(spec.logger.dropouts * spec.duration / 60.0))
     begin = rng.uniform(0.0, spec.duration, count)
-    return Writer(spec, np.stack([begin, begin + rng.uniform(*DROPOUT_SECONDS, count)], axis=1), rng)
+    return Writer(
+        spec,
+        np.stack([begin, begin + rng.uniform(DROPOUT_S, spec.logger.longest_dropout, count)], axis=1),
+        rng,
+    )
 
 
 #: How quickly the velocity follows what is fused, L [1/s].
@@ -216,8 +223,13 @@ def _commands(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     clock = record.clocks["command"]
     # A command is in force from its instant on; a rounding error must not make it the one before.
     held = np.searchsorted(flight.truth.time_s, clock.instants + 1e-9, side="right") - 1
+    logger, instants, stamps = written.spec.logger, clock.instants, clock.stamps
+    if logger.filled_hz:
+        instants = stamps = np.arange(instants[0], instants[-1], 1.0 / logger.filled_hz)
+        held = held[np.searchsorted(clock.instants, instants + 1e-9, side="right") - 1]
+    clock = Clock(instants, stamps * (1.0 + logger.command_drift))
     return [
-        written.channel(f"rotor_command_{number + 1}", clock, values[held], SOURCE)
+        on_channel_clock(written.channel(f"rotor_command_{number + 1}", clock, values[held], SOURCE))
         for number, values in enumerate(flight.command.T)
     ]
 

@@ -39,8 +39,8 @@ from validation.studies import Answer, Requirement, StudyTable, folder_command, 
 #: Coverage of all accepted flights of families that the model holds, together; and of short flights.
 POOLED_BOUNDS = (0.93, 0.97)
 LEAST_SHORT = 0.90
-#: Fewest accepted flights of a family that the model holds.
-LEAST_ACCEPTED = 150
+#: Fewest accepted flights of a family that the model holds; of a smaller one.
+LEAST_ACCEPTED = (150, 100)
 #: Largest mean error of the lag where commands are logged at 100 Hz or more [s].
 LARGEST_LAG_BIAS = 0.001
 #: Share of accepted flights that may have an interval which misses by more than its own half-width.
@@ -151,7 +151,7 @@ def _one_each(family: Family, rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _enough(family: Family, share: Share) -> Requirement:
-    least = LEAST_ACCEPTED if not family.flight(0).multirotor else 1
+    least = next(least for least in LEAST_ACCEPTED if least < family.count)
     return Requirement(
         f"{family.name}: accepted flights",
         f"at least {least}",

@@ -160,6 +160,7 @@ _TYPES: Mapping[str, Callable[[Any], Any]] = {
     "reference": Reference,
     "multirotor": str,
     "voltage_logged": bool,
+    "even_stamps": bool,
 }
 
 

@@ -202,7 +202,7 @@ def pose_problem(state: FlightState) -> FlightState:
         for f in flying
     ]
     check_declared(needed, state.method.name)
-    state = replace(state, problem=_posed(state, flying, rule))
+    state = replace(state, problem=posed(state.motion, flying, rule, state.options))
     comparison = motion.abilities.sensors
     if comparison is None:
         return state
@@ -211,13 +211,15 @@ def pose_problem(state: FlightState) -> FlightState:
         return replace(state, sensors=sensors)
     corrected = comparison.corrected(state.prepared, sensors, state.options)
     state = replace(state, prepared=corrected, sensors=sensors)
-    return replace(state, problem=_posed(state, state.flying, rule))
+    return replace(state, problem=posed(state.motion, state.flying, rule, state.options))
 
 
-def _posed(state: FlightState, flying: tuple[PreparedFlight, ...], rule: InstrumentRule) -> SeparableProblem:
+def posed(
+    motion: Motion[Any], flying: tuple[PreparedFlight, ...], rule: InstrumentRule, options: FlightOptions
+) -> SeparableProblem:
     """Problem of the order that was requested."""
-    problem = state.motion.problem(flying, rule)
-    return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
+    problem = motion.problem(flying, rule)
+    return problem.with_nuisances(of_order(problem.nuisances, options.order))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
@@ -243,7 +245,7 @@ def without_references(state: FlightState, error: EstimationError) -> FlightStat
     chosen = Instruments(NoInstruments(), missing=missing)
     method = by_name("whitened_least_squares")
     state = replace(state, instruments=chosen, method=method, problem=None)
-    state = replace(state, problem=_posed(state, state.flying, chosen.rule))
+    state = replace(state, problem=posed(state.motion, state.flying, chosen.rule, state.options))
     try:
         return estimate_parameters(state)
     except CollinearError:
@@ -334,7 +336,6 @@ def judge(state: FlightState) -> FlightState:
         profiles=state.profiles,
     )
     inputs = verdict_inputs(motion, flying, state.instruments, fit)
-    inputs = replace(inputs, order_given=state.options.order is not None)
     result = with_fit(motion, state.prepared, state.options, fit, inputs)
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
@@ -458,6 +459,7 @@ def with_fit(
     }
     inputs = replace(
         inputs,
+        order_given=options.order is not None,
         first_stage=fit.checks.first_stage,
         agreement=fit.checks.agreement,
         searched=searched,
@@ -667,7 +669,7 @@ def _coarse_first_stage(state: FlightState) -> dict[str, float]:
     if isinstance(chosen.rule, NoInstruments):
         return {}
     try:
-        problem = _posed(state, state.flying, chosen.rule)
+        problem = posed(state.motion, state.flying, chosen.rule, state.options)
         result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), method)
     except EstimationError:
         return {}

@@ -22,6 +22,7 @@ from eivor.flights.estimate import (
     instruments,
     known_lag,
     own_findings,
+    posed,
     verdict_inputs,
     with_fit,
 )
@@ -242,11 +243,11 @@ def _result(
     flights = tuple(member.flight for member in members)
     shortened = tuple(flight.shortened for flight in flights)
     logged = tuple(member.logged.shortened for member in members)
-    problem = motion.problem(logged, chosen.rule)
+    problem = posed(motion, logged, chosen.rule, options)
     comparison = motion.abilities.sensors
     sensors = None if comparison is None else comparison.agreement(problem, logged)
     if any(flight.corrected for flight in flights):
-        problem = motion.problem(shortened, chosen.rule)
+        problem = posed(motion, shortened, chosen.rule, options)
     fits = [member.fit for member in members]
     problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
     separate = options.pool_friction == "separate"

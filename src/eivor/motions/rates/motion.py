@@ -273,18 +273,21 @@ def chosen_order(
     if options.order is not None or len(staged.nuisances) == len(problem.nuisances):
         return problem, estimate
     lag_s = estimate.nuisances[ACTUATOR_LAG.name]
-    if lag_s <= LAGS_S[0] + AT_END * TOLERANCE_S:
-        without = replace(problem, nuisances=of_order(problem.nuisances, 1))
-        return without, solve(without)
-    if DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
+    without_lag = lag_s <= LAGS_S[0] + AT_END * TOLERANCE_S
+    if without_lag:
+        candidate = replace(problem, nuisances=of_order(problem.nuisances, 1))
+    elif DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
         return problem, estimate  # nothing to gain: a second stage changes the delay by less than is known
-    start = WarmStart(estimate.theta, {**estimate.nuisances, SECOND_STAGE.name: 0.0})
+    else:
+        start = WarmStart(estimate.theta, {**estimate.nuisances, SECOND_STAGE.name: 0.0})
+        candidate = replace(staged, warm_start=start)
     try:
-        other = solve(replace(staged, warm_start=start))
+        other = solve(candidate)
     except EstimationError:
         return problem, estimate
-    shown = other.nuisances[SECOND_STAGE.name] > STAGE_ERRORS * other.std_error(SECOND_STAGE.name)
-    return (staged, other) if shown else (problem, estimate)
+    if without_lag or other.nuisances[SECOND_STAGE.name] > STAGE_ERRORS * other.std_error(SECOND_STAGE.name):
+        return candidate, other
+    return problem, estimate
 
 
 FLY = (
