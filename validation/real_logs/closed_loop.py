@@ -524,9 +524,11 @@ def _wind(spec: FlightSpec) -> Float[np.ndarray, " n"]:
 
 
 def _simulated(spec: FlightSpec, reference: Trajectory, met: Surroundings, motion: Motion) -> Flown:
+    coupling = _along_vertical(spec.vehicle, met)[1]
     truth = FlightTruth(
         time_s=STEP_S * np.arange(spec.steps),
-        specific_force_z=motion.force,
+        # of what the horizontal speed adds its mean alone: the rest is a disturbance that goes with the tilt
+        specific_force_z=motion.force - coupling + coupling.mean(),
         air_velocity_z=motion.velocity - met.gust,
         rotor_state=motion.rotor_state[:, None],
         cos_tilt=met.cos_tilt,

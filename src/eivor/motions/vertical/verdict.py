@@ -277,8 +277,12 @@ def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
 def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     gain, intercept = inputs.quantities[name].value, inputs.quantities["intercept"].value
     left = 1.0 - intercept / GRAVITY  # g / U_h over K_u is one over this
-    away = gain / left - gain if left > 0.0 else 0.0
-    return (max(-away, 0.0), max(away, 0.0)) if abs(away) >= LEAST_SHARE * abs(gain) else (0.0, 0.0)
+    secant = gain / left if left > 0.0 else gain
+    if abs(secant - gain) < LEAST_SHARE * abs(gain):
+        return 0.0, 0.0
+    hover, exponent = inputs.quantities[HOVER], inputs.checks.map_exponent
+    error = secant * hover.half_width / hover.value * (exponent if math.isfinite(exponent) else 1.0)
+    return (gain - secant + error, 0.0) if secant < gain else (0.0, secant - gain + error)
 
 
 def _secant_sentence(inputs: VerdictInputs) -> str:
