@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import runpy
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -10,14 +13,21 @@ import eivor as ev
 from eivor.cli.main import app
 from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.estimation.methods import by_name, identify
+from eivor.exports.fitted import Fitted, Supplied
+from eivor.exports.targets import target_by_name
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
+from eivor.flights.quantity import Quantity
+from eivor.flights.track import relative_change
+from eivor.flights.track import track as followed
+from eivor.inference.verdict import Status
 from eivor.logs.channel_map import parse_expression
 from eivor.models.separable import LaggedReferences
 from eivor.motions.declaration import machine_text, shipped_machines
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.vertical.regression import VerticalFlight
 from eivor.signals import channels
+from eivor.signals.channels import CurveSide
 from eivor.signals.filters import time_derivative
 
 ROLL = """name = "roll"
@@ -124,6 +134,100 @@ def boat_case(rng, count, step_s):
     truth = {"a": 1.0 / 3.0, "a2": 2.0, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
     signals = {"rudder": rudder, "reference_heading": asked}
     return truth, signals, {"yaw_rate": 0.002}, (0.0005, 1.0)
+
+
+BOAT = {"a": 1.0 / 3.0, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
+
+
+@pytest.fixture(scope="module")
+def boat_fit():
+    """A result of a boat whose rudder loses 20 % of its effect at half of the record."""
+    _, signals, noise, disturbance = boat_case(np.random.default_rng(1), 3000, 0.1)
+    machine = ev.load_machine("boat-yaw")
+    columns = machine.simulate(BOAT, signals, seconds=300.0, step_s=0.1, noise=noise, disturbance=disturbance)
+    columns["rudder"][1500:] /= 0.8
+    return ev.identify_flight(ev.recording_from_columns(columns, name="boat"), model=machine)
+
+
+def test_a_machine_is_written_as_equations(boat_fit, tmp_path):
+    pytest.importorskip("casadi", reason="CasADi is not installed")
+    known = {"priors": {"actuator_lag": (0.35, 0.01), "delay": (0.2, 0.01)}}
+    space = json.loads(boat_fit.export("statespace", **known))
+    a, g = (boat_fit.quantities[name].value for name in ("a", "g"))
+    A, B = [[-a, g], [0.0, -1.0 / 0.35]], [[0.0], [1.0 / 0.35]]
+    np.testing.assert_allclose(space["A"], A, atol=1e-6)
+    np.testing.assert_allclose(space["B"], B, atol=1e-6)
+    assert (space["states"], space["inputs"], space["delay_s"]) == (
+        ["yaw_rate", "rudder_behind"],
+        ["rudder"],
+        0.2,
+    )
+    (tmp_path / "f.py").write_text(boat_fit.export("casadi", **known), encoding="utf-8")
+    function = runpy.run_path(str(tmp_path / "f.py"))["f"]
+    expected = np.array(A) @ [0.3, -0.2] + np.array(B) @ [0.1]
+    np.testing.assert_allclose(np.array(function([0.3, -0.2], [0.1])).ravel(), expected, rtol=1e-6)
+    with pytest.raises(UsageError, match="MuJoCo; received one of boat-yaw"):
+        boat_fit.export("mujoco")
+
+
+JUMPING = """name = "jumping"
+response = "ddt(v) + ddt(v) * {inertia}"
+[channels]
+v = {{ unit = "1" }}
+w = {{ unit = "1" }}
+u = {{ unit = "1", role = "input" }}
+r = {{ unit = "1", role = "reference" }}
+[terms]
+c = {{ of = "{term}", unit = "1/s" }}
+k = {{ of = "u", behind = "drive", unit = "1/s" }}
+[actuators.drive]
+lag_ms = [10, 500]
+"""
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        "sign(v) * (1 + abs(w) ** 2) + tanh(v) - hypot(v, w)",
+        "greatest(v, 0) - least(w, 1) + (v > 0 and w < 1) + (v <= 2 or not w >= 3)",
+        "atan2(v, 2 + w) / sqrt(4 + v ** 2) - exp(-w) + ln(3 + v) + asin(v / 9) - sin(w) * tan(v) - -v",
+    ],
+)
+def test_formulas_of_casadi_are_those_of_the_declaration(term, tmp_path):
+    pytest.importorskip("casadi", reason="CasADi is not installed")
+    path = tmp_path / "jumping.toml"
+    path.write_text(JUMPING.format(term=term, inertia=0.5), encoding="utf-8")
+    machine, values = ev.load_machine(path), {"c": 0.7, "k": 1.3, "actuator_lag": 0.2, "delay": 0.1}
+    quantities = {
+        name: Quantity(value, "1", 0.01, (value - 0.02, value + 0.02), Status.IDENTIFIED)
+        for name, value in values.items()
+    }
+    fitted = Fitted(
+        "jumping", quantities, "u", "linear", CurveSide.UNKNOWN, {}, False, (), (), "1", machine=machine
+    )
+    (tmp_path / "f.py").write_text(target_by_name("casadi").export(fitted, Supplied()).text, encoding="utf-8")
+    function = runpy.run_path(str(tmp_path / "f.py"))["f"]
+    (equation,) = machine.solved(values)
+    for v, w in ((0.3, 0.8), (-1.2, -2.0), (2.5, 3.5)):
+        change = equation.derivative({"v": v, "w": w, "u": 0.4}, {"u": 0.9}, 0.0)
+        np.testing.assert_allclose(
+            np.array(function([v, 0.9], [w, 0.4])).ravel(), [change, (0.4 - 0.9) / 0.2], rtol=1e-9
+        )
+    if "sign" in term:
+        with pytest.raises(UsageError, match="slopes at rest; received terms that jump"):
+            target_by_name("statespace").export(fitted, Supplied())
+
+
+def test_a_parameter_of_a_machine_is_followed(boat_fit):
+    fit = boat_fit
+    track = followed(fit, 30.0)
+    assert track.name == "g"
+    before, after = (next(item for item in track.moments if item.time_s > end) for end in (145.0, 290.0))
+    share, half = relative_change(before, after)
+    assert abs(share + 0.2) < half < 0.1
+    assert followed(fit, 30.0, "a").name == "a"
+    with pytest.raises(UsageError, match="a parameter out of g, a; received 'gain'"):
+        followed(fit, 30.0, "gain")
 
 
 @pytest.mark.thorough

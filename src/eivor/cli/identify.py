@@ -110,16 +110,16 @@ def report(
 
 
 TRACK_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not. 3 it "
+    "[bold]Exit codes[/bold]: 0 the parameter is identified somewhere in the log, changes or not. 3 it "
     "is identified nowhere. 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written "
     "(what was found is printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
-    "was taken as known."
+    "[bold]JSON[/bold] (schema eivor.track/1): the parameter with its interval at each moment, changes, and "
+    "what was taken as known."
 )
 #: Of `identify`.
 TRACK_OPTIONS = (
     *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
-    *("lag", "lag_from", "channel_map"),
+    *("lag", "lag_from", "channel_map", "machine"),
 )
 
 
@@ -145,6 +145,9 @@ def track(
             "(default: 5, or the length of a shorter flight).",
         ),
     ] = None,
+    parameter: Annotated[
+        str, option("NAME", "What is followed (default: the gain of the input); of a machine any term.")
+    ] = "",
     accelerometer_bias: Annotated[
         float | None,
         option(
@@ -168,7 +171,7 @@ def track(
     figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
     **given: Any,
 ) -> None:
-    """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
+    """Follow a parameter over a log: the thrust gain, which a worn propeller lowers, or any of a machine."""
 
 
 VALIDATE_EXIT_CODES = (

@@ -105,16 +105,18 @@ def track(
     *,
     log: str,
     memory: float | None,
+    parameter: str,
     accelerometer_bias: float | None,
     method: str,
     json: str,
     figure: str,
     example: bool,
     channel_map: str,
+    machine: str,
     **given: Any,
 ) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.track` declares."""
-    motions = named_motions(DEFAULT_MODEL)
+    motions = named_motions("" if machine else DEFAULT_MODEL, machine=machine)
     picture = outputs.figure_file(figure)
     options = flight_options(motions, method=method, **given)
     if accelerometer_bias is not None:
@@ -122,7 +124,7 @@ def track(
     logs = [log] if log else None
     result = pooled_result(motions, options, logs, example=example, channel_map=channel_map)
     with outputs.step("Following it over the flight"):
-        tracked = tracked_parameter(result.first, memory)
+        tracked = tracked_parameter(result.first, memory, parameter)
     outputs.deliver_result(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),

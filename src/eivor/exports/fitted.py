@@ -10,6 +10,7 @@ from eivor.errors import NotIdentifiedError, UsageError, did_you_mean
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.verdict import Status
+from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.signals.channels import CurveSide
 from eivor.signals.thrust_map import InputMap, input_map
@@ -132,6 +133,7 @@ class Fitted:
     joint: JointEstimate | None = None
     accepted: frozenset[Status] = frozenset()  # Verdicts beside identified that are written
     logged: Mapping[str, float] = field(default_factory=dict)  # The autopilot's parameters in the logs
+    machine: Machine | None = None  # Whose equations these are
 
     @property
     def input_map(self) -> InputMap:

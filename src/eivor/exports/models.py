@@ -25,7 +25,9 @@ from eivor.exports.vehicle import (
     manoeuvre,
     turns,
 )
+from eivor.logs.channel_map import Expression
 from eivor.models.frequency_response import python_control
+from eivor.motions.machine import Machine, SolvedEquation
 from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, speed_derivative
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import Mixed, Power
@@ -67,6 +69,8 @@ def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
         return _of_rates(fitted, supplied)
     if fitted.model == RIGID_BODY:
         return linearised(describe(fitted, supplied, "a state space", BODY))
+    if fitted.machine is not None:
+        return _at_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
     fitted.check_vertical("a state space")
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
     numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
@@ -179,6 +183,119 @@ def _change(c: Coefficients, state: Float[np.ndarray, " n"], command: Float[np.n
     return np.array([*change[3:6], *angles, *change[10:13], *spin_up], dtype=np.float64)
 
 
+@dataclass(frozen=True)
+class _MachineEquations:
+    """Equations of a declared machine with numbers, x' = f(x, u(t - delay))."""
+
+    numbers: dict[str, Number]
+    equations: list[SolvedEquation]
+    states: list[str]
+    acting: list[str]  # Inputs behind actuators, states too
+    inputs: list[str]  # All that no equation determines
+    lag_s: float
+
+    @classmethod
+    def of(cls, machine: Machine, fitted: Fitted, supplied: Supplied, target: str) -> _MachineEquations:
+        """Equations of a result whose numbers are known."""
+        names = (*(term.name for term in machine.terms), *(LAGS if machine.has_lag else ()))
+        supplied.check_only(names, target, body=False)
+        numbers = {name: fitted.needed(name, supplied, target) for name in names}
+        equations = machine.solved({name: number.value for name, number in numbers.items()})
+        states = [name for equation in equations for name in equation.lower]
+        inputs = [c.name for c in machine.logged if c.role in ("input", "state") and c.name not in states]
+        lag_s = numbers["actuator_lag"].value if machine.has_lag else 0.0
+        behind = {name for e in equations for _, item, late in e.terms if late for name in item.columns}
+        acting = [name for name in inputs if name in behind and lag_s > 0.0]
+        return cls(numbers, equations, states, acting, inputs, lag_s)
+
+    def change(self, x: Float[np.ndarray, " n"], u: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+        """Derivative of the states."""
+        acting = dict(zip(self.acting, x[len(self.states) :], strict=True))
+        known: dict[str, Any] = dict(
+            zip([*self.states, *self.inputs], [*x[: len(self.states)], *u], strict=True)
+        )
+        for equation in self.equations:
+            known[equation.solved] = equation.derivative(known, acting, 0.0)
+        of_lags = [(known[name] - value) / self.lag_s for name, value in acting.items()]
+        return np.array([*(known[f"{name}'"] for name in self.states), *of_lags], dtype=np.float64)
+
+    def formulas(self) -> dict[str, Any]:
+        """The same for CasADi: of each equation what is zero where its highest derivative is right."""
+        names = {name: f"x[{row}]" for row, name in enumerate([*self.states, *self.acting])}
+        late = {name: names.pop(name) for name in self.acting}
+        names |= {name: f"u[{row}]" for row, name in enumerate(self.inputs)}
+        balances: list[str] = []
+        for number, equation in enumerate(self.equations, 1):
+            names[equation.solved] = "highest"
+            parts = [
+                f"- {value!r} * {_formula(item, names | late if behind else names)}"
+                for value, item, behind in equation.terms
+            ]
+            balances.append(" ".join([_formula(equation.response, names), *parts]))
+            names[equation.solved] = f"solved_{number}"
+        of_lags = [f"({names[name]} - {late[name]}) / {self.lag_s!r}" for name in self.acting]
+        return {"balances": balances, "xdot": [*(names[f"{name}'"] for name in self.states), *of_lags]}
+
+
+#: CasADi's words for functions that are called otherwise there.
+_CASADI = {
+    np.add: "({} + {})",
+    np.subtract: "({} - {})",
+    np.multiply: "({} * {})",
+    np.divide: "({} / {})",
+    np.power: "({} ** {})",
+    np.negative: "(-{})",
+    np.less: "({} < {})",
+    np.less_equal: "({} <= {})",
+    np.greater: "({} > {})",
+    np.greater_equal: "({} >= {})",
+    np.absolute: "ca.fabs({})",
+    np.maximum: "ca.fmax({}, {})",
+    np.minimum: "ca.fmin({}, {})",
+    np.hypot: "ca.sqrt({} ** 2 + {} ** 2)",
+    np.logical_and: "ca.logic_and({}, {})",
+    np.logical_or: "ca.logic_or({}, {})",
+    np.logical_not: "ca.logic_not({})",
+}
+
+
+def _formula(expression: Expression, names: dict[str, str]) -> str:
+    """An expression as Python for CasADi, with what stands for its columns."""
+    stack: list[str] = []
+    for step in expression.steps:
+        if isinstance(step, np.ufunc):
+            arguments = [stack.pop() for _ in range(step.nin)][::-1]
+            words = _CASADI.get(step) or f"ca.{step.__name__}({', '.join(['{}'] * step.nin)})"
+            stack.append(words.format(*arguments))
+        else:
+            stack.append(names[step] if isinstance(step, str) else repr(float(step)))  # type: ignore[arg-type]
+    return stack.pop()
+
+
+def _at_rest(made: _MachineEquations) -> StateSpace:
+    """Linear equations of a machine about rest."""
+    n, m = len(made.states) + len(made.acting), len(made.inputs)
+
+    def slopes(size: float) -> Float[np.ndarray, "n n_plus_m"]:
+        steps = size * np.eye(n + m)
+        return np.stack(
+            [(made.change(z[:n], z[n:]) - made.change(-z[:n], -z[n:])) / (2.0 * size) for z in steps], axis=1
+        )
+
+    AB = slopes(STEP)
+    if not np.allclose(AB, slopes(0.1 * STEP), rtol=1e-3, atol=1e-6):
+        raise UsageError(
+            "equations that have slopes at rest",
+            "terms that jump there, such as dry friction",
+            "Write the whole equations: --to casadi.",
+        )
+    states = (*made.states, *(f"{name}_behind" for name in made.acting))
+    outputs, late = tuple(made.states), made.numbers.get("delay")
+    C, D = np.eye(len(outputs), n), np.zeros((len(outputs), m))
+    delay_s = 0.0 if late is None else late.value
+    return StateSpace(AB[:, :n], AB[:, n:], C, D, states, tuple(made.inputs), outputs, delay_s, made.numbers)
+
+
 def _document(fitted: Fitted, comments: tuple[str, ...], made: StateSpace, **parts: object) -> str:
     document = {
         "schema": "eivor.statespace/1",
@@ -195,7 +312,8 @@ def _document(fitted: Fitted, comments: tuple[str, ...], made: StateSpace, **par
 
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != RIGID_BODY:
-        supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
+        if fitted.machine is None:
+            supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
         return Exported(_document(fitted, (), state_space(fitted, supplied)))
     made = describe(fitted, supplied, "a state space", BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
@@ -235,7 +353,27 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model == RIGID_BODY:
         made = describe(fitted, supplied, "CasADi", BODY)
         comments = hash_comments((*made.comments, *delay_comments(made, "The function")))
-        return filled("casadi.txt", made, comments, c=asdict(coefficients(made)), vertical=None)
+        return filled("casadi.txt", made, comments, c=asdict(coefficients(made)))
+    if fitted.machine is not None:
+        equations = _MachineEquations.of(fitted.machine, fitted, supplied, "CasADi")
+        delay = equations.numbers.get("delay")
+        late = "" if delay is None else f", {delay.value:.6g} s late"
+        states = [*equations.states, *(f"{name} behind its lag" for name in equations.acting)]
+        remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
+        comments = hash_comments(
+            (
+                *fitted.origin(),
+                *(f"{name}: {number.words}" for name, number in equations.numbers.items()),
+                remark,
+            )
+        )
+        return filled(
+            "casadi.txt",
+            None,
+            comments,
+            machine=equations.formulas(),
+            sizes=(len(states), len(equations.inputs)),
+        )
     fitted.check_vertical("CasADi")
     supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
     numbers = {name: fitted.needed(name, supplied, "CasADi").value for name in (*NEEDED, *LAGS)}

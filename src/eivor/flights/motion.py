@@ -318,7 +318,7 @@ class Abilities:
     resampling: Resampling[Any] | None = None
     prediction: Prediction[Any] | None = None
     #: A parameter that is followed over a flight
-    tracking: Callable[[Any, Mapping[str, Quantity], FlightOptions], TrackedParameter] | None = None
+    tracking: Callable[[Any, Mapping[str, Quantity], FlightOptions, str], TrackedParameter] | None = None
     #: How the flights were flown, for JSON: what simulating another one needs
     closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
     implications: Callable[[Estimate], Implications] | None = (

@@ -79,8 +79,8 @@ def relative_change(before: Moment, after: Moment) -> tuple[float, float]:
     return ratio - 1.0, half
 
 
-def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
-    """Follow a parameter over a flight that was identified."""
+def track(result: FlightEstimate, memory_s: float | None = None, parameter: str = "") -> Track:
+    """Follow a parameter over a flight that was identified; by default the gain of the input."""
     checks.kind("result", result, FlightEstimate, "a FlightEstimate", "Identify the flight first.")
     if memory_s is not None:
         checks.number("memory_s", memory_s)
@@ -91,8 +91,10 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
     tracking = result.motion.abilities.tracking
     if tracking is None:
         expected = "a motion with a parameter to follow"
-        raise UsageError(expected, f"{result.motion.name}", "The vertical motion has one.")
-    tracked_parameter = tracking(result.fit.problem, result.quantities, result.options)
+        raise UsageError(
+            expected, f"{result.motion.name}", "The vertical motion and machines of one equation have some."
+        )
+    tracked_parameter = tracking(result.fit.problem, result.quantities, result.options, parameter)
     (columns,) = tracked_parameter.runs.columns
     length_s = columns.fixed.shape[0] * columns.step_s
     memory_s = min(MEMORY_S, length_s) if memory_s is None else memory_s

@@ -28,6 +28,7 @@ from eivor.flights.quantity import (
     QuantityEstimate,
     QuantitySpec,
     QuantityTable,
+    TrackedParameter,
     Words,
 )
 from eivor.flights.references import ReferenceSource, white_noise_std
@@ -49,7 +50,7 @@ from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
-from eivor.models.separable import InstrumentRule, LaggedReferences
+from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
 from eivor.motions.equation import (
     AxisEquation,
     DeclaredMotion,
@@ -58,6 +59,7 @@ from eivor.motions.equation import (
     parsed,
     simple_models,
 )
+from eivor.process_pool import check_among
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.tools import Bool, Float
@@ -202,7 +204,7 @@ def _by_order(expression: Expression) -> Expression:
 
 
 @dataclass(frozen=True)
-class _Simulated:
+class SolvedEquation:
     """Equation of one axis with numbers: what its highest derivative is."""
 
     response: Expression
@@ -219,6 +221,11 @@ class _Simulated:
         expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
         checks.require(len(states) == 1, expected, received, remedy)
         return derived[-1]
+
+    @property
+    def lower(self) -> list[str]:
+        """The state and its derivatives below that one."""
+        return [self.solved[: -1 - n] for n in range(self.solved.count("'"))]
 
     def derivative(self, known: Mapping[str, Any], acting: Mapping[str, Any], push: Any) -> np.ndarray:
         """Value of it at which response and terms agree: both are affine in it."""
@@ -331,7 +338,40 @@ class Machine(DeclaredMotion):
             prediction=Prediction(simple_models, multi_step=ahead),
             excitation=self._excitation,
             findings=self._findings,
+            tracking=self._tracked if len(self.axes) == 1 else None,
         )
+
+    def _tracked(
+        self, problem: LaggedRuns, quantities: Mapping[str, Quantity], _options: FlightOptions, name: str
+    ) -> TrackedParameter:
+        """Rows of a parameter, or of the first headline that is driven; the others as the record has them."""
+        order = sorted(self.terms, key=lambda term: (term.name not in self.headline, not term.behind))
+        names = tuple(term.name for term in order if not term.is_intercept)
+        name = name or names[0]
+        check_among("a parameter", name, names)
+        known, sentences = dict[str, Prior](), list[str]()
+        for term in order:
+            item = quantities.get(term.name)
+            if item is not None and term.name != name and item.half_width < math.inf:
+                known[term.name] = Prior(item.value, 0.5 * item.half_width)
+                words = f"{self.quantities[term.name].words} {item.value:.3g} ± {item.half_width:.2g} "
+                sentences.append(f"{words}{term.unit}, as the whole record identifies it.".capitalize())
+        level = next((known.get(term.name) for term in order if term.is_intercept), None)
+        return TrackedParameter(name, problem, known, level, tuple(sentences))
+
+    def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
+        """Equations with numbers, each for the highest derivative of its state."""
+        _refuse_missing(
+            "values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values
+        )
+        return [
+            SolvedEquation(
+                _by_order(parsed(axis.response[-1])),
+                tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
+                axis.response[:-1],
+            )
+            for axis in self.axes
+        ]
 
     def simulate(
         self,
@@ -377,23 +417,12 @@ class Machine(DeclaredMotion):
         """
         values = parameters.parameters if isinstance(parameters, FlightEstimate) else dict(parameters)
         shape, rng, noises = (round(seconds / step_s), records), np.random.default_rng(seed), noise or {}
-        _refuse_missing(
-            "values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values
-        )
-        equations = [
-            _Simulated(
-                _by_order(parsed(axis.response[-1])),
-                tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
-                axis.response[:-1],
-            )
-            for axis in self.axes
-        ]
+        equations = self.solved(values)
         lag_s, delay_s = (values[name] if self.has_lag else 0.0 for name in LAGS)
         longest_s = min(max(LONGEST_STEP_S, 0.1 * lag_s), 4.0 * LONGEST_STEP_S)
         parts, (lasting_std, lasting_s) = math.ceil(step_s / longest_s - 1e-9), disturbance
         h, kept = step_s / parts, math.exp(-step_s / parts / lasting_s)
-        lower = [e.solved[: -1 - n] for e in equations for n in range(e.solved.count("'"))]
-        state = {name: np.zeros(shape[1]) for name in lower}
+        state = {name: np.zeros(shape[1]) for e in equations for name in e.lower}
         given = [item.name for item in self.logged if item.role != "response" and item.name not in state]
         _refuse_missing("signals", given, signals)
         late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0

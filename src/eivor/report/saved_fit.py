@@ -23,6 +23,7 @@ from eivor.inference.covariance import CovariancePart, JointCovariance, JointEst
 from eivor.inference.distributions import check_level, normal_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.machine import Machine
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
 from eivor.motions.table import motion_of_model, name_of_model
 from eivor.report import json_document
@@ -255,8 +256,7 @@ class SavedFit:
         """What exports take of it."""
         document, model = self.document, self.document.model
         vehicle: Any = document.prediction and document.prediction.vehicle
-        if isinstance(vehicle, dict) and "machine" in vehicle:  # a declaration, which no target takes
-            vehicle = None
+        machine = self.motion if isinstance(vehicle, dict) and "machine" in vehicle else None
         side, in_force, logged = (model.autopilot_curve.get(name) for name in ("side", "in_force", "logged"))
         return Fitted(
             model=model.name,
@@ -270,7 +270,8 @@ class SavedFit:
             formats=tuple(log.format for log in document.logs),
             logs=tuple((str(log.get("name")), log.get("sha256") or "") for log in document.provenance.logs),
             version=document.provenance.version,
-            vehicle=None if vehicle is None else vehicle_from_record(vehicle),
+            vehicle=None if machine or vehicle is None else vehicle_from_record(vehicle),
+            machine=machine if isinstance(machine, Machine) else None,
             names=self.names,
             joint=self.estimated,
         )

@@ -115,6 +115,7 @@ from eivor.motions.vertical.verdict import (
     hover_findings,
     near_ground,
 )
+from eivor.process_pool import check_among
 from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
@@ -288,9 +289,10 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
 
 
 def tracked_gain(
-    problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
+    problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions, name: str
 ) -> TrackedParameter:
     """Rows that identify K_u over a flight, and what is known of K and the intercept."""
+    check_among("a parameter", name or "input_gain", ("input_gain",))
     quantity, friction = quantities["viscous_friction"], ANY_FRICTION
     source = "as of any multirotor: the flight does not identify it"
     if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
