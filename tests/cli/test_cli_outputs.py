@@ -65,6 +65,7 @@ WORDS = frozenset(
         "--method",
         "--lag",
         "--order",
+        "--parameter",
         "--pool-friction",
         "--term",
         "--noise",

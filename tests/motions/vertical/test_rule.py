@@ -334,11 +334,22 @@ def test_each_systematic_part(name, changed, kind, below, above, said):
     ]
 
 
+BENT = {"map_exponent": 2.0, "thrust_exponent": 1.6, "input_spread": 0.3}
+
+
 @pytest.mark.parametrize(
-    ("intercept", "below", "above"), [(0.0, None, None), (1.0, 0.0, 4.542), (-1.0, 3.701, 0.0)]
+    ("intercept", "checks", "below", "above"),
+    [
+        (0.0, {}, None, None),
+        (1.0, {}, 0.0, 4.988),  # 40 g / (g - 1) - 40, and 1 % of the secant
+        (-1.0, {}, 4.064, 0.0),
+        (1.0, BENT, 0.0, 4.542 + 44.542 * (2.0 * 0.01 + 0.4 * 0.09 / 4.0)),
+    ],
 )
-def test_the_gain_reaches_to_the_weight_over_the_hover_input(intercept, below, above):
-    found = [item for item in parts(GAIN, {"intercept": quantity(intercept, 0.1)}) if item[0] == "at least"]
+def test_the_gain_reaches_to_the_weight_over_the_hover_input(intercept, checks, below, above):
+    made = {"checks": VerticalChecks(apparent_gravity=GRAVITY, **checks)} if checks else {}
+    found = parts(GAIN, {"intercept": quantity(intercept, 0.1)}, **made)
+    found = [item for item in found if item[0] == "at least"]
     assert [item[1:3] for item in found] == (
         [] if below is None else [(pytest.approx(below, abs=1e-3), pytest.approx(above, abs=1e-3))]
     )

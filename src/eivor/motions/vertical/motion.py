@@ -504,6 +504,7 @@ class Vertical(Motion[VerticalFlights]):
             fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
             thrust_exponent=of_thrust,
             map_exponent=of_map,
+            input_spread=float(np.concatenate(of.weight.columns)[:, 2].std()) / abs(of.hover[0]),
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
             sideways_speed=sideways_speed(flights),

@@ -67,6 +67,7 @@ class VerticalChecks(MotionChecks):
     map_p_value: float = 1.0  # Of the test that the input map fits
     thrust_exponent: float = math.nan  # Of thrust near hover
     map_exponent: float = math.nan  # Of the input map there
+    input_spread: float = 0.0  # Standard deviation of the mapped input, as a share of that of hover
     thrust_command: bool = False  # The input is a command of thrust: a linear or mixed map
     #: Mean of the specific force where the vehicle does not accelerate [m/s^2]
     apparent_gravity: float = math.nan
@@ -280,8 +281,11 @@ def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     secant = gain / left if left > 0.0 else gain
     if abs(secant - gain) < LEAST_SHARE * abs(gain):
         return 0.0, 0.0
-    hover, exponent = inputs.quantities[HOVER], inputs.checks.map_exponent
-    error = secant * hover.half_width / hover.value * (exponent if math.isfinite(exponent) else 1.0)
+    hover, of_map = inputs.quantities[HOVER], inputs.checks.map_exponent
+    error = secant * hover.half_width / hover.value if 0.0 < hover.half_width < hover.value else 0.0
+    if math.isfinite(of_map):  # a wrong exponent moves the input of hover with the input's variance
+        wrong = abs(of_map - inputs.checks.thrust_exponent) * inputs.checks.input_spread**2
+        error = of_map * error + secant * wrong / (2.0 * of_map)
     return (gain - secant + error, 0.0) if secant < gain else (0.0, secant - gain + error)
 
 
