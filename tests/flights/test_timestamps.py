@@ -520,7 +520,8 @@ def test_the_delay_is_part_of_the_friction_s_interval():
     calm_log = telemetry(flown(seconds=26.0)[0], 0.0)
     identify_flight = ev.identify_flight(calm_log)
     problem = identify_flight.fit.problem
-    known = problem.with_nuisances((problem.lag, problem.delay.known_at(0.0)))
+    lag, delay = problem.nuisances
+    known = problem.with_nuisances((lag, delay.known_at(0.0)))
     sure = ev.identify(known, ev.methods.reference_iv())
     assert identify_flight.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
 

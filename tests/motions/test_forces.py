@@ -27,10 +27,10 @@ from eivor.motions.rigid_body.dynamics import (
     side_by_side,
 )
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
-from eivor.motions.rigid_body.regression import FROM_HZ, body_velocity, force_by_velocity, inferred_velocity
-from eivor.motions.rigid_body.terms import (
+from eivor.motions.rigid_body.regression import (
     DRAG_MOMENT,
     FORCE_Z_EQUATION,
+    FROM_HZ,
     GYROSCOPIC_MOMENT,
     LIFT_MOMENT,
     PITCH_EQUATION,
@@ -40,6 +40,9 @@ from eivor.motions.rigid_body.terms import (
     YAW_EQUATION,
     BodyMotion,
     RotorSums,
+    body_velocity,
+    force_by_velocity,
+    inferred_velocity,
 )
 from eivor.motions.rigid_body.vehicle import (
     LAYOUTS,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coarse_search import coarse
-from eivor.errors import InputError, ShapeError, UsageError
+from eivor.errors import InputError, UsageError
 from eivor.flights.motion import of_vehicle
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
@@ -515,13 +515,6 @@ def test_thrust_maps_have_constants_of_their_own():
         for name, (value, unit) in constants.items():
             assert parameters.numbers[name].value == pytest.approx(value)
             assert parameters.numbers[name].unit == unit
-
-
-def test_wrong_calls_are_told():
-    with pytest.raises(ShapeError, match="of 2 combinations"):
-        of_values({"a": 1.0, "b": 2.0}, np.eye(3))
-    with pytest.raises(UsageError, match="level"):
-        physical_parameters(exact(combinations_of(QUADROTOR)), known_of(QUADROTOR), level=2.0)
 
 
 def _coverage(seeds, relative):

@@ -25,14 +25,20 @@ from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band, refuse_other_turns
 from eivor.motions.rigid_body.regression import (
+    DAMPING,
+    DRAG,
     FORCE_BAND_HZ,
+    GAIN,
+    OFFSET,
+    PITCH_EQUATION,
+    TERMS,
+    THRUST,
     TURNING_BAND_HZ,
     OnboardFilter,
     as_logged,
     body_velocity,
     mean_over_step,
 )
-from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, PITCH_EQUATION, TERMS, THRUST
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
 from eivor.motions.rigid_body.verdict import (
     FILTERS,

@@ -15,7 +15,7 @@ from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.dynamics import EffectiveParameters
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.terms import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+from eivor.motions.rigid_body.regression import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.rigid_body.vehicle import Vehicle as FlownBody
 from eivor.signals.noise import WhiteNoise

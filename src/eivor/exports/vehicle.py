@@ -331,7 +331,6 @@ def _std(number: Number) -> float:
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 #: Left out where a flight does not distinguish them from zero; a centre of mass may lie on any side.
 FURTHER = (*CENTRE, *TORQUES, *QUADRATIC, *BEYOND)
-LEVEL = 0.95
 
 
 def _parts(
@@ -345,7 +344,7 @@ def _parts(
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
         identified = _identified(fitted)
-        implied = physical_parameters(identified, known, LEVEL)
+        implied = physical_parameters(identified, known)
         for name in (*PHYSICAL, *FURTHER):
             number, formula = implied.numbers[name], implied.formulas[name]
             value, interval = number.value, number.interval

@@ -112,8 +112,8 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
     if wanted == (NaturalInstruments.LAGS.value,):
         return Instruments(LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
     references = [reference for flight in flying for reference in flight.references]
-    usable = [flight.usable_references for flight in flying]
-    shared = tuple(name for name in usable[0] if all(name in names for names in usable))
+    first, *others = (flight.usable_references for flight in flying)
+    shared = tuple(name for name in first if all(name in names for names in others))
     if shared:
         clean = all(reference.exogenous for reference in references if reference.usable)
         return Instruments(LaggedReferences(shared), exogenous=clean, names=shared)
@@ -182,8 +182,8 @@ class FlightState:
 
 def choose_instruments(state: FlightState) -> FlightState:
     """The method that was requested, and its instruments; without any the direct method of the motion."""
-    method = by_name(state.options.method)
-    chosen, whitened = instruments(state.flying, state.options, method), state.motion.abilities.whitened
+    method, whitened = by_name(state.options.method), state.motion.abilities.whitened
+    chosen = instruments(state.flying, state.options, method)
     if method.of_flights.needs_instruments and isinstance(chosen.rule, NoInstruments):
         method = by_name("whitened_least_squares" if whitened else "least_squares")
     elif whitened and method.name == TOTAL_LEAST_SQUARES and isinstance(method, LinearMethod):
@@ -240,12 +240,10 @@ def estimate_parameters(state: FlightState) -> FlightState:
 
 def without_references(state: FlightState, error: EstimationError) -> FlightState:
     """The estimate by the direct method of the motion, where references are too few for its unknowns."""
-    names = ", ".join(state.instruments.names)
-    missing = f"{names} alone cannot move all that the equations have"
-    chosen = Instruments(NoInstruments(), missing=missing)
-    method = by_name("whitened_least_squares")
-    state = replace(state, instruments=chosen, method=method, problem=None)
-    state = replace(state, problem=posed(state.motion, state.flying, chosen.rule, state.options))
+    missing = f"{', '.join(state.instruments.names)} alone cannot move all that the equations have"
+    chosen, method = Instruments(NoInstruments(), missing=missing), by_name("whitened_least_squares")
+    problem = posed(state.motion, state.flying, chosen.rule, state.options)
+    state = replace(state, instruments=chosen, method=method, problem=problem)
     try:
         return estimate_parameters(state)
     except CollinearError:
@@ -310,8 +308,8 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
     known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
-    sums = {name: parts for name, parts in LAG_SUMS.items() if name in state.motion.quantities}
-    lags = {name: maker.of_nuisances(parts) for name, parts in sums.items()}
+    sums = LAG_SUMS.items()
+    lags = {name: maker.of_nuisances(parts) for name, parts in sums if name in state.motion.quantities}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
         known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
@@ -397,7 +395,7 @@ def known_lag(
     if alone is None or not lag_searched(problem):
         return None, ()
     by_telemetry = telemetry_lag(flying, motion.channels.telemetry)
-    measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
+    measurements = [item for item in (by_telemetry, *lag_measurements()) if item is not None]
     own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
@@ -414,15 +412,12 @@ def verdict_inputs(
     motion: Motion[Any], flying: tuple[PreparedFlight, ...], chosen: Instruments, fit: Fit
 ) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
-    measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
     excitation, covariance = motion.abilities.excitation, fit.estimate.covariance
     # share of the variance of each joint parameter that what is known beforehand makes
     known = fit.estimate.prior_rows() @ covariance
     shares = np.clip((known**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if known.size else ()
     return VerdictInputs(
-        flights=flying,
-        command_rate_hz=min(flight.rates_hz[COMMAND] for flight in flying),
-        response_rate_hz=min(map(max, measured)),
+        **_of_flights(flying),
         exogenous=chosen.exogenous,
         direct=isinstance(chosen.rule, NoInstruments),
         missing_reference=chosen.missing,
@@ -433,10 +428,20 @@ def verdict_inputs(
         periodicity=fit.checks.periodicity,
         lag_prior=fit.lag_prior,
         sensors=fit.sensors,
-        used_s=sum(flight.used_s for flight in flying),
         past_inputs=chosen.past_inputs,
         prior_share=dict(zip(fit.estimate.names, map(float, shares), strict=False)),
     )
+
+
+def _of_flights(flying: tuple[PreparedFlight, ...]) -> dict[str, Any]:
+    """Inputs of a verdict that flights have without an estimate."""
+    measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
+    return {
+        "flights": flying,
+        "command_rate_hz": min(flight.rates_hz[COMMAND] for flight in flying),
+        "response_rate_hz": min(map(max, measured)),
+        "used_s": sum(flight.used_s for flight in flying),
+    }
 
 
 def with_fit(
@@ -487,16 +492,13 @@ def with_fit(
         **({} if fit.sensors is None else fit.sensors.numbers),
         **inputs.checks.numbers,
     }
-    noises = "; ".join(noise.sentence for noise in best.noises)
-    sentence = f"Noises that fit what the estimate leaves: {noises}."
-    fitted_noise = (Finding("fitted_noise", sentence),) if noises else ()
-    findings = (
-        *flight_findings(prepared, motion.words),
-        *fitted_noise,
-        *own_findings(motion, prepared, quantities),
-    )
+    findings = [*flight_findings(prepared, motion.words)]
+    if best.noises:
+        noises = "; ".join(noise.sentence for noise in best.noises)
+        findings.append(Finding("fitted_noise", f"Noises that fit what the estimate leaves: {noises}."))
+    findings += own_findings(motion, prepared, quantities)
     overall = verdict(list(against))
-    return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, findings)
+    return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, tuple(findings))
 
 
 def own_findings(
@@ -509,7 +511,6 @@ def own_findings(
 def _reciprocals(
     motion: Motion[Any], estimates: Mapping[str, QuantityEstimate]
 ) -> dict[str, QuantityEstimate]:
-    """Quantities that are one over a quantity of the headline."""
     return {
         name: reciprocal(estimates[spec.reciprocal_of], spec.unit)
         for name, spec in motion.quantities.items()
@@ -558,17 +559,9 @@ def _judged(
     state: FlightState, known: Mapping[str, QuantityEstimate], checks: MotionChecks
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
-    motion, measured = state.motion, [dict(flight.rates_hz) for flight in state.flying]
-    inputs = VerdictInputs(
-        state.flying,
-        min(rates.pop(COMMAND) for rates in measured),
-        min(max(rates.values()) for rates in measured),
-        exogenous=True,
-        direct=True,
-        checks=checks,
-        used_s=sum(flight.used_s for flight in state.flying),
-        quantities=known,
-    )
+    motion = state.motion
+    flown = _of_flights(state.flying)
+    inputs = VerdictInputs(**flown, exogenous=True, direct=True, checks=checks, quantities=known)
     widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
     reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
     return {
@@ -578,14 +571,13 @@ def _judged(
 
 
 def _unused(state: FlightState) -> tuple[str, str]:
-    """Why no sample of the flights is used, and what to do."""
-    words, prepared = state.motion.words, state.prepared
-    name = prepared[0].recording.name if len(prepared) == 1 else "No flight of the pool"
-    if not any(flight.active.mask.any() for flight in prepared):
-        never = " never" if len(prepared) == 1 else ""
-        return f"{name}{never} {words.begins} (by {prepared[0].active.rule}).", words.another_log
-    has = "has no" if len(prepared) == 1 else "has"
-    sentence = f"{name} {has} three seconds {words.where} in runs of a second or more, {words.limits}."
+    words, (first, *others) = state.motion.words, state.prepared
+    name, never, has_no = "No flight of the pool", "", "has"
+    if not others:
+        name, never, has_no = first.recording.name, " never", "has no"
+    if not any(flight.active.mask.any() for flight in state.prepared):
+        return f"{name}{never} {words.begins} (by {first.active.rule}).", words.another_log
+    sentence = f"{name} {has_no} three seconds {words.where} in runs of a second or more, {words.limits}."
     return sentence, words.loosen
 
 
@@ -608,8 +600,7 @@ def lags_from_rates(
     begun: dict[str, FlightState],
 ) -> tuple[LagPrior, ...]:
     """Lags that other motions identify, each where its own verdict on the lag is identified."""
-    options = FlightOptions(window=window)
-    results = (_lag_by(motion, log, options, begun) for motion in motions)
+    results = (_lag_by(motion, log, FlightOptions(window=window), begun) for motion in motions)
     return tuple(result for result in results if result is not None)
 
 
@@ -645,11 +636,12 @@ def _lag_by(
     first_stage, least = _coarse_first_stage(state), LEAST_SHARE * STRONG_FIRST_STAGE
     if first_stage.get(ACTUATOR_LAG.name, 0.0) < least:
         deciding = [F for name, F in first_stage.items() if motion.quantities[name].need]
-        if first_stage and max(deciding, default=0.0) < least:
+        strongest = max(deciding, default=0.0)
+        if first_stage and strongest < least:
+            needed = f"{strongest:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed"
             sentence = (
-                f"The instruments are too weak for an estimate: their first-stage F is at most "
-                f"{max(deciding, default=0.0):.2g}, and {STRONG_FIRST_STAGE:.0f} is needed. With --model "
-                f"{motion.name} it is made all the same."
+                f"The instruments are too weak for an estimate: their first-stage F is at most {needed}. "
+                f"With --model {motion.name} it is made all the same."
             )
             begun[motion.name] = replace(state, hopeless=sentence)
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor
@@ -114,11 +114,7 @@ class Grid:
         return Grid(self.start_s, self.step_s, tuple(pieces))
 
 
-def common_grid(
-    channels: Sequence[Channel],
-    fast: Sequence[Channel],
-    step_s: float | None = None,
-) -> Grid:
+def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], step_s: float | None = None) -> Grid:
     """Grid over the time that all `channels` share; of a given step, or fine when all `fast` ones are."""
     start = max(float(channel.time_s[0]) for channel in channels)
     end = min(float(channel.time_s[-1]) for channel in channels)
@@ -155,27 +151,21 @@ def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
     """0 .. count-1 without stretches, each from its first to its last number."""
     pieces, begin = [], 0
     for first, last in sorted(omitted):
-        if last < first:
-            continue
-        if first > begin:
+        if first <= last:
             pieces.append(range(begin, min(first, count)))
-        begin = max(begin, last + 1)
-    if begin < count:
-        pieces.append(range(begin, count))
-    return tuple(piece for piece in pieces if len(piece))
+            begin = max(begin, last + 1)
+    return tuple(piece for piece in (*pieces, range(begin, count)) if len(piece))
 
 
 def around(used: Bool[np.ndarray, " n"], grid: Grid) -> Bool[np.ndarray, " n"]:
     """Samples `used`, those before them that their actuators remember, and a margin behind them."""
-    steps = grid.steps
-    step = steps[used]
+    steps, step = grid.steps, grid.steps[used]
     if not step.size:
         return used
     before, behind = ceil(MEMORY_S / grid.step_s), ceil(MARGIN_S / grid.step_s)
-    next_used = step[np.minimum(np.searchsorted(step, steps), step.size - 1)]
-    last_used = step[np.maximum(np.searchsorted(step, steps, side="right") - 1, 0)]
-    prediction, passed = next_used - steps, steps - last_used
-    return ((prediction >= 0) & (prediction <= before)) | ((passed >= 0) & (passed <= behind))
+    ahead = step[np.minimum(np.searchsorted(step, steps), step.size - 1)] - steps
+    passed = steps - step[np.maximum(np.searchsorted(step, steps, side="right") - 1, 0)]
+    return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
 
 
 def on_grid(
@@ -187,12 +177,9 @@ def on_grid(
         return np.zeros(grid.count), np.zeros(grid.count, dtype=np.bool_)
     if channel.held:
         return _held(channel, finite, grid)
-    time, values = channel.time_s[finite], channel.values[finite]
-    t = grid.time_s
-    if time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s:
-        series = _averaged(time, values, grid)
-    else:
-        series = between(time, values, t)
+    time, values, t = channel.time_s[finite], channel.values[finite], grid.time_s
+    averaged = time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s
+    series = _averaged(time, values, grid) if averaged else between(time, values, t)
     good = (t >= time[0] - SAME_TIME_S) & (t <= time[-1] + SAME_TIME_S)
     good &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
     return series, good
@@ -218,10 +205,8 @@ def _inside(intervals: list[tuple[float, float]], t: Float[np.ndarray, " n"]) ->
 def _held(
     channel: Channel, finite: Bool[np.ndarray, " m"], grid: Grid
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    t = grid.time_s
-    index = np.searchsorted(channel.time_s, t + SAME_TIME_S, side="right") - 1
-    position = np.arange(finite.size)
-    last_finite = np.maximum.accumulate(np.where(finite, position, -1))
+    index = np.searchsorted(channel.time_s, grid.time_s + SAME_TIME_S, side="right") - 1
+    last_finite = np.maximum.accumulate(np.where(finite, np.arange(finite.size), -1))
     source = np.where(index >= 0, last_finite[np.maximum(index, 0)], -1)
     first = int(np.argmax(finite))
     values = channel.values[np.where(source >= 0, source, first)]
@@ -395,12 +380,10 @@ def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, "
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
     """`flying` shortened at each take-off and landing, but not where the log begins or ends in the air."""
-    margin = round(AIRBORNE_MARGIN_S / step_s)
+    margin, index = round(AIRBORNE_MARGIN_S / step_s), np.arange(flying.size)
     grounded = np.concatenate([[0], np.cumsum(~flying)])
-    index = np.arange(flying.size)
-    earlier = np.maximum(index - margin, 0)
-    later = np.minimum(index + margin + 1, flying.size)
-    return np.asarray(grounded[later] - grounded[earlier] == 0)
+    earlier, later = np.maximum(index - margin, 0), np.minimum(index + margin + 1, flying.size)
+    return np.asarray(grounded[later] == grounded[earlier])
 
 
 def upward(recording: Recording) -> Recording:
@@ -408,18 +391,14 @@ def upward(recording: Recording) -> Recording:
     if recording.frame is Frame.Z_UP:
         return recording
     logged = recording.channels
-    channels: Mapping[str, Channel] = (
-        _TurnedChannels(logged)
-        if isinstance(logged, MadeChannels)
-        else {name: _turned(channel) for name, channel in logged.items()}
-    )
-    return replace(recording, channels=channels, frame=Frame.Z_UP)
+    if isinstance(logged, MadeChannels):
+        return replace(recording, channels=_TurnedChannels(logged), frame=Frame.Z_UP)
+    turned = {name: _turned(channel) for name, channel in logged.items()}
+    return replace(recording, channels=turned, frame=Frame.Z_UP)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TurnedChannels(MadeChannels):
-    """Channels that are made, and then turned."""
-
     logged: MadeChannels
 
     def __getitem__(self, name: str) -> Channel:

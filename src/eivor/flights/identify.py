@@ -51,14 +51,8 @@ def identified(
     state = begun.get(motion.name)
     if state is not None and (len(kept) > 1 or state.options != options or kept[0][1] is not None):
         state = None
-    prepared = (
-        state.prepared
-        if state is not None
-        else tuple(
-            prepare(log, motion, options if window is None else replace(options, window=window))
-            for log, window in kept
-        )
-    )
+    own = [(log, options if window is None else replace(options, window=window)) for log, window in kept]
+    prepared = tuple(prepare(log, motion, each) for log, each in own) if state is None else state.prepared
     check_poolable(prepared, motion, anyway=options.pool_anyway)
     neighbours: LagMeasurements = partial(tuple, lag_measurements)
     if not lag_measurements and len(kept) == 1 and others:
@@ -109,11 +103,11 @@ def differences(pool: FlightEstimate, alone: Sequence[FlightEstimate]) -> Iterat
         p_value = homogeneity_p_value(values, errors**2)
         if p_value <= DIFFERS:
             low, high = (spec.scale * end for end in (values.min(), values.max()))
+            ends = f"{low:.3g} to {high:.3g} {spec.shown_unit}".rstrip()
             yield Finding(
                 "flights_differ",
                 f"The flights, each by itself, differ in the {spec.words} by more than chance says (p "
-                f"{p_value:.1g}): {low:.3g} to {high:.3g} {spec.shown_unit}".rstrip()
-                + ".",
+                f"{p_value:.1g}): {ends}.",
             )
 
 
@@ -161,17 +155,11 @@ def _coupled(
     for words, names in axis.needs.items():
         if not all(any(name in log.channels for name in names) for log in logs):
             return f"no {words} is logged"
-    given_options = result.options
-    options = FlightOptions(
-        window=given_options.window,
-        max_tilt_deg=given_options.max_tilt_deg,
-        input=axis.input,
-        input_map=given_options.input_map or axis.input_map,
-        method=given_options.method,
-        lag=given_options.lag,
-    )
+    given = result.options
+    options = FlightOptions(given.window, given.max_tilt_deg, axis.input, given.input_map or axis.input_map)
+    options = replace(options, method=given.method, lag=given.lag)
     lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
-    measured = () if lag is None or given_options.lag is not None else (lag,)
+    measured = () if lag is None or given.lag is not None else (lag,)
     same = (options.input, options.input_map)
     try:
         if other is None or (other.prepared[0].input.name, other.prepared[0].input_map) != same:

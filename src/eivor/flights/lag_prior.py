@@ -100,10 +100,8 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     lag, delay = joint[ACTUATOR_LAG.name], joint[DELAY.name]
     value, searched = lag.value + delay.value, [name for name in LAG_SUMS[EFFECTIVE_LAG] if name not in fixed]
     if len(searched) == 2:
-        covariance, direction = (
-            estimate.joint_covariance,
-            np.sum([*map(estimate.direction, searched)], axis=0),
-        )
+        covariance = estimate.joint_covariance
+        direction = np.sum([*map(estimate.direction, searched)], axis=0)
         half, error = covariance.half_width(direction, LEVEL), covariance.std_error(direction)
         effective = QuantityEstimate(value, "s", error, (value - half, value + half), lowest=0.0)
     else:
@@ -127,9 +125,8 @@ NO_LAG = Bounds(0.0, 0.0)
 #: Lags of rotors by class of vehicle, as published, for `--lag typical:CLASS`.
 TYPICAL_LAGS: dict[str, Prior | Bounds] = {
     "nano": Prior(0.072, 0.015),  # 71.6 ms, a Crazyflie of 27 g (Eschmann et al. 2024, arXiv:2404.07837)
-    "5in": Bounds(
-        0.010, 0.100
-    ),  # racers with propellers of 3 and 5 inches (Ferede et al. 2025, arXiv:2504.21586)
+    # racers with propellers of 3 and 5 inches (Ferede et al. 2025, arXiv:2504.21586)
+    "5in": Bounds(0.010, 0.100),
     "multirotor": Bounds(0.030, 0.100),  # from 20 g to 5 kg (Eschmann et al. 2025, arXiv:2509.11481)
 }
 NO_LAG_OF_ITS_OWN = QuantityEstimate(NAN, "s", NAN, NO_INTERVAL)
@@ -323,20 +320,15 @@ def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> Ax
     known = [(channel.time_s[good], channel.values[good]) for channel, good in finite if good.any()]
     time_s = known[0][0] if known else np.empty(0)
     mean = np.mean([np.interp(time_s, *item) for item in known], axis=0) if known else time_s
-    commands, step_s, grid_s = (
-        flight.signals.family(flight.input.name),
-        flight.grid.step_s,
-        flight.grid.time_s,
-    )
+    commands, grid = flight.signals.family(flight.input.name), flight.grid
 
     def lagged_parabola(values: Values) -> Float[np.ndarray, "n 2"]:
-        """Mean state of the actuators about the mean command, and its square."""
         lag_s, delay_s = values[ACTUATOR_LAG.name], values[DELAY.name]
-        state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
-        away = np.interp(time_s, grid_s, state) - commands.mean()
+        state = actuator_state(commands, step_s=grid.step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
+        away = np.interp(time_s, grid.time_s, state) - commands.mean()
         return np.column_stack([away, away**2])
 
-    ends = [np.searchsorted(time_s, grid_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
+    ends = [np.searchsorted(time_s, grid.time_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
     return AxisColumns(
         step_s=1.0 / channels[0].rate_hz,
         runs=tuple(slice(first, last) for first, last in ends if last - first > 2),

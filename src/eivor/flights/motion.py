@@ -131,7 +131,6 @@ class MultiStepPrediction:
 
     @property
     def _beaten(self) -> str:
-        """Sentences that say where a simpler model leaves less."""
         less: dict[str, list[str]] = {}
         for item, *others in self.by_quantity:
             for other in others:
@@ -198,7 +197,6 @@ class Starts:
 
     @property
     def _stride(self) -> int:
-        """Samples of a step, of which every horizon has a whole number."""
         most = max(int(LONGEST_STEP_S / self.step_s + 1e-9), 1)
         return max(index for index in range(1, most + 1) if all(step % index == 0 for step in self.steps))
 
@@ -286,9 +284,8 @@ class SensorComparison(Generic[P]):
 class Resampling(Generic[P]):
     """A motion whose replicates of a pool are more than its parameters."""
 
-    sums: Callable[
-        [P, Values], Mapping[str, Float[np.ndarray, " flights"]]
-    ]  # Over the samples of each flight
+    #: Over the samples of each flight
+    sums: Callable[[P, Values], Mapping[str, Float[np.ndarray, " flights"]]]
     quantities: Callable[[P, Drawn], Mapping[str, float]]  # Of a draw of flights, in the order of results
 
 
@@ -321,12 +318,10 @@ class Abilities:
     tracking: Callable[[Any, Mapping[str, Quantity], FlightOptions, str], TrackedParameter] | None = None
     #: How the flights were flown, for JSON: what simulating another one needs
     closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
-    implications: Callable[[Estimate], Implications] | None = (
-        None  # What follows from a vehicle's description
-    )
-    signals: Callable[[PreparedFlight, float, float], Signals] | None = (
-        None  # With the input at lag and delay
-    )
+    #: What follows from a vehicle's description
+    implications: Callable[[Estimate], Implications] | None = None
+    #: With the input at lag and delay
+    signals: Callable[[PreparedFlight, float, float], Signals] | None = None
     #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
     excitation: Callable[[Flights], str] | None = None  # How much flights moved, a sentence

@@ -142,11 +142,9 @@ def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
     known = sorted(item.p_value for item in agreements if np.isfinite(item.p_value))
     if not known:
         return None
-    half = (len(known) + 1) // 2
+    half, J = (len(known) + 1) // 2, sum(item.J for item in agreements)
     p_value = min(len(known) / half * known[half - 1], 1.0)
-    return OverIdentification(
-        sum(item.J for item in agreements), sum(item.degrees for item in agreements), p_value, None
-    )
+    return OverIdentification(J, sum(item.degrees for item in agreements), p_value, None)
 
 
 def linear_names(pool: Pooled) -> tuple[str, ...]:
@@ -175,11 +173,11 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
         )
     searched = any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in pool.nuisances)
     if inputs.single_frequency_hz and searched and inputs.lag_prior is None:
+        frequency = f"one frequency ({inputs.single_frequency_hz:.2g} Hz)"
         yield Finding(
             "lag_by_differences",
-            f"The references of all flights have one frequency ({inputs.single_frequency_hz:.2g} Hz), "
-            f"at which "
-            f"lag and {text} act alike: the lag rests on the differences of the {text} between flights.",
+            f"The references of all flights have {frequency}, at which lag and {text} act alike: the lag "
+            f"rests on the differences of the {text} between flights.",
         )
 
 
@@ -239,7 +237,6 @@ def _members(
 def _result(
     motion: Motion[Any], members: tuple[Member, ...], options: FlightOptions, chosen: Instruments
 ) -> FlightEstimate:
-    """Quantities of the pool and of each flight, with their verdicts."""
     flights = tuple(member.flight for member in members)
     shortened = tuple(flight.shortened for flight in flights)
     logged = tuple(member.logged.shortened for member in members)
@@ -286,11 +283,8 @@ def _result(
     )
     inputs = verdict_inputs(motion, flights, chosen, fit)
     whole = with_fit(motion, flights, options, fit, inputs)
-    tests = {
-        "pool_own_p_value": pool.agreement_p_value,
-        "pool_shared_p_value": pool.shared_p_value,
-        "pool_inflation": pool.inflation,
-    }
+    own, shared = pool.agreement_p_value, pool.shared_p_value
+    tests = {"pool_own_p_value": own, "pool_shared_p_value": shared, "pool_inflation": pool.inflation}
     of_motion = own_findings(motion, flights, whole.quantities)
     return replace(
         whole,

@@ -14,18 +14,12 @@ from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upwa
 from eivor.flights.motion import Motion, predicts_states
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
-from eivor.flights.references import (
-    jumps,
-    named_reference,
-    noise_findings,
-    noise_levels,
-    references,
-)
+from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
 from eivor.flights.timestamps import Clock, as_issued, command_clock, known_clock
 from eivor.signals.channels import common_side
 from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import CONTROLLER_RATE, Finding, Recording, interval_within
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
 from eivor.tools import Bool, Float
 
@@ -118,21 +112,14 @@ def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recordin
 
 def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
     """Stretches of standing samples, most of them usable."""
-    bridged = usable.copy()
+    bridged, edged = usable.copy(), np.pad(usable, 1)
     for excursion in stretches(standing & ~usable):
-        inside = (
-            excursion.start > 0
-            and usable[excursion.start - 1]
-            and usable[min(excursion.stop, usable.size - 1)]
-        )
+        inside = edged[excursion.start] and usable[min(excursion.stop, usable.size - 1)]
         bridged[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
     # without the last few samples that would make spectra slow
-    quick = [slice(run.start, run.start + fast_length(run.stop - run.start)) for run in stretches(bridged)]
-    runs = [
-        run
-        for run in quick
-        if usable[run].sum() * step_s >= SHORTEST_RUN_S and usable[run].mean() >= LEAST_COUNTED_SHARE
-    ]
+    quick = (slice(run.start, run.start + fast_length(run.stop - run.start)) for run in stretches(bridged))
+    long = (run for run in quick if usable[run].sum() * step_s >= SHORTEST_RUN_S)
+    runs = [run for run in long if usable[run].mean() >= LEAST_COUNTED_SHARE]
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
 
 
@@ -160,15 +147,15 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
     rates = (rate_hz, selected.command_rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
-    held = {command.name: command for command in selected.commands if command.held}
-    if known_hz:
-        return {name: known_clock(command, known_hz) for name, command in held.items()}
-    # made one at a time: those of a long log do not fit into memory together
     others = [name for name in log.channels if name not in names]
-    return {
-        name: command_clock(command, map(log.channels.__getitem__, others), selected.issued_within_s)
-        for name, command in held.items()
-    }
+
+    def clock(command: Channel) -> Clock:
+        if known_hz:
+            return known_clock(command, known_hz)
+        # made one at a time: those of a long log do not fit into memory together
+        return command_clock(command, map(log.channels.__getitem__, others), selected.issued_within_s)
+
+    return {command.name: clock(command) for command in selected.commands if command.held}
 
 
 def _gridded(
@@ -267,20 +254,17 @@ def check_options(motion: Motion[Any], options: FlightOptions) -> None:
     terms = {} if support is None else support.terms
     unknown = [word for word in options.terms if word not in terms]
     if unknown:
-        known = ", ".join(terms)
-        raise UsageError(
-            f"terms out of {known}" if known else f"no optional terms: '{motion.name}' has none",
-            ", ".join(f"'{word}'" for word in unknown),
-            did_you_mean(unknown[0], terms, "Leave it out."),
+        expected = (
+            f"terms out of {', '.join(terms)}" if terms else f"no optional terms: '{motion.name}' has none"
         )
+        received = ", ".join(f"'{word}'" for word in unknown)
+        raise UsageError(expected, received, did_you_mean(unknown[0], terms, "Leave it out."))
     twice = sorted({word for word in options.terms if options.terms.count(word) > 1})
     if twice:
         raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
     if isinstance(by_name(options.method), OutputError) and not predicts_states(motion):
-        raise UsageError(
-            f"{OUTPUT_ERROR} with a motion that predicts its states",
-            f"it with '{motion.name}'",
-            "Identify the rigid body (--model rigid-body), or use another method.",
-        )
+        expected = f"{OUTPUT_ERROR} with a motion that predicts its states"
+        remedy = "Identify the rigid body (--model rigid-body), or use another method."
+        raise UsageError(expected, f"it with '{motion.name}'", remedy)
     if support is not None:
         support.check(options)

@@ -134,11 +134,8 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAg
     """Coefficients of a problem without nuisances as disagreements, and the p-value of all being zero."""
     estimate = identify(problem, reference_iv())
     J, p_value = estimate.over_identification
-    parts = [
-        part.matrix
-        for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
-        for part in estimate.with_covariance(estimator).joint_covariance.parts
-    ]
+    by = (estimate.with_covariance(kind) for kind in (Classical(), EqualWeightedCosines(AVERAGES)))
+    parts = [part.matrix for result in by for part in result.joint_covariance.parts]
     errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
     if not bool((errors > 0.0).all()):
         received = "sensors that differ by nothing, or by exactly what is sought"
@@ -270,10 +267,7 @@ def chosen_input(
 
 
 def matched_interpolation_filter(
-    channels: dict[str, Float[np.ndarray, " n"]],
-    selected: Selection,
-    clocks: dict[str, Clock],
-    grid: Grid,
+    channels: dict[str, Float[np.ndarray, " n"]], selected: Selection, clocks: dict[str, Clock], grid: Grid
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Channels on a grid, commands and what was measured spread by each other's triangles."""
     measured = (*selected.states.values(), *selected.logged_responses)
@@ -369,10 +363,8 @@ class PreparedFlight:
 
     def reference_on_grid(self, name: str) -> Float[np.ndarray, " n"] | None:
         """Logged values of a reference on the grid; None for one that is not logged."""
-        known = next((item for item in self.references if item.name == name), None)
-        if known is None:
-            return None
-        return known.values if known.logged is None else known.logged
+        known = (item for item in self.references if item.name == name)
+        return next((item.values if item.logged is None else item.logged for item in known), None)
 
     def where_logged(self, values: Float[np.ndarray, " n"], *names: str) -> Float[np.ndarray, " n"]:
         """Values for a picture: NaN where one of the channels that they are made of was not logged."""
@@ -445,11 +437,9 @@ class PreparedFlight:
     @property
     def constant_input(self) -> bool:
         """The input does not vary over the runs."""
-        if not self.runs:
-            return False
         level = self.used_input
-        spread = float(level.std(axis=0).max())
-        return spread <= CONSTANT_INPUT_SHARE * max(float(np.abs(level).max()), 1e-12)
+        least = CONSTANT_INPUT_SHARE * max(float(np.abs(level).max(initial=0.0)), 1e-12)
+        return bool(self.runs) and float(level.std(axis=0).max()) <= least
 
 
 def mask_of(runs: Sequence[slice], count: int) -> Bool[np.ndarray, " n"]:

@@ -211,8 +211,7 @@ def least_squares_without_lag(problem: LaggedRuns, nuisance_values: Values) -> S
     """Least squares of all rows in frequency with neither lag nor delay."""
     without = {**nuisance_values, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
     bins = problem.bins(without)
-    rows = np.concatenate([bins.regressors.real, bins.regressors.imag])
-    response = np.concatenate([bins.responses[:, 0].real, bins.responses[:, 0].imag])
+    rows, response = (np.concatenate([p.real, p.imag]) for p in (bins.regressors, bins.responses[:, 0]))
     sizes = np.sqrt((rows * rows).sum(axis=0))
     sizes[sizes == 0.0] = 1.0
     fitted = np.linalg.lstsq(rows / sizes, response)[0] / sizes

@@ -56,10 +56,8 @@ def noise_levels(
     grid, used, values = on
     levels = {}
     for name, channel in measured.items():
-        source, logged = "", declared.get(name)
-        if logged is not None:
-            source = "declared"
-        elif channel.noise is not None:
+        source, logged = "declared", declared.get(name)
+        if logged is None:
             source, logged = "by the channel map", channel.noise
         if isinstance(logged, DataSheet):
             source, logged = f"{source}, by a data sheet", logged.std(channel.rate_hz)
@@ -121,17 +119,16 @@ def share_left(
 
 def check_declared(needed: Iterable[tuple[Mapping[str, NoiseLevel], Sequence[str]]], method: str) -> None:
     """Refuse to estimate with noises that nothing is declared of."""
-    missing = {
-        name: level[name].unit if name in level else ""
-        for level, names in needed
-        for name in names
-        if name not in level or not level[name].source
-    }
-    if missing:
-        words = [f"{name} in {unit}" if unit else name for name, unit in missing.items()]
-        first = next(iter(missing))
+    words: dict[str, str] = {}
+    for levels, names in needed:
+        for name in names:
+            level = levels.get(name)
+            if level is None or not level.source:
+                words[name] = f"{name} in {level.unit}" if level and level.unit else name
+    if words:
+        first = next(iter(words))
         raise MissingNoiseError(
-            f"the measurement noise of {' and '.join(words)}, which {method} takes out",
+            f"the measurement noise of {' and '.join(words.values())}, which {method} takes out",
             "none declared",
             f"Give it (--noise {first}=STD, a data sheet's --noise {first}=density:D,bandwidth:HZ,step:S, or "
             "a noise key in a channel map), or have it estimated: --noise estimate.",
@@ -152,10 +149,9 @@ def check_noise(noise: object) -> None:
         remedy = 'Give noise={"velocity_z": 0.02}, in SI units, or noise="estimate".'
         raise UsageError("noises by channel, or estimate", f"{noise!r}", remedy)
     for name, declared in noise.items():
-        if isinstance(declared, DataSheet) and isinstance(name, str):
-            continue
         number = isinstance(declared, int | float) and not isinstance(declared, bool)
-        if not (isinstance(name, str) and number and 0.0 <= declared <= LARGEST_STD):
+        known = isinstance(declared, DataSheet) or (number and 0.0 <= declared <= LARGEST_STD)
+        if not (isinstance(name, str) and known):
             expected = f"a standard deviation of zero or more for the noise of {name!r}"
             remedy = 'Give noise={"velocity_z": 0.02}, in SI units, or a DataSheet.'
             raise UsageError(expected, f"{declared!r}", remedy)
@@ -230,18 +226,13 @@ def references(
 def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
     """References of one axis, those that others make needless no longer usable."""
     pairs = zip(result, sources, strict=True)
+    serving, why = [item.name for item in result if item.exogenous], "contains feedback; others serve"
     alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
-    clean = [reference.name for reference in result if reference.exogenous]
     if alone:
         serving, why = alone, f"{alone[0]}, which follows it openly, serves"
-    elif any(reference.usable and reference.name in clean for reference in result):
-        serving, why = clean, "contains feedback; others serve"
-    else:
+    elif not any(reference.usable and reference.exogenous for reference in result):
         return result
-    return [
-        reference if reference.name in serving else replace(reference, usable=False, remark=why)
-        for reference in result
-    ]
+    return [item if item.name in serving else replace(item, usable=False, remark=why) for item in result]
 
 
 def _reference(
@@ -277,8 +268,8 @@ def _without_resets(
     if measured is None:
         return reference
     values = reference.values
-    resets = measured_resets(values, on_grid(measured, grid)[0], grid.step_s)
-    resets = [reset for reset in resets if used[reset].any()]
+    found = measured_resets(values, on_grid(measured, grid)[0], grid.step_s)
+    resets = [reset for reset in found if used[reset].any()]
     if not resets:
         return reference
     # it stands still in those parts, and goes on from there
@@ -358,7 +349,6 @@ def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, 
 
 
 def _share(recording: Recording, state: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
-    """Share of the samples used in which a state is on."""
     values, known = on_grid(recording.channel(state), grid)
     return float((known & (values > 0.5))[used].mean())
 

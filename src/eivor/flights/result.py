@@ -167,10 +167,10 @@ def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str,
         "over_identification_J": 0.0 if agreement is None else agreement.J,
         "over_identification_p_value": 1.0 if agreement is None else agreement.p_value,
         "instrument_rank": float(checks.rank),
-        **{
-            name: getattr(checks, name)
-            for name in ("residual_variance", "condition", "durbin_watson", "r_squared")
-        },
+        "residual_variance": checks.residual_variance,
+        "condition": checks.condition,
+        "durbin_watson": checks.durbin_watson,
+        "r_squared": checks.r_squared,
         "residual_memory": NAN if memory is None else memory.memory,
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
         **{f"residual_memory_{axis.replace(' ', '_')}": each.memory for axis, each in by_axis.items()},
@@ -317,18 +317,14 @@ class Fit:
         """Confidence interval of a parameter: the hull of its set where it is judged by one."""
         result, pooled, sums = self.by_sets.get(name), self.pooled, LAG_SUMS.get(name)
         if result is not None and level != 0.95:
-            if pooled is not None and sums is not None:
-                result = pooled.lag_set(sums, level)
+            alone = ProfileSets(self.problem, self.estimate)
+            if sums is not None:
+                sets = alone.of_nuisances(sums, level) if pooled is None else pooled.lag_set(sums, level)
             else:
-                alone = ProfileSets(self.problem, self.estimate)
-                if pooled is not None:
-                    sets = pooled.whole_sets(name, level)
-                else:
-                    sets = (
-                        alone.of_parameter(name, level) if sums is None else alone.of_nuisances(sums, level)
-                    )
-                robust = name in self.robust_sets
-                result = None if sets is None else sets.robust if robust else sets.profile
+                sets = (alone.of_parameter if pooled is None else pooled.whole_sets)(name, level)
+            if isinstance(sets, ParameterSets):
+                sets = sets.robust if name in self.robust_sets else sets.profile
+            result = sets
         return self.estimate.interval(name, level) if result is None else result.hull
 
 
@@ -362,10 +358,8 @@ class FlightEstimate:
     @cached_property
     def implications(self) -> Implications:
         """What follows from the estimate and from what was supplied; nothing from one that is refused."""
-        if self.fit is None or self.verdict.status is Status.REFUSED:
-            return Implications()
         implied = self.motion.abilities.implications
-        if implied is None:
+        if self.fit is None or self.verdict.status is Status.REFUSED or implied is None:
             return Implications()
         made = implied(self.fit.estimate)
         return replace(made, numbers=tuple(map(self._judged, made.numbers)))
@@ -373,9 +367,8 @@ class FlightEstimate:
     def _judged(self, number: Implied) -> Implied:
         """A number that follows, with a verdict no better than those of the quantities that it rests on."""
         behind = [self.quantities[name].verdict for name in number.needs if name in self.quantities]
-        return replace(
-            number, verdict=verdict([Reason(item, "") for item in (number.verdict, *behind)]).status
-        )
+        reasons = [Reason(item, "") for item in (number.verdict, *behind)]
+        return replace(number, verdict=verdict(reasons).status)
 
     @cached_property
     def figures(self) -> tuple[KeyFigure, ...]:
@@ -398,10 +391,8 @@ class FlightEstimate:
         if self.fit is None or prediction is None or prediction.multi_step is None:
             return None
         estimate = self.fit.estimate
-        models = {
-            FIT: SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters}),
-            **self.simple_models,
-        }
+        own = SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
+        models = {FIT: own, **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         return prediction.multi_step(self._flying, models, frozenset(refused))
 
@@ -478,12 +469,10 @@ class FlightEstimate:
 
     @property
     def _table(self) -> tuple[str, list[tuple[str, ...]]]:
-        """Title and rows of the quantities, as text."""
         rows: list[tuple[str, ...]] = []
         for name, quantity in self.quantities.items():
-            low, high = quantity.interval
-            bounds, verdict = f"[{low:.4g}, {high:.4g}]", quantity.verdict.value
-            rows.append((name, f"{quantity.value:.4g}", bounds, quantity.unit, verdict))
+            bounds = "[{:.4g}, {:.4g}]".format(*quantity.interval)
+            rows.append((name, f"{quantity.value:.4g}", bounds, quantity.unit, quantity.verdict.value))
         return f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}", rows
 
     def to_frame(self) -> pl.DataFrame:
@@ -627,7 +616,6 @@ class LogEstimate:
         return all(map(self._meets, wanted)) if wanted else bool(self.identified)
 
     def _meets(self, need: str) -> bool:
-        """Whether a motion identifies all that it has for a need."""
         for result in self.motions.values():
             specs = result.motion.quantities
             of_need = [q for name, q in result.quantities.items() if need in (name, specs[name].need)]

@@ -129,7 +129,6 @@ def jitter_estimate(channel: Channel) -> tuple[float, float]:
 
 
 def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Distance of each value from the middle between its neighbours."""
     return np.asarray(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
 
 
@@ -200,16 +199,13 @@ class Clock:
                 "The command's stamps are uneven and some of its values repeat: the log holds what was in "
                 "force when the logger looked. The command is taken from the line between stamps."
             )
+        text = f"The command is logged every {logged:.3g} ms"
         if self.is_known:
-            return (
-                f"The command is logged every {logged:.3g} ms and was issued every {issued:.3g} ms, as its "
-                "stamps determine: those between are taken from the line between two stamps."
-            )
-        return (
-            f"The command is logged every {logged:.3g} ms, and the log does not show whether more were "
-            f"issued: when it acts is known to ±{1e3 * self.slack_s:.2g} ms. "
-            "Give --controller-rate where it is known."
-        )
+            between = "those between are taken from the line between two stamps"
+            return f"{text} and was issued every {issued:.3g} ms, as its stamps determine: {between}."
+        known = f"when it acts is known to ±{1e3 * self.slack_s:.2g} ms"
+        text = f"{text}, and the log does not show whether more were issued: {known}."
+        return f"{text} Give --controller-rate where it is known."
 
 
 def known_clock(command: Channel, rate_hz: float) -> Clock:
@@ -237,19 +233,16 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
     as_logged = Clock(logged, logged)
     unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
-    looked_at, turns = truth_of(jitters), steps / logged
+    looked_at, turns, quick = truth_of(jitters), steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
-    if looked_at and logged <= QUICK_STEP_S and even:
+    if looked_at and quick and even:
         return as_logged
-    if looked_at and jitter:
-        if _repeats(command):
-            return Clock(logged, logged / FINE_PARTS, looked=True)
-        if not sampled_with_it:
-            return unknown
-    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged and jitter:
-        return as_logged
-    return unknown
+    if looked_at and jitter and _repeats(command):
+        return Clock(logged, logged / FINE_PARTS, looked=True)
+    if looked_at and jitter and not sampled_with_it:
+        return unknown
+    return as_logged if quick and quickest >= MORE_OFTEN * logged and jitter else unknown
 
 
 def _repeats(command: Channel) -> bool:
@@ -283,10 +276,9 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
             fit = float(odd.mean())
             if fit >= max(CLOSE, BEYOND_CHANCE / np.sqrt(2.0 * odd.size)):
                 fits[usual / parts] = fit
-    best = max(fits.values(), default=0.0)
-    step = next((step for step, fit in fits.items() if fit >= best - AS_WELL), None)
-    if step is None:
+    if not fits:
         return None
+    step = next(step for step, fit in fits.items() if fit >= max(fits.values()) - AS_WELL)
     # stamps that are rounded are multiples of a power of ten from zero on, whatever was rounded
     tenth = 10.0 ** round(float(np.log10(step)))
     away = time_s / tenth

@@ -122,14 +122,12 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
 
 def rows_of(columns: AxisColumns, nuisance_values: Values) -> TimedRows:
     """Rows of every sample of a flight, with an intercept that is its own instrument."""
-    count = columns.fixed.shape[0]
+    count, moving = columns.fixed.shape[0], columns.moving(nuisance_values)
     used = np.zeros(count, dtype=np.bool_)
     for run in columns.runs:
         counted = columns.counted(run)
         used[run] = True if counted is None else counted
     entries = np.ones((count, 1))
     away = columns.instruments - columns.instruments[used].mean(axis=0)
-    right = np.column_stack(
-        [columns.fixed, columns.moving(nuisance_values), entries, columns.responses[:, :1]]
-    )
+    right = np.column_stack([columns.fixed, moving, entries, columns.responses[:, :1]])
     return counted_rows(np.column_stack([away, entries]), right, np.zeros((count, 0)), used)

@@ -81,6 +81,10 @@ class VerdictInputs:
     robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
     quantities: Mapping[str, QuantityEstimate] = field(default_factory=dict)
 
+    def value(self, name: str) -> float:
+        """Value of a quantity."""
+        return self.quantities[name].value
+
     @property
     def p_value(self) -> float:
         """Of the over-identification test; one without instruments to spare."""
@@ -88,10 +92,9 @@ class VerdictInputs:
 
     def weakest(self, names: Sequence[str]) -> tuple[str, float] | None:
         """Parameter out of some with the least F, where that is weak."""
-        weak = {
-            name: F for name, F in self.first_stage.items() if name in names and not F >= STRONG_FIRST_STAGE
-        }
-        return min(weak.items(), key=lambda item: math.inf if math.isnan(item[1]) else item[1], default=None)
+        listed = [(name, F) for name, F in self.first_stage.items() if name in names]
+        weak = [item for item in listed if not item[1] >= STRONG_FIRST_STAGE]
+        return min(weak, key=lambda item: math.inf if math.isnan(item[1]) else item[1], default=None)
 
     def corrected(self, name: str) -> bool:
         """Whether a difference between the sensors was taken out."""
@@ -184,11 +187,10 @@ def disagreement_part(quantities: tuple[str, ...]) -> SystematicPart:
 
     def sentence(inputs: VerdictInputs) -> str:
         by_references, by_sensors = factors(inputs)
-        who, p_value = "The references disagree", inputs.p_value
+        who, p_value, times = "The references disagree", inputs.p_value, max(by_references, by_sensors)
         if by_sensors > by_references and inputs.sensors is not None:
             who = "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt"
             p_value = inputs.sensors.p_value
-        times = max(by_references, by_sensors)
         return f"{who} (J p-value {p_value:.1g}): errors are {times:.2f} times as large."
 
     return SystematicPart(quantities, Counts.FACTOR, factor, sentence)
@@ -317,7 +319,7 @@ class Limit:
             """0 of an interval that is narrow enough, 1 and 2 of wider ones, 3 of one that holds zero."""
             quantity = inputs.quantities[name]
             (low, high), half = quantity.interval, quantity.half_width
-            if self.zero is not None and low <= 0.0 <= high and math.isfinite(low) and math.isfinite(high):
+            if self.zero is not None and -math.inf < low <= 0.0 <= high < math.inf:
                 return 3
             identified, weak = self.half_widths(quantity.value)
             return 0 if half == math.inf or half <= identified else 1 if half <= weak else 2
@@ -328,34 +330,25 @@ class Limit:
             words = f"The {wording.words} cannot be distinguished from zero: its interval is {interval}."
             return f"{words}{inputs.moved}"
 
-        def width(which: int, needs: str) -> Callable[[VerdictInputs], str]:
-            def sentence(inputs: VerdictInputs) -> str:
-                value, half = inputs.quantities[name].value, inputs.quantities[name].half_width
-                needed = self.half_widths(value)[which - 1]
-                shares = (self.identified, self.weak)[which - 1] * abs(value) >= needed
-                wide, narrow = (
-                    f"±{100.0 * size / abs(value):.3g}%"
-                    if shares and value
-                    else f"±{size * wording.scale:.2g} {wording.shown_unit or wording.unit}".rstrip()
-                    for size in (half, needed)
-                )
-                return f"The interval of the {wording.words} is {wide} wide; {needs} {narrow}.{inputs.moved}"
-
-            return sentence
-
-        def row(at: int, status: Status, sentence: Callable[[VerdictInputs], str], remedy: str) -> Rule:
-            cause = Cause.ZERO if at == 3 else Cause.WIDE
-            return Rule(
-                (name, *following), lambda inputs: level(inputs) == at, status, sentence, remedy, cause
+        def wide_sentence(inputs: VerdictInputs) -> str:
+            value, half, which = inputs.value(name), inputs.quantities[name].half_width, level(inputs) - 1
+            needed, needs = self.half_widths(value)[which], ("identified needs", "it needs")[which]
+            shares = (self.identified, self.weak)[which] * abs(value) >= needed
+            wide, narrow = (
+                f"±{100.0 * size / abs(value):.3g}%"
+                if shares and value
+                else f"±{size * wording.scale:.2g} {wording.shown_unit or wording.unit}".rstrip()
+                for size in (half, needed)
             )
+            return f"The interval of the {wording.words} is {wide} wide; {needs} {narrow}.{inputs.moved}"
 
-        rows = (
-            row(1, Status.WEAK, width(1, "identified needs"), self.narrower),
-            row(2, Status.REFUSED, width(2, "it needs"), self.narrower),
-        )
-        if self.zero is None:
-            return rows
-        return (row(3, self.zero, zero_sentence, self.away_from_zero or self.narrower), *rows)
+        def row(at: int, status: Status, *words: Any) -> Rule:
+            return Rule((name, *following), lambda inputs: level(inputs) == at, status, *words)
+
+        reaches_zero = zero_sentence, self.away_from_zero or self.narrower, Cause.ZERO
+        too_wide = wide_sentence, self.narrower, Cause.WIDE
+        rows = row(1, Status.WEAK, *too_wide), row(2, Status.REFUSED, *too_wide)
+        return rows if self.zero is None else (row(3, self.zero, *reaches_zero), *rows)
 
 
 # -- Rules that motions share --
@@ -389,7 +382,7 @@ def below_zero_rule(name: str, of: QuantitySpec, status: Status, why: str, remed
     """Row of a quantity below zero."""
 
     def sentence(inputs: VerdictInputs) -> str:
-        came_out = f"{of.words} came out at {inputs.quantities[name].value:.3g} {of.unit}".rstrip()
+        came_out = f"{of.words} came out at {inputs.value(name):.3g} {of.unit}".rstrip()
         return f"The {came_out}, below zero: {why}."
 
     return Rule(
@@ -440,10 +433,9 @@ def flight_rules(
         weakest, F = inputs.weakest(stages) or ("", math.nan)
         sentence = "The instruments do not identify how long the lag is at most."
         if weakest:
-            sentence = (
-                f"The instruments carry too little information about the {weakest.replace('_', ' ')}: "
-                f"first-stage F is {F:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
-            )
+            about = f"about the {weakest.replace('_', ' ')}: first-stage F is {F:.1f}"
+            needed = f"and {STRONG_FIRST_STAGE:.0f} is needed"
+            sentence = f"The instruments carry too little information {about}, {needed}."
         count = len([name for name in inputs.first_stage if name in stages])
         if inputs.single_frequency_hz and count > 2:
             sentence += (

@@ -188,19 +188,14 @@ def machine(
     checks.number("half_width", half_width)
     checks.number("weak_half_width", weak_half_width)
     values: dict[str, Any] = {"name": name, **words}
-    values |= {
-        key: value
-        for key, value in {
-            **tables,
-            "response": listed if any(listed) else None,
-            "active": {"when": active} if active else None,
-            "instruments": {"of": list(instruments)} if instruments else None,
-            "band": None if band_hz is None else {"hz": list(band_hz)},
-        }.items()
-        if value is not None
+    parts = tables | {
+        "response": listed if any(listed) else None,
+        "active": {"when": active} if active else None,
+        "instruments": {"of": list(instruments)} if instruments else None,
+        "band": None if band_hz is None else {"hz": list(band_hz)},
+        "quality": {"headline": headline, "half_width": half_width, "weak_half_width": weak_half_width},
     }
-    widths = {"half_width": half_width, "weak_half_width": weak_half_width}
-    values["quality"] = {"headline": list(headline), **widths}
+    values |= {key: value for key, value in parts.items() if value is not None}
     return machine_of(TomlTable(_plain(values), "ev.machine"))
 
 
@@ -246,16 +241,14 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         When there is none, or the file has something wrong in it.
     """
     checks.path("source", source)
-    path = Path(source)
-    if str(source) in shipped_machines():
-        text = machine_text(str(source))
-        return machine_of(replace(toml_table(text, Path(f"{source}{ENDING}"), "a machine"), text=text))
-    if path.suffix != ENDING and not path.is_file():
-        expected = f"a machine: a file that ends in {ENDING}, or one of {', '.join(shipped_machines())}"
-        received = f"'{source}'"
-        raise InputError(expected, received, did_you_mean(str(source), shipped_machines(), "Check the name."))
-    table = read_toml(path, "a machine")
-    return machine_of(replace(table, text=path.read_text(encoding="utf-8")))
+    path, name, shipped = Path(source), str(source), shipped_machines()
+    if name not in shipped and path.suffix != ENDING and not path.is_file():
+        expected = f"a machine: a file that ends in {ENDING}, or one of {', '.join(shipped)}"
+        raise InputError(expected, f"'{name}'", did_you_mean(name, shipped, "Check the name."))
+    if name not in shipped:
+        return machine_of(replace(read_toml(path, "a machine"), text=machine_text(name)))
+    text = machine_text(name)
+    return machine_of(replace(toml_table(text, Path(f"{name}{ENDING}"), "a machine"), text=text))
 
 
 def shipped_machines() -> tuple[str, ...]:
@@ -272,7 +265,6 @@ def machine_text(name: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Mappings and sequences as TOML has them."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
@@ -283,8 +275,6 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class _Names:
-    """What expressions of a declaration may name."""
-
     top: TomlTable
     channels: Mapping[str, MachineChannel]
     units: Mapping[str, Unit]
@@ -360,39 +350,34 @@ def machine_of(top: TomlTable) -> Machine:
     names = _names(top, channels)
     delays = _actuators(top)
     if bool(given.axes) == bool(given.terms):
-        both = "both" if given.axes else "neither"
-        raise top.wrong(
-            "terms", "one equation by response and [terms], or several by [axes.NAME]", both, "Give one."
-        )
+        expected = "one equation by response and [terms], or several by [axes.NAME]"
+        raise top.wrong("terms", expected, "both" if given.axes else "neither", "Give one.")
     sections = _tables(top, "axes", "response") if given.axes else {given.title or given.name: top}
     axes = tuple(_axis(name, part, names, tuple(delays)) for name, part in sections.items())
     terms = {term.name: term for axis in axes for term in axis.terms}
     if len(terms) < sum(len(axis.terms) for axis in axes):
-        raise top.wrong(
-            "axes", "parameters with names of their own", "the same name in two axes", "Rename one."
-        )
+        twice = "the same name in two axes"
+        raise top.wrong("axes", "parameters with names of their own", twice, "Rename one.")
     derived = _derived(top, terms)
     quality = top.part("quality").convert(_Quality) if given.quality else _Quality()
     headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)
     known = (*terms, *(item.name for item in derived))
     for name in headline:
         if name not in known:
-            remedy = did_you_mean(name, known, "Name some of them.")
-            raise top.part("quality").wrong(
-                "headline", f"quantities out of {', '.join(known)}", f"'{name}'", remedy
-            )
+            expected, remedy = f"quantities out of {', '.join(known)}", "Name some of them."
+            remedy = did_you_mean(name, known, remedy)
+            raise top.part("quality").wrong("headline", expected, f"'{name}'", remedy)
     if not 0.0 < quality.half_width <= quality.weak_half_width:
         received = f"{quality.half_width:g} and {quality.weak_half_width:g}"
         raise top.part("quality").wrong("half_width", "0 < half_width <= weak_half_width", received)
-    used = _used(axes)
+    texts = (text for axis in axes for text in (*axis.response, *(term.of for term in axis.terms)))
+    used = {column for text in texts for column in parsed(text).columns}
     if not any(channels[name].role == "input" for name in used):
         raise top.wrong("channels", "an equation with an input", "none", 'Give a channel role = "input".')
-    unused = [name for name in channels if name not in used and channels[name].role in ("input", "response")]
-    if unused:
-        part = top.part("channels")
-        raise part.wrong(
-            unused[0], "a channel that the equation uses", f"'{unused[0]}', unused", "Leave it out."
-        )
+    for name, channel in channels.items():
+        if name not in used and channel.role in ("input", "response"):
+            expected = "a channel that the equation uses"
+            raise top.part("channels").wrong(name, expected, f"'{name}', unused", "Leave it out.")
     logged = tuple(channels.values())
     result = Machine(
         given.name,
@@ -462,7 +447,6 @@ def _declared_unit(section: TomlTable, text: str | None, unit: Unit, scaled: boo
 
 
 def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
-    """Lags and delays to search for each actuator [s]."""
     results = {}
     for name, section in _tables(top, "actuators", "lag_ms").items():
         given = section.convert(_Actuator)
@@ -549,14 +533,11 @@ def _term(
         section.choose("behind", given.behind, actuators)
         if not inputs:
             expected = "an expression over an input, which the actuator follows,"
-            raise section.wrong(
-                "of", expected, f"'{given.of}'", 'Leave out behind, or give a role = "input".'
-            )
+            remedy = 'Leave out behind, or give a role = "input".'
+            raise section.wrong("of", expected, f"'{given.of}'", remedy)
     elif any(column in inputs for column in _derived_channels(expression)):
-        remedy = "Put the term behind an actuator, or leave ddt out."
-        raise section.wrong(
-            "of", "a derivative of what was measured", f"'{given.of}' of a held input", remedy
-        )
+        expected, received = "a derivative of what was measured", f"'{given.of}' of a held input"
+        raise section.wrong("of", expected, received, "Put the term behind an actuator, or leave ddt out.")
     symbol = given.symbol or name
     declared = over(response_unit, unit)
     text_of_unit = unit_text(declared)
@@ -586,22 +567,15 @@ def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Seque
                 expected = (
                     "an equation over states and inputs: a reference is an instrument and stands in no term"
                 )
-                raise section.wrong(
-                    key, expected, f"{text!r} with the reference '{name}'", "Name what was measured."
-                )
+                received = f"{text!r} with the reference '{name}'"
+                raise section.wrong(key, expected, received, "Name what was measured.")
 
 
 def _state(response: str, names: _Names, inputs: tuple[str, ...]) -> tuple[str, str, str] | None:
     """Channel, words and unit of the state whose derivative is explained."""
-    steps = parsed(response).steps
-    if (
-        len(steps) == 2
-        and isinstance(steps[0], str)
-        and isinstance(steps[1], InTime)
-        and steps[0] not in inputs
-    ):
-        channel = names.channels[steps[0]]
-        return channel.name, channel.name.replace("_", " "), channel.unit
+    match parsed(response).steps:
+        case (str() as name, InTime()) if name not in inputs:
+            return name, name.replace("_", " "), names.channels[name].unit
     return None
 
 
@@ -612,9 +586,7 @@ _LINEAR = {np.add, np.subtract, np.negative}
 def _mirrors(terms: Sequence[Term], names: _Names, references: Sequence[str]) -> Iterator[Mirror]:
     """Terms that are curves, each over every reference that has, derived in time, the units of its states."""
     for term in terms:
-        curved = [
-            step for step in term.expression.steps if isinstance(step, np.ufunc) and step not in _LINEAR
-        ]
+        curved = any(isinstance(step, np.ufunc) and step not in _LINEAR for step in term.expression.steps)
         if not curved or term.behind or term.is_intercept:
             continue
         for name in references:
@@ -690,14 +662,7 @@ def _band(top: TomlTable) -> tuple[float, float] | None:
     return ends[0], ends[1]
 
 
-def _used(axes: Sequence[AxisEquation]) -> set[str]:
-    """Channels in the equations."""
-    texts = (text for axis in axes for text in (*axis.response, *(term.of for term in axis.terms)))
-    return {column for text in texts for column in parsed(text).columns}
-
-
 def _shown(term: Term) -> str:
-    """A term with its sign, as equations show it."""
     if term.is_intercept:
         return f" + {term.symbol}"
     of, sign = term.of.strip(), "+"

@@ -10,11 +10,7 @@ import numpy as np
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity
-from eivor.flights.lag_prior import (
-    EFFECTIVE_LAG,
-    joint_quantities,
-    lag_quantities,
-)
+from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.motion import (
     UNCHANGED,
     Flights,
@@ -27,11 +23,7 @@ from eivor.flights.motion import (
     trim,
 )
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import (
-    QuantityEstimate,
-    SimpleModel,
-    Trace,
-)
+from eivor.flights.quantity import QuantityEstimate, SimpleModel, Trace
 from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.models.lagged_runs import DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
@@ -112,9 +104,8 @@ class AxisEquation:
     trace: tuple[str, str, str, str]  # Words, unit, model and driven part, as figures show them
     references: tuple[ReferenceSource, ...] = ()
     reference_lags: tuple[int, float] | None = None  # How many lags of each reference, and how long [s]
-    state: tuple[str, str, str] | None = (
-        None  # Channel, words and unit of what is predicted; None for nothing
-    )
+    #: Channel, words and unit of what is predicted; None for nothing
+    state: tuple[str, str, str] | None = None
     mirrors: tuple[Mirror, ...] = ()
     instruments_of: tuple[str, ...] = ()  # Expressions over references, in place of these
     averaged: tuple[str, ...] = ()  # Inputs that hold: what acts around a sample is the mean of two
@@ -128,14 +119,10 @@ class AxisEquation:
     def driven(self, signals: Signals, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
         """Columns of the terms behind the actuators, at a lag and a delay."""
         terms = [term for term in self.terms if term.behind]
-        used = {name for term in terms for name in term.expression.columns}
-        states = {
-            name: actuator_state(
-                signals.family(name), step_s=signals.step_s, **actuators(nuisance_values)
-            ).mean(axis=1)
-            for name in self.inputs
-            if name in used
-        }
+        used = {name for term in terms for name in term.expression.columns} & {*self.inputs}
+        path, states = {"step_s": signals.step_s, **actuators(nuisance_values)}, {}
+        for name in used:
+            states[name] = actuator_state(signals.family(name), **path).mean(axis=1)
         columns = [_evaluated(term.expression, signals, states) for term in terms]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
@@ -219,7 +206,6 @@ class DeclaredMotion(Motion[LaggedRuns]):
     """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay."""
         logged = logged_axes(self.axes, flights)
         steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
@@ -231,11 +217,7 @@ class DeclaredMotion(Motion[LaggedRuns]):
             signals = flight.signals
             for axis in logged:
                 others = {source.channel for item in self.axes if item != axis for source in item.references}
-                known = [
-                    text
-                    for text in axis.response
-                    if all(name in signals.channels for name in parsed(text).columns)
-                ]
+                known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 stays = [term for term in axis.terms if term.is_steady and not late]
                 moves = [term for term in axis.terms if (term.is_steady if late else term.behind)]
                 whole = np.zeros((signals.sample_count, len(fixed)))
@@ -268,7 +250,6 @@ class DeclaredMotion(Motion[LaggedRuns]):
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters of the axes that are logged, and the lag."""
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
         return {name: results[name] for name in self.quantities if name in results}
 
@@ -329,7 +310,6 @@ def equation_prediction(
 def _errors(
     axis: AxisEquation, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
 ) -> Iterator[HorizonErrors]:
-    """Errors of one axis by each model."""
     channel, words, unit = axis.state or ("", "", "")
     state = flight.signals.channel(channel)
     measured, started = state[starts.ends], state[starts.samples]
@@ -344,7 +324,6 @@ def _errors(
 def _propagated(
     axis: AxisEquation, flight: PreparedFlight, starts: Starts, values: Values
 ) -> Float[np.ndarray, "horizons starts"]:
-    """Answer of the state to the input, from every start."""
     signals, (channel, *_) = flight.signals, axis.state or ("",)
     state = signals.channel(channel)
     of_axis = [term for term in axis.terms if term.is_steady]

@@ -240,16 +240,12 @@ def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOpti
     known = {field.name: field.default for field in fields(FlightOptions)}
     unknown = [name for name in choices if name not in known]
     if unknown:
-        raise UsageError(
-            f"choices out of {', '.join(known)}",
-            ", ".join(f"'{name}'" for name in unknown),
-            did_you_mean(unknown[0], known, "Name one of them."),
-        )
-    twice = [name for name in choices if getattr(start, name) != known[name]]
+        received, remedy = ", ".join(f"'{name}'" for name in unknown), "Name one of them."
+        remedy = did_you_mean(unknown[0], known, remedy)
+        raise UsageError(f"choices out of {', '.join(known)}", received, remedy)
+    twice = ", ".join(name for name in choices if getattr(start, name) != known[name])
     if twice:
-        raise UsageError(
-            "each choice once", f"{', '.join(twice)} in options= and by name", "Leave out one of them."
-        )
+        raise UsageError("each choice once", f"{twice} in options= and by name", "Leave out one of them.")
     return replace(start, **choices)
 
 

@@ -62,7 +62,7 @@ from eivor.motions.equation import (
 from eivor.process_pool import check_among
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 # -- Parts of a declaration --
 
@@ -126,15 +126,10 @@ class Derived:
     def quantity(self, estimate: Estimate) -> QuantityEstimate:
         """Value and interval: by Fieller's method for a ratio, else by a profile."""
         expression = parsed(self.of)
-        steps = [step for step in expression.steps if step is not np.negative]
-        if (
-            len(steps) == 3
-            and steps[2] is np.divide
-            and isinstance(steps[0], str | float)
-            and isinstance(steps[1], str)
-        ):
-            sign = (-1.0) ** (len(expression.steps) - len(steps))
-            return ratio_quantity(estimate, steps[0], steps[1], self.unit).times(sign)
+        match [step for step in expression.steps if step is not np.negative]:
+            case [str() | float() as above, str() as below, np.divide]:
+                sign = (-1.0) ** (len(expression.steps) - 3)
+                return ratio_quantity(estimate, above, below, self.unit).times(sign)
 
         def of_vector(values: Float[np.ndarray, " n"]) -> float:
             return float(expression.evaluate(dict(zip(estimate.names, values, strict=True))))
@@ -153,21 +148,17 @@ class Activity:
     moving: tuple[str, ...] = ()  # Expressions whose sign stands in a term: below a threshold it is not known
 
     def __call__(self, log: Recording, grid: Grid, _level: Float[np.ndarray, " n"], /) -> Active:
-        """Samples of a log."""
         whole = np.ones(grid.count, dtype=np.bool_)
         if self.when:
             counted = self._values(self.when, log, grid) > 0.5
             return Active(whole, f"the condition {self.when}", counted)
         if not self.moving:
             return Active(whole, "the whole record")
-        counted = whole
-        rules: list[str] = []
+        counted, rules = whole, list[str]()
         for text in self.moving:
             speed = np.abs(self._values(text, log, grid))
-            usual = float(np.nanquantile(speed, 0.95))
-            least = max(
-                STANDSTILL_SHARE * usual, STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
-            )
+            noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
+            least = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
             counted = counted & (speed > least)
             rules.append(f"|{text}| above {least:.2g}")
         return Active(whole, f"movement: {' and '.join(rules)}", counted)
@@ -217,9 +208,8 @@ class SolvedEquation:
         columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
         derived = sorted({name for name in columns if name.endswith("'")}, key=len)
         states = {name.rstrip("'") for name in derived}
-        received = ", ".join(states) or "none"
         expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
-        checks.require(len(states) == 1, expected, received, remedy)
+        checks.require(len(states) == 1, expected, ", ".join(states) or "none", remedy)
         return derived[-1]
 
     @property
@@ -279,23 +269,19 @@ class Machine(DeclaredMotion):
 
     @cached_property
     def quantities(self) -> QuantityTable:  # type: ignore[override]
-        """Parameters, what follows from them, and the lag."""
-        rows = [
-            (term.name, term.symbol, term.unit, Kind.DERIVED if term.is_intercept else Kind.PARAMETER)
-            for term in self.terms
-        ]
-        rows += [(item.name, item.symbol, item.unit, Kind.DERIVED) for item in self.derived]
+        parameters = {term.name for term in self.terms if not term.is_intercept}
+        listed: list[Term | Derived] = [*self.terms, *self.derived]
         specs = {
-            name: QuantitySpec(
-                name if name.find("_") == 1 else name.replace("_", " "),
-                symbol,
-                unit,
-                kind,
-                shown_unit=unit.replace("^2", "²"),
-                in_rows=kind is Kind.PARAMETER,
-                headline=name in self.headline,
+            item.name: QuantitySpec(
+                item.name if item.name.find("_") == 1 else item.name.replace("_", " "),
+                item.symbol,
+                item.unit,
+                Kind.PARAMETER if item.name in parameters else Kind.DERIVED,
+                shown_unit=item.unit.replace("^2", "²"),
+                in_rows=item.name in parameters,
+                headline=item.name in self.headline,
             )
-            for name, symbol, unit, kind in rows
+            for item in listed
         }
         if self.has_lag:
             lag = LAG_QUANTITIES[EFFECTIVE_LAG]
@@ -306,7 +292,6 @@ class Machine(DeclaredMotion):
 
     @property
     def words(self) -> Words:  # type: ignore[override]
-        """How reports speak of it."""
         return Words(
             title=self.title,
             model=self.name,
@@ -320,7 +305,6 @@ class Machine(DeclaredMotion):
 
     @cached_property
     def channels(self) -> LogChannels:  # type: ignore[override]
-        """What it reads of a log."""
         return LogChannels(
             tuple(InputFamily(item.name, measured=not item.held) for item in self._of_role("input")),
             tuple(item.name for item in self._of_role("state")),
@@ -330,7 +314,6 @@ class Machine(DeclaredMotion):
 
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
-        """Predictions, how much the machine moved, and the declaration in results."""
         states = any(axis.state for axis in self.axes)
         ahead = partial(equation_prediction, self.axes) if states else None
         return Abilities(
@@ -474,14 +457,12 @@ class Machine(DeclaredMotion):
         known = [item for item in self._of_role("response") if item.name in log.channels]
         responses = {item.name: self._channel(log, item) for item in known}
         measured = [*states.values(), *responses.values()]
-        rates = [channel.rate_hz for channel in (measured or commands)]
+        slowest = min(channel.rate_hz for channel in (measured or commands))
         step_s = float(f"{1.0 / max(channel.rate_hz for channel in (*measured, *commands)):.2g}")
-        band = self.band_hz
-        if band is None:
-            band = (BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * min(rates)))
-        elif band[1] > NYQUIST_SHARE * min(rates):
+        band = self.band_hz or (BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest))
+        if self.band_hz and band[1] > NYQUIST_SHARE * slowest:
             raise InputError(
-                f"a band below half the rate of the slowest channel, {NYQUIST_SHARE * min(rates):.3g} Hz",
+                f"a band below half the rate of the slowest channel, {NYQUIST_SHARE * slowest:.3g} Hz",
                 f"one up to {band[1]:g} Hz, of which {log.name} holds nothing",
                 "Log faster, or declare a lower band.",
             )
@@ -510,7 +491,6 @@ class Machine(DeclaredMotion):
         return max(problems, key=_strength) if count else problems[0]
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters, the lag, intercepts, and what follows from parameters."""
         results = dict(super().derive(problem, estimate))
         for number, axis in enumerate(self.axes):
             for term in axis.terms:
@@ -524,43 +504,25 @@ class Machine(DeclaredMotion):
 
     @property
     def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
-        """Rows of the instruments, of the samples, and of the width of each interval."""
         words = FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")
-        stages = (
-            *(term.name for term in self.terms if not term.is_intercept),
-            *(LAGS if self.has_lag else ()),
-        )
-        rows = [_active_rule(self.activity), *([] if not self.has_lag else self._lag_rules(words, stages))]
-        limit = Limit(
-            *self.half_widths,
-            zero=Status.REFUSED,
-            narrower="Log for longer, or give several logs.",
-            away_from_zero=self.move,
-        )
+        moving = [term.name for term in self.terms if not term.is_intercept]
+        stages = (*moving, *(LAGS if self.has_lag else ()))
+        rows = [_active_rule(self.activity)]
+        if self.has_lag:
+            check = "Check that the command is that of this machine, or declare a longer one."
+            rows += flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
+            rows += lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
+            rows += [longest_lag_rule((), check), _longest_delay_rule(check), _slow_samples_rule()]
+        longer = "Log for longer, or give several logs."
+        limit = Limit(*self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move)
         for term in self.terms:
-            following = [item.name for item in self.derived if term.name in item.parameters]
-            set_of = "" if term.is_intercept else term.name
-            rows += flight_rules(words, (term.name,), stages, set_of)
+            rows += flight_rules(words, (term.name,), stages, "" if term.is_intercept else term.name)
             if not term.is_intercept:
+                following = [item.name for item in self.derived if term.name in item.parameters]
                 rows += limit.rules(term.name, self.quantities[term.name], *following)
         for item in self.derived:
             rows += flight_rules(words, (item.name,), stages, item.name)
         return tuple(rows)
-
-    def _lag_rules(self, words: FlightWords, stages: tuple[str, ...]) -> list[Rule]:
-        check = "Check that the command is that of this machine, or declare a longer one."
-        return [
-            *flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG),
-            *lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG]),
-            longest_lag_rule((), check),
-            end_of_grid_rule(
-                DELAY.name,
-                (),
-                lambda longest, _: f"The delay ran into the longest that is declared ({longest:.3g} s).",
-                check,
-            ),
-            _slow_samples_rule(),
-        ]
 
     @property
     def parts(self) -> tuple[SystematicPart, ...]:  # type: ignore[override]
@@ -568,13 +530,12 @@ class Machine(DeclaredMotion):
         return (clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
 
     def view(self, flight: PreparedFlight) -> FlightView:
-        """What the input is, and the states."""
-        panels = [
-            flight.plot_data(f"{item.name.replace('_', ' ')}\n[{item.unit}]", of=item.name)
-            for item in self._of_role("state")
-        ]
+        states = {
+            f"{item.name.replace('_', ' ')}\n[{item.unit}]": item.name for item in self._of_role("state")
+        }
         behind = " behind a lag τ and a delay d" if self.has_lag else ""
         inputs = ", ".join(item.name for item in self._of_role("input"))
+        panels = (flight.plot_data(label, of=name) for label, name in states.items())
         return FlightView(f"{inputs}{behind}", tuple(panels))
 
     def _of_role(self, role: str) -> tuple[MachineChannel, ...]:
@@ -587,7 +548,6 @@ class Machine(DeclaredMotion):
         return replace(channel, held=declared.held, noise=noise)
 
     def _excitation(self, flights: Flights) -> str:
-        """Standard deviations of the inputs and of the states."""
         words = []
         for channel in (*self._of_role("input"), *self._of_role("state")):
             parts = [flight.signals.channel(channel.name)[flight.used] for flight in flights]
@@ -596,10 +556,8 @@ class Machine(DeclaredMotion):
 
     def _findings(self, flights: Flights, _quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
         """How much of the logs counts, where that is not all."""
-        if not self.activity.moving or self.activity.when:
-            return ()
         share = 1.0 - _active_share(flights)
-        if not share:
+        if self.activity.when or not (self.activity.moving and share):
             return ()
         rules = "; ".join(dict.fromkeys(flight.active.rule for flight in flights))
         sentence = (
@@ -610,13 +568,11 @@ class Machine(DeclaredMotion):
 
 
 def _active_share(flights: Flights) -> float:
-    """Share of samples that count by the activity."""
     masks = [flight.active.counted for flight in flights if flight.active.counted is not None]
     return float(np.mean(np.concatenate(masks))) if masks else 1.0
 
 
 def _active_rule(activity: Activity) -> Rule:
-    """Row of logs in which the machine is hardly in use."""
     rule = activity.when or "movement"
     return Rule(
         (),
@@ -630,15 +586,19 @@ def _active_rule(activity: Activity) -> Rule:
     )
 
 
+def _longest_delay_rule(check: str) -> Rule:
+    words = "The delay ran into the longest that is declared"
+    return end_of_grid_rule(DELAY.name, (), lambda longest, _: f"{words} ({longest:.3g} s).", check)
+
+
 def _slow_samples_rule() -> Rule:
-    """Row of samples that are too slow for the lag."""
 
     def step_s(inputs: VerdictInputs) -> float:
         return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
 
     return Rule(
         (*LAGS, EFFECTIVE_LAG),
-        lambda inputs: inputs.quantities[EFFECTIVE_LAG].value < 2.0 * step_s(inputs),
+        lambda inputs: inputs.value(EFFECTIVE_LAG) < 2.0 * step_s(inputs),
         Status.WEAK,
         lambda inputs: (
             f"Samples are {1e3 * step_s(inputs):.3g} ms apart, more than half the lag: how the command held "
@@ -659,7 +619,6 @@ def _strength(problem: LaggedRuns) -> float:
         columns = np.column_stack([columns, slope])
 
     def basis(matrix: np.ndarray) -> np.ndarray:
-        """Orthonormal basis of the columns, as real rows."""
         rows = np.concatenate([matrix.real, matrix.imag])
         sizes = np.linalg.norm(rows, axis=0)
         return np.asarray(np.linalg.qr(rows / np.where(sizes > 0.0, sizes, 1.0))[0])
@@ -679,8 +638,8 @@ def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -
         moving[:, list(range(columns.shape[1]) if item.moved is None else item.moved)] = columns
         whole = np.column_stack([item.fixed, moving])
         for run in item.runs:
-            counted: Bool[np.ndarray, " n"] | slice | None = item.counted(run)
-            counted = slice(None) if counted is None else counted
+            inside = item.counted(run)
+            counted = slice(None) if inside is None else inside
             left.append((item.responses[run, -1] - whole[run] @ theta)[counted])
             regressors.append(whole[run][counted])
     series, per = np.concatenate(left), float(term.expression.evaluate({}))

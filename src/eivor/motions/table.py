@@ -67,11 +67,8 @@ def motion_of_model(model_name: str, vehicle: Any = None) -> Motion[Any]:
         if motion.words.model == model_name:
             support = motion.abilities.vehicle
             return motion if support is None else support.restore(vehicle)
-    raise UsageError(
-        f"a model of one of the motions {', '.join(motion_names())}",
-        f"'{model_name}'",
-        "Install the package that brings its motion.",
-    )
+    expected = f"a model of one of the motions {', '.join(motion_names())}"
+    raise UsageError(expected, f"'{model_name}'", "Install the package that brings its motion.")
 
 
 def name_of_model(model_name: str) -> str:
@@ -88,11 +85,9 @@ def loaded_motion(name: str) -> Motion[Any]:
         own_motion: Motion[Any] = getattr(import_module(module), attribute)()
         return own_motion
     if name not in (added := _added()):
-        raise UsageError(
-            f"a motion out of {', '.join(motion_names())}",
-            f"'{name}'",
-            did_you_mean(name, motion_names(), "Name one of them with --model, or a machine with --machine."),
-        )
+        known, remedy = motion_names(), "Name one of them with --model, or a machine with --machine."
+        expected = f"a motion out of {', '.join(known)}"
+        raise UsageError(expected, f"'{name}'", did_you_mean(name, known, remedy))
     motion = _loaded(added[name])
     declare_channels(*motion.channels.added)
     return motion
@@ -100,11 +95,8 @@ def loaded_motion(name: str) -> Motion[Any]:
 
 def wording_of(quantity: str) -> QuantitySpec | None:
     """How a quantity of that name is called in Eivor's own motions; None when none of them has it."""
-    for name in _OWN:
-        wording = motion_by_name(name).quantities.get(quantity)
-        if wording is not None:
-            return wording
-    return None
+    wordings = (motion_by_name(name).quantities.get(quantity) for name in _OWN)
+    return next((wording for wording in wordings if wording is not None), None)
 
 
 def _added() -> dict[str, EntryPoint]:
@@ -121,12 +113,8 @@ def _loaded(point: EntryPoint) -> Motion[Any]:
             "Mend or update the package that brings it.",
         ) from error
     motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else kind
-    if not isinstance(motion, Motion):
-        motion = None
-    if motion is None or motion.name != point.name:
-        raise UsageError(
-            f"a motion called '{point.name}' at {point.value}",
-            f"{kind!r}" if motion is None else f"one that is called '{motion.name}'",
-            "Mend the package that brings it: see docs/motions.md.",
-        )
-    return motion
+    if isinstance(motion, Motion) and motion.name == point.name:
+        return motion
+    received = f"one that is called '{motion.name}'" if isinstance(motion, Motion) else f"{kind!r}"
+    remedy = "Mend the package that brings it: see docs/motions.md."
+    raise UsageError(f"a motion called '{point.name}' at {point.value}", received, remedy)

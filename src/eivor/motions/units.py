@@ -60,7 +60,6 @@ def parsed_unit(text: str) -> Unit:
 
 
 def _times(first: Unit, other: Unit, power: int | Fraction = 1) -> Unit:
-    """Product of a unit and a power of another one."""
     names = dict.fromkeys((*first, *other))
     result = {name: first.get(name, Fraction(0)) + power * other.get(name, Fraction(0)) for name in names}
     return {name: value for name, value in result.items() if value}
@@ -112,7 +111,6 @@ def unit_of(expression: Expression, units: Mapping[str, Unit]) -> tuple[Unit, bo
 
 
 def _result(step: np.ufunc, arguments: Sequence[tuple[Unit, float | None]], text: str) -> Unit:
-    """Unit of what a function makes of arguments."""
     first, last = arguments[0][0], arguments[-1][0]
     if step in (np.multiply, np.divide):
         return _times(first, last, 1 if step is np.multiply else -1)

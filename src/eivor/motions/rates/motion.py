@@ -51,13 +51,7 @@ from eivor.models.lagged_runs import (
     of_order,
 )
 from eivor.models.separable import AT_END, WarmStart
-from eivor.motions.equation import (
-    AxisEquation,
-    DeclaredMotion,
-    Term,
-    equation_prediction,
-    simple_models,
-)
+from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
 
@@ -202,19 +196,14 @@ def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /)
     if not members and "landed" not in log.channels:
         why = "nothing: neither a land detector nor thrust is logged"
         return Active(np.ones(grid.count, dtype=np.bool_), why)
-    level = (
-        np.mean([on_grid(member, grid)[0] for member in members], axis=0) if members else np.ones(grid.count)
-    )
-    return airborne_by_log(log, grid, level)
+    levels = [on_grid(member, grid)[0] for member in members] or [np.ones(grid.count)]
+    return airborne_by_log(log, grid, np.mean(levels, axis=0))
 
 
 def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> list[float]:
     """Standard deviation of the rate about each axis over the time used [deg/s]."""
-    rates = [
-        np.concatenate([flight.signals.channel(axis.rate)[flight.used] for flight in flights])
-        for axis in axes
-    ]
-    return [float(np.rad2deg(np.std(rate))) for rate in rates]
+    parts = [[flight.signals.channel(axis.rate)[flight.used] for flight in flights] for axis in axes]
+    return [float(np.rad2deg(np.std(np.concatenate(rates)))) for rates in parts]
 
 
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
@@ -346,7 +335,6 @@ EQUATION = (
 
 
 def _spec(term: Term) -> QuantitySpec:
-    """How a parameter is called; that of yaw is optional."""
     words, unit, of_yaw = term.name.replace("_", " "), term.unit, term.name.startswith("yaw")
     decides = term.name in EFFECTS and not of_yaw
     return QuantitySpec(
@@ -418,10 +406,9 @@ def turning(flights: Flights) -> tuple[Axis, ...]:
 def excitation(flights: Flights) -> str:
     """Standard deviations of the rates of roll and pitch."""
     axes = turning(flights)
-    parts = [
-        f"{axis.name} {size:.2g} deg/s" for axis, size in zip(axes, rates_std(flights, axes), strict=True)
-    ]
-    return f"Standard deviations of the rates: {', '.join(parts)}."
+    pairs = zip(axes, rates_std(flights, axes), strict=True)
+    parts = ", ".join(f"{axis.name} {size:.2g} deg/s" for axis, size in pairs)
+    return f"Standard deviations of the rates: {parts}."
 
 
 @dataclass(frozen=True)
@@ -461,11 +448,9 @@ class Rates(DeclaredMotion):
     )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Rates and torque setpoints."""
         return selected(log, options)
 
     def view(self, flight: PreparedFlight) -> FlightView:
-        """What u is, and the rates of roll and pitch."""
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
         return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in turning((flight,))))
 
@@ -477,5 +462,4 @@ class OneAxis(Rates):
     axis: Axis = ROLL
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Rate and torque setpoint of the axis."""
         return selected(log, options, self.axis)

@@ -146,9 +146,8 @@ class Comparison:
             yield number(f"{self.sensor} behind the {self.kinematic}", 0, "ms", 1e3)
         for axis in np.flatnonzero(moved).tolist():
             # noise of what kinematics makes attenuates the first, noise of the sensor raises the second
-            least, most = (
-                number(f"{self.sensor}, scale along {'xyz'[axis]}", at + axis, "") for at in (1, 4)
-            )
+            what = f"{self.sensor}, scale along {'xyz'[axis]}"
+            least, most = (number(what, at + axis, "") for at in (1, 4))
             value = float(np.sqrt(max(least.value * most.value, 0.0)))
             yield replace(least, value=value, interval=(least.interval[0], most.interval[1]))
         for axis in range(3):
@@ -162,24 +161,17 @@ class Comparison:
 def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Iterator[Comparison]:
     """Gyroscope against attitude, and accelerometer against velocity, in the air; those that are logged."""
     known = log.channels
-    for sensor, kinematic, names, others, unit in (
-        ("gyroscope", "attitude", RATES, (), "rad/s"),
-        ("accelerometer", "velocity", FORCES, VELOCITY, "m/s²"),
+    for words, needed in (
+        (("gyroscope", "attitude", "rad/s"), (*RATES, *ATTITUDE)),
+        (("accelerometer", "velocity", "m/s²"), (*FORCES, *ATTITUDE, *VELOCITY)),
     ):
-        needed = (*names, *ATTITUDE, *others)
-        if not all(name in known and np.isfinite(known[name].values).any() for name in needed):
-            continue
-        made = _comparison(sensor, kinematic, unit, [known[name] for name in needed], spans_s)
-        if made is not None:
-            yield made
+        if all(name in known and np.isfinite(known[name].values).any() for name in needed):
+            made = _comparison(words, [known[name] for name in needed], spans_s)
+            yield from () if made is None else (made,)
 
 
 def _comparison(
-    sensor: str,
-    kinematic: str,
-    unit: str,
-    channels: Sequence[Channel],
-    spans_s: Sequence[tuple[float, float]],
+    words: tuple[str, str, str], channels: Sequence[Channel], spans_s: Sequence[tuple[float, float]]
 ) -> Comparison | None:
     rate_hz = min(channel.rate_hz for channel in channels)
     step_s = float(np.clip(1.0 / max(rate_hz, 1e-9), LEAST_STEP_S, LONGEST_STEP_S))
@@ -215,7 +207,7 @@ def _comparison(
     if len(spectra) < FEWEST:
         return None
     both = np.stack(spectra)
-    return Comparison(sensor, kinematic, unit, frequency[band], both[:, 0], both[:, 1], np.stack(means))
+    return Comparison(*words, frequency[band], both[:, 0], both[:, 1], np.stack(means))
 
 
 def with_one_clock(log: Recording, made: Iterable[Comparison]) -> tuple[Recording, tuple[str, ...]]:

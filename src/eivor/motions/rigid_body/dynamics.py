@@ -48,19 +48,16 @@ class Coefficients:
 
 def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
     """Coefficients of one vehicle, all of them floats."""
-    rotors, drag = vehicle.rotors, vehicle.drag
-    matrix = vehicle.inertia_matrix
-    inverse = np.linalg.solve(matrix, np.eye(3))
+    rotors, drag, matrix = vehicle.rotors, vehicle.drag, vehicle.inertia_matrix
+    places = zip(rotors.positions, rotors.spins, strict=True)
     return Coefficients(
         rotors=rotors.count,
         gyroscopic=rotors.inertia > 0.0,
         weight_acceleration=gravity,
         mass=vehicle.mass,
         inertia=elements(matrix),
-        inverse_inertia=elements(inverse),
-        places=tuple(
-            (x, y, z, float(spin)) for (x, y, z), spin in zip(rotors.positions, rotors.spins, strict=True)
-        ),
+        inverse_inertia=elements(np.linalg.solve(matrix, np.eye(3))),
+        places=tuple((x, y, z, float(spin)) for (x, y, z), spin in places),
         thrust_linear=rotors.thrust_linear,
         thrust_quadratic=rotors.thrust_quadratic,
         torque_ratio=rotors.torque_ratio,
@@ -142,10 +139,8 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     drag, inflow = rotors.drag * speed, rotors.inflow * speed
     body, rotational = vehicle.drag, vehicle.drag.rotational
     high = drag * upward - rotors.flapping * speed * heights  # of rotors above or below the centre of mass
-    of_rotors = (rotors.count * drag, rotors.count * drag, rotors.count * inflow)
-    dx, dy, dz = (
-        (of_rotor + of_body) / mass for of_rotor, of_body in zip(of_rotors, body.linear, strict=True)
-    )
+    of_rotors = np.array([drag, drag, inflow])
+    dx, dy, dz = ((rotors.count * of_rotors + np.array(body.linear)) / mass).tolist()
     cx, cy, cz = (of_body / mass for of_body in body.quadratic)
     return EffectiveParameters(
         gyroscopic_ratios=((iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz),

@@ -11,7 +11,7 @@ import numpy as np
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import Active, Grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, joint_quantities, lag_quantities
+from eivor.flights.lag_prior import joint_quantities, lag_quantities
 from eivor.flights.motion import (
     Abilities,
     Flights,
@@ -26,66 +26,37 @@ from eivor.flights.motion import (
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.quantity import (
-    Implications,
-    Kind,
-    QuantityEstimate,
-    QuantitySpec,
-    QuantityTable,
-    Trace,
-    Words,
-    flight_card,
-)
+from eivor.flights.quantity import Implications, QuantityEstimate, Trace, Words, flight_card
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
 from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import refined_by_output_error
-from eivor.motions.rigid_body.physical_parameters import (
-    Combinations,
-    physical_parameters,
-)
+from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
+    ALONG,
     BAND_SHARE,
+    DAMPING,
+    DRAG,
+    DRIVING,
+    FORCE_X_EQUATION,
+    FORCE_Z_EQUATION,
+    FRICTION,
+    QUADRATIC_DRAG,
+    QUANTITIES,
+    THRUST,
+    TURNING,
     RotorColumns,
     noises_known,
     noisier,
     rigid_body_problem,
 )
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
-from eivor.motions.rigid_body.terms import (
-    ALL_DRAG_MOMENTS,
-    ALONG,
-    COUPLING,
-    DAMPING,
-    DRAG,
-    DRAG_MOMENT,
-    DRIVING,
-    FORCE_X_EQUATION,
-    FORCE_Z_EQUATION,
-    FRICTION,
-    GAIN,
-    GYROSCOPIC_MOMENT,
-    LIFT,
-    LIFT_MOMENT,
-    OFFSET,
-    QUADRATIC_DRAG,
-    REACTION,
-    TERMS,
-    THRUST,
-    TURNING,
-    RigidTerm,
-)
-from eivor.motions.rigid_body.vehicle import (
-    KnownVehicle,
-    load_vehicle,
-    shipped_vehicles,
-    vehicle_from_record,
-)
+from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
 from eivor.motions.rigid_body.verdict import (
     FLY,
     PARTS,
@@ -129,9 +100,7 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
     logged = continuous(np.stack([item.values for item in attitude]))
     known = np.isfinite(logged).all(axis=0)
     time, logged = time[known], logged[:, known]
-    if time.size < 2:
-        return
-    separated = max(1, round(OVER_S / float(np.median(np.diff(time)))))
+    separated = max(1, round(OVER_S / float(np.median(np.diff(time))))) if time.size > 1 else 1
     if time.size <= 2 * separated:
         return
     turned = np.stack([_turned(rate, time) for rate in rates])
@@ -150,11 +119,9 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
     by_attitude = _rates_of(logged, separated) / width
     degrees = float(np.sqrt(np.mean((by_attitude - np.deg2rad(measured)) ** 2)))
     if degrees < RIGHT * np.deg2rad(size):
-        raise InputError(
-            f"body rates in rad/s in {log_name}",
-            f"{rates[0].name} and others that turn 57 times as fast as the attitude, which look like degrees",
-            'State the unit in a channel map (unit = "deg/s").',
-        )
+        fast = "and others that turn 57 times as fast as the attitude, which look like degrees"
+        remedy = 'State the unit in a channel map (unit = "deg/s").'
+        raise InputError(f"body rates in rad/s in {log_name}", f"{rates[0].name} {fast}", remedy)
     results = {name: left(order) for name, order in ORDERS.items()}
     best = min(results, key=lambda name: results[name])
     if results[best] < RIGHT:
@@ -219,8 +186,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         refuse_degrees(rate, log)
     _refuse_no_quaternion(log)
     forces = {f"force_{axis}": log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"}
-    moving = all(name in log.channels for name in FOR_BODY_VELOCITY)
-    tilted = all(name in log.channels for name in ATTITUDE)
+    moving, tilted = ({*names} <= {*log.channels} for names in (FOR_BODY_VELOCITY, ATTITUDE))
     known = FOR_BODY_VELOCITY if moving else ATTITUDE if tilted else ()
     conditions = _without_flips(tuple(log.channel(name) for name in known))
     if tilted:
@@ -271,18 +237,14 @@ def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:
 
 
 def _refuse_no_quaternion(log: Recording) -> None:
-    parts = [log.channels.get(f"attitude_{part}") for part in "wxyz"]
-    known = [part.values for part in parts if part is not None]
+    known = [log.channels[name].values for name in ATTITUDE if name in log.channels]
     if len(known) != 4 or len({part.size for part in known}) != 1:
         return
     length = np.sqrt(sum(part * part for part in known))
-    usual = float(np.nanmedian(np.abs(length - 1.0))) if length.size else 0.0
-    if usual > UNIT_WITHIN:
-        raise InputError(
-            f"an attitude quaternion of length 1 in {log.name}",
-            f"a length of {float(np.nanmedian(length)):.3g}",
-            "Map its four parts w, x, y, z in this order, from body to world.",
-        )
+    if length.size and float(np.nanmedian(np.abs(length - 1.0))) > UNIT_WITHIN:
+        expected, received = "an attitude quaternion of length 1", f"{float(np.nanmedian(length)):.3g}"
+        remedy = "Map its four parts w, x, y, z in this order, from body to world."
+        raise InputError(f"{expected} in {log.name}", f"a length of {received}", remedy)
 
 
 def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Finding]:
@@ -302,13 +264,13 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
     if not {linear, quadratic} <= set(estimate.parameters):
         return {}
-    parts = []
+    parts = [np.zeros((3, 0))]
     for column in problem.columns:
         if column.axis == FORCE_Z_EQUATION and isinstance(column.moving, RotorColumns):
             for run in column.runs:
                 inside, of_run = column.counted(run), column.moving.states.velocity[:, run]
                 parts.append(of_run if inside is None else of_run[:, inside])
-    velocity = np.concatenate(parts, axis=1) if parts else np.zeros((3, 0))
+    velocity = np.concatenate(parts, axis=1)
     squared = velocity[2] ** 2
     if not squared.sum() > 0.0:
         return {}
@@ -380,70 +342,19 @@ def _whole(axis_columns: AxisColumns) -> AxisColumns:
 
 
 def _near(nuisance: Nuisance, value: float) -> Nuisance:
-    """A lag with the values of its grid near the one that was found."""
     if nuisance.name != ACTUATOR_LAG.name or not nuisance.searched:
         return nuisance
     near = nuisance.grid[(nuisance.grid >= value / NEAR) & (nuisance.grid <= value * NEAR)]
     return replace(nuisance, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else nuisance
 
 
-# -- QuantitySpec --
+# -- Words --
 
 EQUATION = (
     "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; "
     "s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b",
     "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
 )
-_HEADLINE = (THRUST, *GAIN[:2])
-#: What flight mechanics calls parameters, on axes that point forward, right and down.
-FIELD_SYMBOLS = dict(
-    zip(
-        (item.name for item in (*DAMPING, *DRAG, DRAG_MOMENT[0][0], DRAG_MOMENT[1][0])),
-        ("-L_p", "-M_q", "-N_r", "-X_u", "-Y_v", "-Z_w", "-L_v", "-M_u"),
-        strict=True,
-    )
-)
-
-
-def _spec(term: RigidTerm) -> QuantitySpec:
-    """How a parameter is called; those that need more than rates and rotors are optional."""
-    unit, headline = term.parameter.unit, term.parameter in _HEADLINE
-    return QuantitySpec(
-        term.words,
-        term.symbol,
-        unit,
-        shown_unit=unit.replace("^2", "²").replace("^3", "³"),
-        optional=term.by_velocity or term.equation >= FORCE_X_EQUATION,
-        headline=headline,
-        in_rows=headline,
-        need="gain" if term.parameter == THRUST else "torque" if term.parameter in GAIN[:2] else "",
-        field_symbol=FIELD_SYMBOLS.get(term.parameter.name, ""),
-    )
-
-
-_SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
-    **LAG_QUANTITIES,
-    EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
-    FRICTION.name: QuantitySpec(
-        "viscous friction",
-        "K",
-        FRICTION.unit,
-        kind=Kind.DERIVED,
-        shown_unit="1/s",
-        optional=True,
-        need="friction",
-    ),
-}
-_PARAMETERS = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, FRICTION, LIFT, *LIFT_MOMENT, *ALL_DRAG_MOMENTS)
-_ORDER = (
-    *(item.name for item in (THRUST, *GAIN)),
-    EFFECTIVE_LAG,
-    *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
-    ACTUATOR_LAG.name,
-    DELAY.name,
-    *STAGES,
-)
-QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 _MANOEUVRES = (
     "Calm air, at least 3 m above the ground.",
     "60 s: steps of roll and pitch of about 15°, of yaw of about 45°, and of height of 1 m, at uneven times, "
@@ -505,7 +416,6 @@ class RigidBody(Motion[LaggedRuns]):
 
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
-        """What only some motions can do."""
         return Abilities(
             vehicle=VehicleSupport(
                 lambda vehicle: replace(self, vehicle=load_vehicle(vehicle)),
@@ -544,11 +454,9 @@ class RigidBody(Motion[LaggedRuns]):
         return self.vehicle
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Rotors, rates, forces, velocity and attitude."""
         return selected(log, options, self.known_vehicle)
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay."""
         problem = rigid_body_problem(flights, self.known_vehicle, rule)
         if not all(map(noises_known, flights)):
             return problem
@@ -556,15 +464,10 @@ class RigidBody(Motion[LaggedRuns]):
         return replace(problem, noisier=rigid_body_problem(surrogates, self.known_vehicle, NoInstruments()))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters of the equations that are there, and the lag."""
         joint = joint_quantities(estimate)
-        result, ratio = dict(joint), _hover_over_usual(problem, joint)
-        for parameter in (*DRAG, *DAMPING):
-            item = result.get(parameter.name)
-            if item is not None:
-                result[parameter.name] = item.times(ratio)
+        ratio, names = _hover_over_usual(problem, joint), {item.name for item in (*DRAG, *DAMPING)}
         results = {
-            **result,
+            **{name: item.times(ratio) if name in names else item for name, item in joint.items()},
             **gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
@@ -578,7 +481,6 @@ class RigidBody(Motion[LaggedRuns]):
         return Implications(tuple(parameters.numbers.values()), parameters.contradictions)
 
     def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> RigidBodyChecks:
-        """Where a flight contradicts the vehicle file: its rotors' order, and the filters it names."""
         cutoff_hz = self.known_vehicle.gyro_cutoff_hz
         early_s = max(filter_early_s(cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
         order = observed_order(flights, self.known_vehicle)
@@ -591,7 +493,6 @@ class RigidBody(Motion[LaggedRuns]):
         return RigidBodyChecks(None, wind, lags, filters, early_s)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Angular acceleration about each axis and force along it, within the bands."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
         results = []
         for axis in problem.axes:
@@ -605,7 +506,6 @@ class RigidBody(Motion[LaggedRuns]):
         return tuple(results)
 
     def view(self, flight: PreparedFlight) -> FlightView:
-        """What n is, and the rates."""
         how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
         symbols = f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
         return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))

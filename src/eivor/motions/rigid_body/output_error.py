@@ -18,7 +18,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rigid_body.dynamics import turned, vector_part
 from eivor.motions.rigid_body.predict import LoggedState, StatePropagator
-from eivor.motions.rigid_body.terms import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
+from eivor.motions.rigid_body.regression import DAMPING, DRAG, GAIN, OFFSET, QUADRATIC_DRAG, THRUST
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
@@ -70,9 +70,8 @@ class Windows:
     @cached_property
     def outputs(self) -> list[int]:
         """Parts of the difference that were measured."""
-        placed = list(self.logged.placed) if self.logged.moves else []
-        turned_, moves = self.logged.turns, self.logged.moves
-        return [*placed, *(range(3, 6) if moves else ()), *(range(6, 9) if turned_ else ()), *range(9, 12)]
+        moving = [*self.logged.placed, 3, 4, 5] if self.logged.moves else []
+        return [*moving, *((6, 7, 8) if self.logged.turns else ()), 9, 10, 11]
 
     @cached_property
     def begun(self) -> Float[np.ndarray, "13 1 starts"]:
@@ -106,38 +105,29 @@ class Windows:
         return left.reshape(len(left), -1, left.shape[-1])
 
 
-@dataclass(frozen=True)
-class Weights:
-    """Inverse roots of the covariances of windows, whose initial states are free within their noise."""
+#: Inverse roots of the covariances of windows, whose initial states are free within their noise.
+Weights = Float[np.ndarray, "starts rows rows"]
 
-    roots: Float[np.ndarray, "starts rows rows"]
 
-    @classmethod
-    def of(
-        cls,
-        residual: Float[np.ndarray, "rows starts"],
-        by_state: Float[np.ndarray, "rows outputs starts"],
-        noise: Float[np.ndarray, " outputs"],
-    ) -> tuple[Weights, Float[np.ndarray, " outputs"]]:
-        """Weights from what is left, and the noise of measured states that this implies: one step of EM."""
-        by_start = by_state.transpose(2, 0, 1) * noise
-        spread = np.maximum(1.4826 * np.median(np.abs(residual), axis=1), 1e-9)
-        for _ in range(3):
-            covariance = by_start @ by_start.transpose(0, 2, 1) + np.diag(spread**2)
-            gain = np.linalg.solve(covariance, by_start).transpose(0, 2, 1)
-            state = np.clip((gain @ residual.T[:, :, None])[..., 0], -3.0, 3.0)
-            left = residual.T - (by_start @ state[..., None])[..., 0]
-            kept = np.eye(noise.size) - gain @ by_start
-            unsure = np.einsum("sri,sij,srj->sr", by_start, kept, by_start)
-            spread = np.sqrt(np.median(left**2, axis=0) / 0.455 + np.mean(unsure, axis=0))
-        scale = np.sqrt(np.mean(state**2 + np.diagonal(kept, axis1=1, axis2=2), axis=0))
-        roots = np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1)
-        return cls(np.ascontiguousarray(roots)), noise * np.clip(scale, 0.3, 3.0)
-
-    def __call__(self, residual: Float[np.ndarray, "... rows starts"]) -> Float[np.ndarray, "... all"]:
-        """Residuals of variance 1."""
-        whitened = np.einsum("sij,...js->...si", self.roots, residual)
-        return whitened.reshape(*whitened.shape[:-2], -1)
+def weights_of(
+    residual: Float[np.ndarray, "rows starts"],
+    by_state: Float[np.ndarray, "rows outputs starts"],
+    noise: Float[np.ndarray, " outputs"],
+) -> tuple[Weights, Float[np.ndarray, " outputs"]]:
+    """Weights from what is left, and the noise of measured states that this implies: one step of EM."""
+    by_start = by_state.transpose(2, 0, 1) * noise
+    spread = np.maximum(1.4826 * np.median(np.abs(residual), axis=1), 1e-9)
+    for _ in range(3):
+        covariance = by_start @ by_start.transpose(0, 2, 1) + np.diag(spread**2)
+        gain = np.linalg.solve(covariance, by_start).transpose(0, 2, 1)
+        state = np.clip((gain @ residual.T[:, :, None])[..., 0], -3.0, 3.0)
+        left = residual.T - (by_start @ state[..., None])[..., 0]
+        kept = np.eye(noise.size) - gain @ by_start
+        unsure = np.einsum("sri,sij,srj->sr", by_start, kept, by_start)
+        spread = np.sqrt(np.median(left**2, axis=0) / 0.455 + np.mean(unsure, axis=0))
+    scale = np.sqrt(np.mean(state**2 + np.diagonal(kept, axis1=1, axis2=2), axis=0))
+    roots = np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1)
+    return np.ascontiguousarray(roots), noise * np.clip(scale, 0.3, 3.0)
 
 
 @dataclass(frozen=True)
@@ -209,7 +199,8 @@ class Minimum:
     def whitened(self, points: Sequence[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "points all"]:
         """Residuals of variance 1 at points."""
         pairs = zip(self.weights, self.errors.left(points), strict=True)
-        return np.concatenate([weights(left) for weights, left in pairs], axis=1)
+        whitened = [np.einsum("sij,...js->...si", roots, left) for roots, left in pairs]
+        return np.concatenate([item.reshape(len(points), -1) for item in whitened], axis=1)
 
     @cached_property
     def clusters(self) -> Int[np.ndarray, " all"]:
@@ -236,12 +227,11 @@ class Minimum:
             weighted = rows * bend[cluster, None]
             scores.append(-weighted.T @ residual[cluster])
             slopes.append(weighted.T @ rows)
-        slopes_ = np.stack(slopes)
+        added = np.zeros_like(slopes[0])
         if self.errors.offsets:  # their mean is the delay
-            clocks = np.zeros(scale.size)
-            clocks[len(self.errors.free) :] = scale[len(self.errors.free) :]
-            slopes_ += 1e4 * np.outer(clocks, clocks) / float(clocks @ clocks) / len(slopes)
-        return Linearised(np.stack(scores), slopes_, scale)
+            clocks = np.where(np.arange(scale.size) < len(self.errors.free), 0.0, scale)
+            added = 1e4 * np.outer(clocks, clocks) / float(clocks @ clocks) / len(slopes)
+        return Linearised(np.stack(scores), np.stack(slopes) + added, scale)
 
 
 @dataclass(frozen=True)
@@ -283,8 +273,8 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
         made = []
         for number, (windows, left) in enumerate(zip(errors.windows, errors.left([point]), strict=True)):
             by_state = windows.by_initial_state(errors.models([point], number)[0])
-            weights, noises[number] = Weights.of(left[0], by_state, noises[number])
-            made.append(weights)
+            roots, noises[number] = weights_of(left[0], by_state, noises[number])
+            made.append(roots)
         best = Minimum(errors, tuple(made), point)
 
         def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " clocks"]:
@@ -299,18 +289,8 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             clocks = np.stack([together(item) for item in points])
             return errors.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
 
-        found = least_squares(
-            residual,
-            point,
-            jac=jacobian,
-            bounds=(low, high),
-            x_scale=errors.scale,
-            loss="soft_l1",
-            max_nfev=CALLS,
-            ftol=1e-4,
-            xtol=1e-5,
-        )
-        point = found.x
+        kept = {"bounds": (low, high), "x_scale": errors.scale, "loss": "soft_l1", "max_nfev": CALLS}
+        point = least_squares(residual, point, jac=jacobian, ftol=1e-4, xtol=1e-5, **kept).x
     return replace(best, point=point)
 
 
@@ -379,12 +359,10 @@ class Structure:
 
     def chosen(self, at: Linearised) -> Structure:
         """With the terms that Akaike's criterion wants as well, one after the other."""
-        positive = {item.name for item in _POSITIVE}
-        ratios = {"": 0.0}
+        positive, place, ratios = {item.name for item in _POSITIVE}, len(self.kept), {"": 0.0}
         for name in self.seen:
             if name not in self.kept:
                 change, covariance = self.alone(at, name)
-                place = len(self.kept)
                 wrong = name in positive and change[place] < 0.0
                 ratios[name] = 0.0 if wrong else change[place] ** 2 / max(covariance[place, place], 1e-300)
         best = max(ratios, key=lambda name: ratios[name])
@@ -400,7 +378,8 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     scales = {name: max(estimate.std_error(name), 1e-9) for name in names}
     clocks = np.zeros(len(windows) if len(windows) > 1 else 0)
     begun = Structure(windows, names, scales, values, tuple(core), clocks)
-    left = begun.errors(names).left(begun.errors(names).moved(begun.point(names)))
+    of_all = begun.errors(names)
+    left = of_all.left(of_all.moved(begun.point(names)))
     answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
     # what no window answers stays as it is
     seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
@@ -445,8 +424,7 @@ def refined_by_output_error(
     theta = np.array([values[name] for name in names[: estimate.theta.size]])
     findings: tuple[Finding, ...] = ()
     if np.abs(structure.clocks).max(initial=0.0) > CLOCK_S:
-        low, high = 1e3 * structure.clocks.min(), 1e3 * structure.clocks.max()
-        apart = f"{low:.1f} to {high:.1f} ms"
+        apart = f"{1e3 * structure.clocks.min():.1f} to {1e3 * structure.clocks.max():.1f} ms"
         text = f"Commands and sensors of the flights stand apart by {apart}, which are taken out."
         findings = (Finding("clocks_of_flights", text),)
     result = replace(

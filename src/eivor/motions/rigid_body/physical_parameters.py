@@ -10,18 +10,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from eivor.errors import ShapeError
 from eivor.estimation.derived import LARGEST_BEND, DerivedQuantity, OfVector, derived_from
 from eivor.estimation.estimate import Estimate
 from eivor.flights.quantity import Implied
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
-from eivor.inference.distributions import check_level
 from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
-from eivor.tools import Float, Int
+from eivor.tools import Float
 
 #: What may be supplied, and what stands in sentences for it.
 SUPPLIED = {
@@ -61,22 +59,16 @@ class Formula:
         return tuple(name for name in self.supplied if getattr(known, name) is None)
 
 
+#: Of all intervals.
+LEVEL = 0.95
+
+
 @dataclass(frozen=True)
 class Combinations:
     """What a flight identifies of a vehicle, in the order of its names."""
 
     names: tuple[str, ...]  # Such as ``roll_gain``
     joint: JointEstimate
-
-    def __post_init__(self) -> None:
-        size, shape = len(self.names), self.joint.values.shape
-        shapes = {part.matrix.shape for part in self.joint.covariance.parts}
-        if shape != (size,) or shapes != {(size, size)}:
-            raise ShapeError(
-                f"a vector and covariances of {size} combinations",
-                f"a vector of {shape} and covariances of {sorted(shapes)}",
-                "Give all in the order of the names.",
-            )
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> Combinations:
@@ -88,35 +80,35 @@ class Combinations:
         good = np.isfinite(self.joint.values)
         for part in self.joint.covariance.parts:
             good &= np.isfinite(np.diag(part.matrix))
-        return self._at(np.flatnonzero(good))
+        return self.only([name for name, kept in zip(self.names, good, strict=True) if kept])
 
     def only(self, names: Collection[str]) -> Combinations:
         """Those that have one of these names."""
-        return self._at(np.flatnonzero([name in names for name in self.names]))
-
-    def _at(self, positions: Int[np.ndarray, " k"]) -> Combinations:
+        at = [position for position, name in enumerate(self.names) if name in names]
         parts = self.joint.covariance.parts
-        kept = (replace(part, matrix=part.matrix[np.ix_(positions, positions)]) for part in parts)
-        joint = JointEstimate(self.joint.values[positions], JointCovariance(tuple(kept)))
-        return Combinations(tuple(self.names[position] for position in positions), joint)
+        kept = JointCovariance(tuple(replace(part, matrix=part.matrix[np.ix_(at, at)]) for part in parts))
+        return Combinations(
+            tuple(self.names[item] for item in at), JointEstimate(self.joint.values[at], kept)
+        )
 
     def has(self, *names: str) -> bool:
         """Whether all of these were identified."""
         return set(names) <= set(self.names)
 
-    def positive(self, *names: str, level: float) -> bool:
+    def positive(self, *names: str, level: float = LEVEL) -> bool:
         """Whether all of these were identified, and are above zero."""
         return self.has(*names) and all(self.interval(name, level)[0] > 0.0 for name in names)
 
-    def interval(self, name: str, level: float) -> tuple[float, float]:
+    def interval(self, name: str, level: float = LEVEL) -> tuple[float, float]:
         """Interval of one combination."""
-        return self.value(name, level).interval
+        return self.value(name, level=level).interval
 
     def value(
         self,
         formula: str | Formula,
-        level: float,
         known: KnownVehicle | None = None,
+        *,
+        level: float = LEVEL,
         largest_bend: float = math.inf,
     ) -> DerivedQuantity:
         """Value of a formula, with an interval that holds the errors of all it is made of."""
@@ -125,14 +117,9 @@ class Combinations:
         exact = {name: number.value for name, number in numbers.items() if number.std == 0.0}
         uncertain = {name: number for name, number in numbers.items() if number.std > 0.0}
         index = [self.names.index(name) for name in formula.needed]
-        values = self.joint.values
         errors = np.sqrt(np.maximum(np.diag(self.joint.covariance.matrix), 0.0))
-        sizes = np.array(
-            [
-                *(float(np.hypot(values[item], errors[item])) or 1.0 for item in index),
-                *(number.value for number in uncertain.values()),
-            ]
-        )
+        of_flight = [float(np.hypot(self.joint.values[item], errors[item])) or 1.0 for item in index]
+        sizes = np.array([*of_flight, *(number.value for number in uncertain.values())])
         order, evaluate = (*formula.needed, *uncertain), formula.expression.evaluate
 
         def of_vector(values: Float[np.ndarray, " n"]) -> float:
@@ -161,10 +148,7 @@ def _by_logarithm(function: OfVector, joint: JointEstimate, level: float) -> Der
 
 
 def _part_of(
-    joint: JointEstimate,
-    indices: list[int],
-    known: tuple[KnownNumber, ...],
-    sizes: Float[np.ndarray, " n"],
+    joint: JointEstimate, indices: list[int], known: tuple[KnownNumber, ...], sizes: Float[np.ndarray, " n"]
 ) -> JointEstimate:
     """Some combinations and what is supplied, in units of their sizes."""
     values = np.append(joint.values[indices], [number.value for number in known])
@@ -189,7 +173,9 @@ def differs_from_zero(interval: tuple[float, float]) -> bool:
 
 #: Couplings determine Izz when the half-width of its interval is at most this share of it.
 EXCITED_SHARE = 0.25
-TILTING = ("roll_gain", "pitch_gain")
+#: Inertias in roll and pitch over mass and arms.
+TILTING = {turning: f"arm_scale * thrust_gain / {turning}_gain" for turning in ("roll", "pitch")}
+GAINS = tuple(f"{turning}_gain" for turning in TILTING)
 #: Izz over mass, arm and thrust gain: Iyy - beta_1 Ixx, and Ixx + beta_2 Iyy.
 BY_COUPLING = {
     "roll_coupling": "(1 / pitch_gain - roll_coupling / roll_gain)",
@@ -205,11 +191,11 @@ class YawInertiaRoute:
     per_mass: str  # Izz over the mass [m^2]
     over_thrust: str = ""  # The same over arm and thrust gain; empty where it does not go with them
 
-    def at_hand(self, combinations: Combinations, known: KnownVehicle, level: float) -> bool:
+    def at_hand(self, combinations: Combinations, known: KnownVehicle) -> bool:
         """Whether all is known to compare it with the other inertias."""
         formula = Formula(f"arm_scale * {self.per_mass}")
         gains = [name for name in formula.needed if name.endswith("_gain")]
-        usable = combinations.positive("thrust_gain", *TILTING, *gains, level=level)
+        usable = combinations.positive("thrust_gain", *GAINS, *gains, level=SURE)
         return not formula.missing(known) and usable
 
 
@@ -234,24 +220,24 @@ class YawInertia:
     routes: tuple[YawInertiaRoute, ...]  # Those that are open, the one to go first
 
 
-def yaw_inertia(combinations: Combinations, known: KnownVehicle, level: float) -> YawInertia:
+def yaw_inertia(combinations: Combinations, known: KnownVehicle) -> YawInertia:
     """Ways to Izz that are open; all gains that are taken must be distinguished from zero."""
-    tilting = combinations.positive(*TILTING, level=level)
+    tilting = combinations.positive(*GAINS)
     ratio, routes = None, []
     at_hand = [text for name, text in BY_COUPLING.items() if combinations.has(name)]
     if at_hand and tilting:
         if len(at_hand) == 2:
-            share = _weight(combinations, level)
+            share = _weight(combinations)
             at_hand = [f"({share!r} * {at_hand[0]} + {1.0 - share!r} * {at_hand[1]})"]
-        ratio = combinations.value(f"roll_gain * {at_hand[0]}", level, largest_bend=LARGEST_BEND)
+        ratio = combinations.value(f"roll_gain * {at_hand[0]}", largest_bend=LARGEST_BEND)
         low, high = ratio.interval
         if differs_from_zero(ratio.interval) and high - low <= 2.0 * EXCITED_SHARE * ratio.value:
             routes.append(_by_arms("the gyroscopic couplings of the flight", at_hand[0]))
-    if known.torque_ratio is not None and combinations.positive("yaw_gain", level=level):
+    if known.torque_ratio is not None and combinations.positive("yaw_gain"):
         routes.append(_BY_TORQUE_RATIO)
 
     def relative_width(route: YawInertiaRoute) -> float:
-        function = combinations.value(route.per_mass, level, known)
+        function = combinations.value(route.per_mass, known)
         return (function.interval[1] - function.interval[0]) / function.value
 
     if len(routes) == 2 and known.arm_scale is not None:
@@ -261,14 +247,15 @@ def yaw_inertia(combinations: Combinations, known: KnownVehicle, level: float) -
     return YawInertia(ratio, tuple(routes))
 
 
-def _weight(combinations: Combinations, level: float) -> float:
+def _weight(combinations: Combinations) -> float:
     """Weight of the first coupling in the combination of both of least variance."""
     first, second = BY_COUPLING.values()
-    variance, other, separated = (
-        combinations.value(text, level).std_error ** 2 for text in (first, second, f"{first} - {second}")
-    )
+    texts = first, second, f"{first} - {second}"
+    variance, other, separated = (combinations.value(text).std_error ** 2 for text in texts)
     return min(max(0.5 * (other - variance + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
 
+
+# -- Contradictions --
 
 COUPLING_TEXTS = {
     "roll_coupling": "(Iyy - Izz) / Ixx",
@@ -277,10 +264,9 @@ COUPLING_TEXTS = {
 }
 #: Zero for couplings of one body.
 IDENTITY = "roll_coupling + pitch_coupling + yaw_coupling + roll_coupling * pitch_coupling * yaw_coupling"
-AXES = ("Ixx", "Iyy", "Izz")
 #: Pure numbers are equal within rounding.
 ROUNDING = 1e-9
-#: There are several ways to contradict, and most flights do in none.
+#: Level of their intervals: there are several ways to contradict, and most flights do in none.
 SURE = 0.999
 #: Weight over the square of the arms' length: what vehicles have [N/m^2].
 WEIGHT_OVER_ARMS = (2.0, 20_000.0)
@@ -288,33 +274,29 @@ WEIGHT_OVER_ARMS = (2.0, 20_000.0)
 GYRATION = (0.02, 1.5)
 
 
-def contradictions(
-    combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
-) -> Iterator[str]:
+def contradictions(combinations: Combinations, known: KnownVehicle, yaw: YawInertia) -> Iterator[str]:
     """Sentences about what no rigid body has, and about what is supplied and does not fit."""
-    level = max(level, SURE)
-    yield from _of_couplings(combinations, level)
+    yield from _of_couplings(combinations)
     if known.arm_scale is not None:
-        yield from _of_lengths(combinations, known, known.arm_scale.value * known.arm, level)
-    for route in yaw.routes[:1]:
-        if route.at_hand(combinations, known, level):
-            yield from _of_inertias(combinations, known, route, level)
-    for item, other in pairwise(yaw.routes):
-        if not all(route.at_hand(combinations, known, level) for route in (item, other)):
-            continue
-        function = combinations.value(f"{other.per_mass} / ({item.per_mass}) - 1", level, known)
-        if differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
+        yield from _of_lengths(combinations, known, known.arm_scale.value * known.arm)
+    at_hand = [route.at_hand(combinations, known) for route in yaw.routes]
+    if any(at_hand[:1]):
+        yield from _of_inertias(combinations, known, yaw.routes[0])
+    for (item, other), both in zip(pairwise(yaw.routes), pairwise(at_hand), strict=True):
+        formula = f"{other.per_mass} / ({item.per_mass}) - 1"
+        function = combinations.value(formula, known, level=SURE) if all(both) else None
+        if function is not None and differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
             low, high = (100.0 * end for end in function.interval)
             yield f"Izz by {other.words} is {low:+.3g} to {high:+.3g} % off that by {item.words}."
 
 
-def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
+def _of_couplings(combinations: Combinations) -> Iterator[str]:
     for name, words in COUPLING_TEXTS.items():
-        low, high = combinations.interval(name, level) if combinations.has(name) else (0.0, 0.0)
+        low, high = combinations.interval(name, SURE) if combinations.has(name) else (0.0, 0.0)
         if low > 1.0 + NO_BODY_UNCERTAINTY or high < -1.0 - NO_BODY_UNCERTAINTY:
             yield f"{name} = {words} is between {low:.3g} and {high:.3g}: no body has one beyond -1 or 1."
     if combinations.has(*COUPLING_TEXTS):
-        low, high = combinations.value(IDENTITY, level).interval
+        low, high = combinations.value(IDENTITY, level=SURE).interval
         if differs_from_zero((low, high)) and min(abs(low), abs(high)) > ROUNDING:
             yield (
                 f"The gyroscopic couplings are not those of one body: beta_1 + beta_2 + beta_3 + beta_1 "
@@ -322,7 +304,7 @@ def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
             )
 
 
-def _of_lengths(combinations: Combinations, known: KnownVehicle, arm_m: float, level: float) -> Iterator[str]:
+def _of_lengths(combinations: Combinations, known: KnownVehicle, arm_m: float) -> Iterator[str]:
     """Mass and inertias that the rotors' distances make those of no vehicle: a wrong unit, most likely."""
     low, high = WEIGHT_OVER_ARMS
     if known.mass is not None:
@@ -332,10 +314,9 @@ def _of_lengths(combinations: Combinations, known: KnownVehicle, arm_m: float, l
                 f"With mass and arms as supplied, the weight over the square of an arm would be "
                 f"{loading:.2g} N/m^2, where vehicles have {low:g} to {high:g}: check the units of both."
             )
-    for turning in ("roll", "pitch"):
-        if combinations.positive("thrust_gain", f"{turning}_gain", level=level):
-            gyration = f"arm_scale * thrust_gain / {turning}_gain / {known.arm**2!r}"
-            ratio = combinations.value(gyration, level, known)
+    for turning, inertia in TILTING.items():
+        if combinations.positive("thrust_gain", f"{turning}_gain", level=SURE):
+            ratio = combinations.value(f"{inertia} / {known.arm**2!r}", known, level=SURE)
             if ratio.interval[1] < GYRATION[0] or ratio.interval[0] > GYRATION[1]:
                 yield (
                     f"With the rotors' distances as supplied the inertia in {turning} would be "
@@ -344,26 +325,26 @@ def _of_lengths(combinations: Combinations, known: KnownVehicle, arm_m: float, l
                 )
 
 
-def _of_inertias(
-    combinations: Combinations, known: KnownVehicle, route: YawInertiaRoute, level: float
-) -> Iterator[str]:
+def _of_inertias(combinations: Combinations, known: KnownVehicle, route: YawInertiaRoute) -> Iterator[str]:
     """Any two inertias are together at least the third."""
-    per_mass = [f"arm_scale * thrust_gain / {gain}" for gain in TILTING] + [route.per_mass]
-    for symbol, largest in zip(AXES, per_mass, strict=True):
-        share = f"({' + '.join(per_mass)} - 2 * ({largest})) / ({per_mass[0]})"  # of Ixx
-        if combinations.value(share, level, known).interval[1] < -NO_BODY_UNCERTAINTY:
-            others = " and ".join(item for item in AXES if item != symbol)
+    per_mass = {"Ixx": TILTING["roll"], "Iyy": TILTING["pitch"], "Izz": route.per_mass}
+    for symbol, largest in per_mass.items():
+        share = f"({' + '.join(per_mass.values())} - 2 * ({largest})) / ({per_mass['Ixx']})"
+        if combinations.value(share, known, level=SURE).interval[1] < -NO_BODY_UNCERTAINTY:
+            others = " and ".join(item for item in per_mass if item != symbol)
             yield f"{symbol} is more than {others} together, which no body has; Izz rests on {route.words}."
 
 
 # -- Formulas of physical parameters --
 
-#: Units of torques against rates, with the mass and without.
-TORQUE_UNITS = ("N m/(rad/s)", "m^2/s")
-#: The same of inertias, and of what goes with the speed and its square.
-INERTIA_UNITS = ("kg m^2", "m^2")
+#: Units with the mass, and without.
+TORQUE_UNITS, INERTIA_UNITS = ("N m/(rad/s)", "m^2/s"), ("kg m^2", "m^2")
 LINEAR_UNITS, QUADRATIC_UNITS = ("N/(m/s)", "1/s"), ("N/(m/s)^2", "1/m")
-_NO_YAW_INERTIA = "Izz is not identified."
+#: By the power of the rotor speed.
+THRUST_WORDS = {
+    1.0: ("thrust_linear", "thrust per rotor speed"),
+    2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
+}
 
 
 @dataclass(frozen=True)
@@ -386,53 +367,42 @@ def _by_mass(symbol: str, units: tuple[str, str], per_mass: str) -> tuple[Formul
 
 def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]:
     """Every physical parameter that a flight may identify."""
+    made = PhysicalParameter
     formulas: tuple[Formula, ...]
-    for axis, turning in (("x", "roll"), ("y", "pitch")):
-        symbol, over_gain = f"I{axis}{axis}", f"thrust_gain / {turning}_gain"
-        whole, left = _by_mass(symbol, INERTIA_UNITS, f"arm_scale * {over_gain}")
-        formulas = (whole, left, Formula(over_gain, f"{symbol}/(m l)", "m"))
-        yield PhysicalParameter(f"inertia_{axis}{axis}", f"inertia in {turning}", formulas)
+    for axis, turning in zip("xy", TILTING, strict=True):
+        by_mass = _by_mass(f"I{axis}{axis}", INERTIA_UNITS, TILTING[turning])
+        formulas = (*by_mass, Formula(f"thrust_gain / {turning}_gain", f"I{axis}{axis}/(m l)", "m"))
+        yield made(f"inertia_{axis}{axis}", f"inertia in {turning}", formulas)
     yield _yaw_inertia(yaw)
     yield from _thrust(thrust_map)
     yield _torque_ratio(yaw)
-    for words, axis, over_gain in (
+    for words, axis, offset in (
         ("forward", "x", "pitch_offset / pitch_gain"),
         ("left", "y", "-roll_offset / roll_gain"),
     ):
-        formulas = Formula(f"arm_scale * {over_gain}", f"{axis}_c", "m"), Formula(over_gain, f"{axis}_c/l")
-        words_of = f"centre of mass, {words} of the rotors' middle"
-        yield PhysicalParameter(f"centre_of_mass_{words}", words_of, formulas)
-    for kind, words, letter, units in (
-        ("drag", "drag", "D", LINEAR_UNITS),
-        ("quadratic_drag", "quadratic drag", "C", QUADRATIC_UNITS),
-    ):
+        formulas = Formula(f"arm_scale * {offset}", f"{axis}_c", "m"), Formula(offset, f"{axis}_c/l")
+        yield made(f"centre_of_mass_{words}", f"centre of mass, {words} of the rotors' middle", formulas)
+    for words, letter, units in (("drag", "D", LINEAR_UNITS), ("quadratic drag", "C", QUADRATIC_UNITS)):
         for axis in "xyz":
-            formulas = _by_mass(f"{letter}_{axis}", units, f"{kind}_{axis}")
-            yield PhysicalParameter(f"{kind}_{axis}", f"{words} along {axis}", formulas)
-    yield PhysicalParameter(
-        "translational_lift",
-        "thrust per squared speed across it",
-        _by_mass("H", QUADRATIC_UNITS, "translational_lift"),
-    )
-    yaw_inertia = yaw.routes[0].per_mass if yaw.routes else ""
-    for axis, turning, inertia in (
-        ("x", "roll", "arm_scale * thrust_gain / roll_gain"),
-        ("y", "pitch", "arm_scale * thrust_gain / pitch_gain"),
-        ("z", "yaw", yaw_inertia),
-    ):
-        damping, refusal = f"{turning}_damping", "" if inertia else _NO_YAW_INERTIA
-        by_mass = _by_mass(f"B_{axis}", TORQUE_UNITS, f"{inertia} * {damping}") if inertia else ()
-        formulas = (*by_mass, Formula(damping, f"B_{axis}/I{axis}{axis}", "1/s"))
-        words = f"torque against {turning}ing"
-        yield PhysicalParameter(f"{turning}_drag", words, formulas, refusal=refusal)
-    per_mass = f"1 / speed_scale * {yaw_inertia} * rotor_reaction"
-    by_mass = _by_mass("J", INERTIA_UNITS, per_mass) if yaw_inertia else ()
-    by_inertia = (
-        Formula("rotor_reaction / speed_scale", "J/Izz"),
-        Formula("rotor_reaction", "J/Izz", "(rad/s)/command"),
-    )
-    refusal = "" if yaw_inertia else _NO_YAW_INERTIA
-    yield PhysicalParameter("rotor_inertia", "inertia of a rotor", (*by_mass, *by_inertia), refusal=refusal)
+            name = f"{words.replace(' ', '_')}_{axis}"
+            yield made(name, f"{words} along {axis}", _by_mass(f"{letter}_{axis}", units, name))
+    lift = _by_mass("H", QUADRATIC_UNITS, "translational_lift")
+    yield made("translational_lift", "thrust per squared speed across it", lift)
+    inertias = TILTING | {"yaw": yaw.routes[0].per_mass if yaw.routes else ""}
+    no_inertia = "" if yaw.routes else "Izz is not identified."
+    for axis, (turning, inertia) in zip("xyz", inertias.items(), strict=True):
+        damping = f"{turning}_damping"
+        formulas = (Formula(damping, f"B_{axis}/I{axis}{axis}", "1/s"),)
+        if inertia:
+            formulas = (*_by_mass(f"B_{axis}", TORQUE_UNITS, f"{inertia} * {damping}"), *formulas)
+        refusal = "" if inertia else no_inertia
+        yield made(f"{turning}_drag", f"torque against {turning}ing", formulas, refusal=refusal)
+    per_command = Formula("rotor_reaction", "J/Izz", "(rad/s)/command")
+    formulas = Formula("rotor_reaction / speed_scale", "J/Izz"), per_command
+    if inertias["yaw"]:
+        per_mass = f"1 / speed_scale * {inertias['yaw']} * rotor_reaction"
+        formulas = (*_by_mass("J", INERTIA_UNITS, per_mass), *formulas)
+    yield made("rotor_inertia", "inertia of a rotor", formulas, refusal=no_inertia)
 
 
 def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
@@ -442,9 +412,9 @@ def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
         helps = ("torque_ratio", "yaw_inertia_ratio")
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
     route = yaw.routes[0]
-    formulas = _by_mass("Izz", INERTIA_UNITS, route.per_mass)
     ratio = (Formula(f"roll_gain * {route.over_thrust}", "Izz/Ixx"),) if route.over_thrust else ()
-    return PhysicalParameter(name, words, (*formulas, *ratio), f"It rests on {route.words}.")
+    formulas = (*_by_mass("Izz", INERTIA_UNITS, route.per_mass), *ratio)
+    return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
 
 
 def _unexcited(yaw: YawInertia) -> str:
@@ -456,28 +426,21 @@ def _unexcited(yaw: YawInertia) -> str:
 
 
 def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
-    """Constant of each power of the rotor speed in the thrust."""
-    match thrust_map:
-        case Mixed(share):
-            terms = [(2.0, share), (1.0, 1.0 - share)]
-        case Power(exponent):
-            terms = [(exponent, 1.0)]
-        case _:  # no other map is made by name
-            terms = []
-    for power, share in terms:
-        if not share > 0.0:
-            continue
-        name, words = {
-            1.0: ("thrust_linear", "thrust per rotor speed"),
-            2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
-        }.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
-        raised = "" if power == 1.0 else f"^{power:g}"
-        per_command = f"{share!r} * thrust_gain"
-        of_speed = f"{per_command} / pow(speed_scale, {power!r})"
-        by_speed = _by_mass("k", (f"N/(rad/s){raised}", f"m/s^2/(rad/s){raised}"), of_speed)
-        by_command = _by_mass("k", (f"N/command{raised}", f"m/s^2/command{raised}"), per_command)
-        formulas = (by_speed[0], by_command[0], by_speed[1], by_command[1])
-        yield PhysicalParameter(name, words, formulas)
+    shares = {}
+    if isinstance(thrust_map, Mixed):
+        shares = {2.0: thrust_map.share, 1.0: 1.0 - thrust_map.share}
+    elif isinstance(thrust_map, Power):
+        shares = {thrust_map.exponent: 1.0}
+    for power, share in shares.items():
+        if share > 0.0:
+            other = "thrust_constant", f"thrust per rotor speed to the power {power:g}"
+            name, words = THRUST_WORDS.get(power, other)
+            raised, per_command = "" if power == 1.0 else f"^{power:g}", f"{share!r} * thrust_gain"
+            of_speed = f"{per_command} / pow(speed_scale, {power!r})"
+            whole, left = _by_mass("k", (f"N/(rad/s){raised}", f"m/s^2/(rad/s){raised}"), of_speed)
+            units = f"N/command{raised}", f"m/s^2/command{raised}"
+            by_command, left_by_command = _by_mass("k", units, per_command)
+            yield PhysicalParameter(name, words, (whole, by_command, left, left_by_command))
 
 
 def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
@@ -495,8 +458,6 @@ def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
 
 #: A torque or force that goes with the motion is none that the air makes.
 DRAGS = ("drag_x", "drag_y", "drag_z", "roll_drag", "pitch_drag", "yaw_drag")
-
-
 #: Half-widths as shares: identified, and rough; those of what the air does.
 WIDE, WIDE_AIR = (0.1, 0.25), (0.5, 1.0)
 OF_THE_AIR = frozenset({*DRAGS, *(f"quadratic_drag_{axis}" for axis in "xyz"), "translational_lift"})
@@ -511,68 +472,58 @@ class PhysicalParameters:
     contradictions: tuple[str, ...]
 
 
-def physical_parameters(
-    combinations: Combinations, known: KnownVehicle, level: float = 0.95
-) -> PhysicalParameters:
+def physical_parameters(combinations: Combinations, known: KnownVehicle) -> PhysicalParameters:
     """Physical parameters with intervals, each as far as the flight and what is supplied determine it."""
-    check_level(level)
     combinations = combinations.finite()
-    yaw = yaw_inertia(combinations, known, level)
+    yaw = yaw_inertia(combinations, known)
     wanted = list(sought(yaw, input_map(known.thrust_map)))
     return PhysicalParameters(
-        {item.name: _number(item, combinations, known, level) for item in wanted},
+        {item.name: _number(item, combinations, known) for item in wanted},
         {item.name: item.formulas[0] for item in wanted},
-        tuple(contradictions(combinations, known, yaw, level)),
+        tuple(contradictions(combinations, known, yaw)),
     )
 
 
-def _number(
-    parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
-) -> Implied:
-    """A physical parameter, or why it is not identified and what is left of it."""
-    fullest, left = parameter.formulas[0], ""
-    reason, missing = _why_not_identified(fullest, combinations, level), fullest.missing(known)
-    for formula in parameter.formulas:
-        if not formula.missing(known) and not _why_not_identified(formula, combinations, level):
-            result = combinations.value(formula, level, known, LARGEST_BEND)
-            (low, high), value = result.interval, result.value
-            if formula is fullest and not parameter.refusal:
-                identified, weak = WIDE_AIR if parameter.name in OF_THE_AIR else WIDE
-                share = 0.5 * (high - low) / abs(value) if low * high > 0.0 else math.inf
-                rough = Status.WEAK if share <= weak else Status.REFUSED
-                return Implied(
-                    parameter.name,
-                    parameter.words,
-                    formula.symbol,
-                    formula.unit,
-                    value,
-                    result.std_error,
-                    result.interval,
-                    _basis(parameter, high, fullest),
-                    Status.IDENTIFIED if share <= identified else rough,
-                    formula.needed,
+def _number(parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle) -> Implied:
+    name, words, fullest, left = parameter.name, parameter.words, parameter.formulas[0], ""
+    reason, missing = _why_not_identified(fullest, combinations), fullest.missing(known)
+    open_ = (f for f in parameter.formulas if not (f.missing(known) or _why_not_identified(f, combinations)))
+    formula = next(open_, None)
+    if formula is not None:
+        result = combinations.value(formula, known, largest_bend=LARGEST_BEND)
+        (low, high), value, symbol, unit = result.interval, result.value, formula.symbol, formula.unit
+        if formula is fullest and not parameter.refusal:
+            identified, weak = WIDE_AIR if name in OF_THE_AIR else WIDE
+            share = 0.5 * (high - low) / abs(value) if low * high > 0.0 else math.inf
+            rough = Status.WEAK if share <= weak else Status.REFUSED
+            status, basis = Status.IDENTIFIED if share <= identified else rough, [parameter.remark]
+            if formula.supplied:
+                basis.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
+            if name in DRAGS and high < 0.0:
+                basis.append(
+                    "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
                 )
-            number = f"{formula.symbol} = {value:.4g} ({low:.4g} to {high:.4g}) {formula.unit}".rstrip()
-            left = f"{number} is all that the flight gives"
-            break
+            numbers = value, result.std_error, result.interval
+            return Implied(name, words, symbol, unit, *numbers, _joined(basis), status, formula.needed)
+        number = f"{symbol} = {value:.4g} ({low:.4g} to {high:.4g}) {unit}".rstrip()
+        left = f"{number} is all that the flight gives"
     if parameter.refusal:
-        helps = tuple(name for name in parameter.helps if getattr(known, name) is None)
-        selected = [parameter.refusal, f"{left}." if left else reason, _remedy(helps, " or ")]
+        helps = tuple(item for item in parameter.helps if getattr(known, item) is None)
+        why = [parameter.refusal, f"{left}." if left else reason, _remedy(helps, " or ")]
     elif reason:
-        selected = [reason, f"{left}." if left else ""]
+        why = [reason, f"{left}." if left else ""]
     else:
-        selected = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
-    sentence = " ".join(part for part in selected if part)
-    return Implied(parameter.name, parameter.words, "", "", None, None, None, sentence)
+        why = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
+    return Implied(name, words, "", "", None, None, None, _joined(why))
 
 
-def _why_not_identified(formula: Formula, combinations: Combinations, level: float) -> str:
+def _why_not_identified(formula: Formula, combinations: Combinations) -> str:
     """Why the flight does not identify what a formula takes; empty when it does."""
     absent = [name for name in formula.needed if not combinations.has(name)]
     if absent:
         return f"The flight identifies no {', no '.join(absent)}."
     for name in formula.needed:
-        low, high = combinations.interval(name, level) if name.endswith("_gain") else (1.0, 1.0)
+        low, high = combinations.interval(name) if name.endswith("_gain") else (1.0, 1.0)
         if high < 0.0:
             return f"{name} is below zero: positions, order or spins of the rotors contradict the flight."
         if low <= 0.0:
@@ -580,16 +531,8 @@ def _why_not_identified(formula: Formula, combinations: Combinations, level: flo
     return ""
 
 
-def _basis(parameter: PhysicalParameter, high: float, formula: Formula) -> str:
-    """What a value rests on, and what is strange about it."""
-    selected = [parameter.remark]
-    if formula.supplied:
-        selected.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
-    if parameter.name in DRAGS and high < 0.0:
-        selected.append(
-            "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
-        )
-    return " ".join(part for part in selected if part)
+def _joined(sentences: list[str]) -> str:
+    return " ".join(filter(None, sentences))
 
 
 def _remedy(names: tuple[str, ...], joint: str) -> str:

@@ -35,8 +35,7 @@ from eivor.motions.rigid_body.dynamics import (
     into_body,
     rotation,
 )
-from eivor.motions.rigid_body.regression import RotorStates, usual_state
-from eivor.motions.rigid_body.terms import (
+from eivor.motions.rigid_body.regression import (
     DRAG,
     GAIN,
     QUADRATIC_DRAG,
@@ -46,7 +45,9 @@ from eivor.motions.rigid_body.terms import (
     TURNING,
     BodyMotion,
     RigidTerm,
+    RotorStates,
     RotorSums,
+    usual_state,
 )
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
@@ -112,12 +113,7 @@ def kinematics(
 ) -> Float[np.ndarray, "13 starts"]:
     """Rate of change of states whose velocity and rates change so."""
     w, x, y, z, p, q, r = body[6:BODY]
-    attitude = (
-        -(x * p + y * q + z * r),
-        w * p + y * r - z * q,
-        w * q + z * p - x * r,
-        w * r + x * q - y * p,
-    )
+    attitude = (-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
     return np.concatenate([body[3:6], velocity, 0.5 * np.stack(attitude), rates])
 
 
@@ -168,30 +164,27 @@ class StatePropagator:
         return usual_state((self.logged.flight,))
 
     @cached_property
-    def _by_term(self) -> dict[str, Float[np.ndarray, " models"]]:
-        """Values of each parameter, zero where a model has none."""
-        names = [term.parameter.name for term in TERMS]
-        return {name: np.array([float(item.get(name, 0.0)) for item in self.models]) for name in names}
+    def _terms(self) -> list[tuple[RigidTerm, Float[np.ndarray, " models"]]]:
+        """Terms that some model has, with their values in each."""
+        made = [(term, [item.get(term.parameter.name, 0.0) for item in self.models]) for term in TERMS]
+        return [(term, np.array(values, dtype=np.float64)) for term, values in made if any(values)]
 
     @cached_property
     def _answering(self) -> list[tuple[RigidTerm, Float[np.ndarray, " states"]]]:
         """Terms that answer the state, with their values for every start of every model."""
-        made = [(term, self._by_term[term.parameter.name]) for term in TERMS if not term.driving]
-        return [(term, np.repeat(values, self.starts.samples.size)) for term, values in made if values.any()]
+        count = self.starts.samples.size
+        return [(term, np.repeat(values, count)) for term, values in self._terms if not term.driving]
 
     @cached_property
     def _nodes(self) -> list[tuple[float, ...]]:
-        """Lag, delay and second stage of each model, once."""
         return list(dict.fromkeys(tuple(actuators(item).values()) for item in self.models))
 
     @cached_property
     def _timing(self) -> Int[np.ndarray, " models"]:
-        """Number of each model's node."""
         return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
 
     @cached_property
     def _rotors(self) -> list[RotorSums]:
-        """What the rotors do at each node."""
         states = RotorStates(self.logged.flight, self.vehicle, self._usual)
         return [states.at(*path)[0].rotors for path in self._nodes]
 
@@ -213,8 +206,8 @@ class StatePropagator:
         for node, rotors in enumerate(self._rotors):
             models = np.flatnonzero(self._timing == node)
             of = self._motion(body, rows, rotors)
-            for term in TERMS:
-                values = self._by_term[term.parameter.name][models, None]
+            for term, of_models in self._terms:
+                values = of_models[models, None]
                 if values.any() and term.equation < len(trims):
                     column = term.column(of)
                     driven = self.starts.over_step(column) if term.driving else 0.0
@@ -252,16 +245,15 @@ class Predictable:
         """Why each quantity that cannot be predicted is left out."""
         if EFFECTIVE_LAG not in self.identified:
             return dict.fromkeys((*_RATES, *_BEYOND), "the fit does not identify the lag")
+        gains = zip(_RATES, TURNING, self.turns, strict=True)
         results = {
-            rate: f"the fit does not identify the {axis} gain"
-            for rate, axis, turn in zip(_RATES, TURNING, self.turns, strict=True)
-            if not turn
+            rate: f"the fit does not identify the {axis} gain" for rate, axis, turn in gains if not turn
         }
         moves = all(item.moves for item in self.logged), "velocity or attitude is not logged"
-        needs: dict[str, tuple[tuple[bool, str], ...]] = {
-            "attitude": ((all(item.turns for item in self.logged), "no attitude is logged"),),
-            "velocity": (moves,),
-            "position": (moves, (bool(self.placed), "no position is logged")),
+        needs = {
+            "attitude": [(all(item.turns for item in self.logged), "no attitude is logged")],
+            "velocity": [moves],
+            "position": [moves, (bool(self.placed), "no position is logged")],
         }
         for quantity in _BEYOND:
             why = [words for known, words in needs[quantity] if not known]
@@ -332,14 +324,11 @@ def _of_flight(
 ) -> tuple[HorizonErrors, ...]:
     if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
-    started = logged.body[:, starts.samples]
-    by_model = StatePropagator(
-        logged, vehicle, [model.values for model in models.values()], starts, what.turns, what.lifts
-    ).propagate(started[:, None])
-    states = {
-        name: (model.words, predicted)
-        for (name, model), predicted in zip(models.items(), by_model, strict=True)
-    }
+    started, values = logged.body[:, starts.samples], [model.values for model in models.values()]
+    propagator = StatePropagator(logged, vehicle, values, starts, what.turns, what.lifts)
+    by_model = propagator.propagate(started[:, None])
+    pairs = zip(models.items(), by_model, strict=True)
+    states = {name: (model.words, predicted) for (name, model), predicted in pairs}
     still = np.zeros((3, starts.samples.size))
     states[UNCHANGED] = STAYS, starts.propagate(started, lambda body, _: kinematics(body, still, still))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
@@ -371,9 +360,7 @@ def _error(
     elif placed == (2,) and quantity == "position":
         quantity = "height"
 
-    def between(
-        first: Float[np.ndarray, "k 13 starts"], second: Float[np.ndarray, "k 13 starts"]
-    ) -> np.ndarray:
+    def between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Size of the difference: of attitudes the angle of the turn."""
         if of_attitude:
             return _angle(first[:, 6:10], second[:, 6:10])

@@ -1,19 +1,22 @@
-"""Regression problem of the rigid body: columns, instruments and velocities."""
+"""Regression problem of the rigid body: terms of its equations, columns, instruments and velocities."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
 
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Kind, QuantitySpec, QuantityTable
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     DELAY,
+    STAGES,
     AxisColumns,
     LaggedRuns,
     actuators,
@@ -33,24 +36,6 @@ from eivor.models.separable import (
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Triple, felt, into_body, rotation
-from eivor.motions.rigid_body.terms import (
-    ALL_DRAG_MOMENTS,
-    ALONG,
-    ALONG_OTHERS,
-    COUPLING,
-    FORCE_X_EQUATION,
-    FORCE_Z_EQUATION,
-    GYROSCOPIC_MOMENT,
-    LIFT_MOMENT,
-    PITCH_EQUATION,
-    REACTION,
-    ROLL_EQUATION,
-    TERMS,
-    YAW_EQUATION,
-    BodyMotion,
-    RigidTerm,
-    RotorSums,
-)
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import family_members
@@ -59,22 +44,267 @@ from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
 
+# -- Terms --
+
+TURNING = ("roll", "pitch", "yaw")
+ALONG = ("x", "y", "z")
+#: Numbers of the equations: turning first, then the specific force along each axis.
+ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION, FORCE_X_EQUATION = range(4)
+FORCE_Z_EQUATION = 5
+#: Axes along which a velocity turns the vehicle about each axis.
+ALONG_OTHERS = ((1, 2), (0, 2), (0, 1))
+
+COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
+DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
+DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
+#: Of the body, which goes with the size of the velocity, beside what the rotors drag.
+QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
+#: Of the linear and the quadratic drag along z together, at the speeds of a flight.
+FRICTION = Parameter("viscous_friction", "1/s")
+LIFT = Parameter("translational_lift", "1/m")
+#: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
+LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
+#: What drag beside the centre of mass turns: of each axis, by the velocities along the other two.
+DRAG_MOMENT = tuple(
+    tuple(Parameter(f"{name}_by_drag_{ALONG[along]}", "1/(m s)") for along in others)
+    for name, others in zip(TURNING, ALONG_OTHERS, strict=True)
+)
+ALL_DRAG_MOMENTS = tuple(item for pair in DRAG_MOMENT for item in pair)
+#: Of rotors that spin: J / Ixx and J / Iyy.
+GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
+GAIN = tuple(
+    Parameter(f"{name}_gain", unit)
+    for name, unit in zip(TURNING, ("rad/s^2/m", "rad/s^2/m", "rad/s^2"), strict=True)
+)
+OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
+REACTION = Parameter("rotor_reaction", "")
+THRUST = Parameter("thrust_gain", "m/s^2")
+
+
+@dataclass(frozen=True, slots=True)
+class RotorSums:
+    """Sums over the rotors, see `KnownVehicle.sums`."""
+
+    state: Float[np.ndarray, "7 n"]
+    thrust: Float[np.ndarray, "7 n"]
+    spin_up: Float[np.ndarray, " n"]  # Derivative in time of the states with their spins
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Rotors, velocity through the air and rates on the body's axes, at samples or starts."""
+
+    vehicle: KnownVehicle
+    usual: float  # State of a rotor for which damping and drag are
+    rotors: RotorSums
+    velocity: Float[np.ndarray, "3 n"]
+    rates: Float[np.ndarray, "3 n"]
+
+    def dragged(self, axis: int) -> Float[np.ndarray, " n"]:
+        """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
+        total, x, y, xx, xy, yy, _ = self.rotors.state / self.usual
+        (u, v, w), (p, q, r) = self.velocity, self.rates
+        if axis == ROLL_EQUATION:
+            return w * y + p * yy - q * xy
+        if axis == PITCH_EQUATION:
+            return q * xx - p * xy - w * x
+        if axis == YAW_EQUATION:
+            return v * x - u * y + r * (xx + yy)
+        if axis == FORCE_Z_EQUATION:
+            return w * total + p * y - q * x
+        return u * total - r * y if axis == FORCE_X_EQUATION else v * total + r * x
+
+    @cached_property
+    def across(self) -> Float[np.ndarray, "rotors n"]:
+        """Square of the velocity across each rotor [(m/s)^2]."""
+        x, y, yaw_rate = -self.vehicle.pitch, self.vehicle.roll, self.rates[2]
+        forward, left = self.velocity[0] - np.outer(y, yaw_rate), self.velocity[1] + np.outer(x, yaw_rate)
+        return forward**2 + left**2
+
+    def gyroscopic(self, axis: int) -> Float[np.ndarray, " n"]:
+        """What rotors that spin turn about x or y, but for their inertia over the body's."""
+        spin, (p, q, _) = self.rotors.state[6], self.rates
+        return q * spin if axis == ROLL_EQUATION else -p * spin
+
+
+@dataclass(frozen=True)
+class RigidTerm:
+    """A parameter times a column, in one equation."""
+
+    parameter: Parameter
+    words: str
+    symbol: str
+    equation: int
+    index: int  # Among the terms of its kind
+    formula: Callable[[BodyMotion, int], Float[np.ndarray, " n"]]
+    moves: bool = True  # With lag and delay
+    driving: bool = False  # What the rotors do by themselves
+    by_velocity: bool = False  # Only where the velocity on the body's axes is known
+
+    def column(self, of: BodyMotion) -> Float[np.ndarray, " n"]:
+        """Its column at samples or starts."""
+        return self.formula(of, self.index)
+
+
+def _terms(
+    parameters: Iterable[Parameter],
+    words: str,
+    symbols: str,
+    equations: Iterable[int],
+    formula: Callable[[BodyMotion, int], Float[np.ndarray, " n"]],
+    *,
+    moves: bool = True,
+    driving: bool = False,
+    by_velocity: bool = False,
+) -> Iterator[RigidTerm]:
+    """Terms of one kind; `words` hold the name of what an equation is of."""
+    rows = zip(parameters, symbols.split(), equations, strict=True)
+    for index, (parameter, symbol, equation) in enumerate(rows):
+        named = words.format((*TURNING, *ALONG)[equation], along=parameter.name[-1])
+        yield RigidTerm(parameter, named, symbol, equation, index, formula, moves, driving, by_velocity)
+
+
+def _rolled(of: BodyMotion) -> tuple[Float[np.ndarray, " n"], ...]:
+    """Thrusts with the arms by which they turn about each axis."""
+    thrust = of.rotors.thrust
+    return thrust[2], -thrust[1], thrust[6]
+
+
+def _damped(of: BodyMotion, axis: int) -> Float[np.ndarray, " n"]:
+    _, _, _, xx, _, yy, _ = of.vehicle.sums.sum(axis=1).tolist()
+    return -of.dragged(axis) / (yy, xx, xx + yy)[axis]
+
+
+def _drag_moment(of: BodyMotion, index: int) -> Float[np.ndarray, " n"]:
+    """Mean of the velocities at the rotors."""
+    along = ALONG_OTHERS[index // 2][index % 2]
+    return of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count
+
+
+_TILTING, _AXES, _FORCES = range(2), range(3), range(3, 6)
+#: Terms of all equations, those first that no lag moves.
+TERMS = (
+    *_terms(
+        COUPLING,
+        "{} coupling",
+        "β_1 β_2 β_3",
+        _AXES,
+        lambda of, axis: of.rates[(axis + 1) % 3] * of.rates[(axis + 2) % 3],
+        moves=False,
+    ),
+    *_terms(
+        QUADRATIC_DRAG,
+        "quadratic drag along {}",
+        "c_x c_y c_z",
+        _FORCES,
+        lambda of, along: -np.linalg.norm(of.velocity, axis=0) * of.velocity[along],
+        moves=False,
+        by_velocity=True,
+    ),
+    *_terms(
+        LIFT_MOMENT,
+        "{} by lift",
+        "h_p h_q",
+        _TILTING,
+        lambda of, axis: (of.vehicle.roll, of.vehicle.pitch)[axis] @ of.across,
+        moves=False,
+        by_velocity=True,
+    ),
+    *_terms(GAIN, "{} gain", "α_p α_q α_r", _AXES, lambda of, axis: _rolled(of)[axis], driving=True),
+    *_terms(DAMPING, "{} damping", "d_p d_q d_r", _AXES, _damped),
+    *_terms(OFFSET, "{} offset", "o_p o_q", _TILTING, lambda of, _: of.rotors.thrust[0], driving=True),
+    *_terms([REACTION], "rotor reaction", "j", [2], lambda of, _: of.rotors.spin_up, driving=True),
+    *_terms(GYROSCOPIC_MOMENT, "{} by spin", "j_p j_q", _TILTING, BodyMotion.gyroscopic),
+    *_terms(
+        ALL_DRAG_MOMENTS,
+        "{} by drag along {along}",
+        "L_y L_z M_x M_z N_x N_y",
+        (0, 0, 1, 1, 2, 2),
+        _drag_moment,
+        by_velocity=True,
+    ),
+    *_terms([THRUST], "thrust gain", "α_z", [5], lambda of, _: of.rotors.thrust[0], driving=True),
+    *_terms(
+        DRAG,
+        "drag along {}",
+        "d_x d_y d_z",
+        _FORCES,
+        lambda of, along: -of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count,
+    ),
+    *_terms([LIFT], "translational lift", "h", [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
+)
+#: Parameters of what the rotors drive.
+DRIVING = tuple(term.parameter for term in TERMS if term.driving)
+
+# -- Quantities --
+
+_HEADLINE = (THRUST, *GAIN[:2])
+#: What flight mechanics calls parameters, on axes that point forward, right and down.
+FIELD_SYMBOLS = dict(
+    zip(
+        (item.name for item in (*DAMPING, *DRAG, DRAG_MOMENT[0][0], DRAG_MOMENT[1][0])),
+        ("-L_p", "-M_q", "-N_r", "-X_u", "-Y_v", "-Z_w", "-L_v", "-M_u"),
+        strict=True,
+    )
+)
+
+
+def _spec(term: RigidTerm) -> QuantitySpec:
+    """How a parameter is called; those that need more than rates and rotors are optional."""
+    unit, headline = term.parameter.unit, term.parameter in _HEADLINE
+    return QuantitySpec(
+        term.words,
+        term.symbol,
+        unit,
+        shown_unit=unit.replace("^2", "²").replace("^3", "³"),
+        optional=term.by_velocity or term.equation >= FORCE_X_EQUATION,
+        headline=headline,
+        in_rows=headline,
+        need="gain" if term.parameter == THRUST else "torque" if term.parameter in GAIN[:2] else "",
+        field_symbol=FIELD_SYMBOLS.get(term.parameter.name, ""),
+    )
+
+
+_SPECS = {term.parameter.name: _spec(term) for term in TERMS} | {
+    **LAG_QUANTITIES,
+    EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
+    FRICTION.name: QuantitySpec(
+        "viscous friction",
+        "K",
+        FRICTION.unit,
+        kind=Kind.DERIVED,
+        shown_unit="1/s",
+        optional=True,
+        need="friction",
+    ),
+}
+_PARAMETERS = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, FRICTION, LIFT, *LIFT_MOMENT, *ALL_DRAG_MOMENTS)
+_ORDER = (
+    *(item.name for item in (THRUST, *GAIN)),
+    EFFECTIVE_LAG,
+    *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
+    ACTUATOR_LAG.name,
+    DELAY.name,
+    *STAGES,
+)
+QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
+
+# -- Velocity --
+
 NEEDED = (*VELOCITY, *ATTITUDE)
 
 
 def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """Velocity forward, left and up of the body [m/s]; None where velocity or attitude are not known."""
-    if not set(NEEDED) <= set(signals.channels):
-        return None
-    return on_body_axes(signals, *(signals.channel(f"velocity_{axis}") for axis in "xyz"))
+    known = set(NEEDED) <= set(signals.channels)
+    return on_body_axes(signals, *map(signals.channel, VELOCITY)) if known else None
 
 
 def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise."""
     if not set(NEEDED) <= set(signals.channels):
         return None
-    velocity = np.stack([signals.channel(f"velocity_{axis}") for axis in "xyz"])
-    return felt(_rows(signals), velocity, signals.step_s).T
+    return felt(_rows(signals), np.stack([*map(signals.channel, VELOCITY)]), signals.step_s).T
 
 
 def on_body_axes(
@@ -109,9 +339,8 @@ def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Float[np.ndarr
 
 
 def _cos_tilt(signals: Signals, run: slice) -> Float[np.ndarray, " length"]:
-    parts = [f"attitude_{part}" for part in "wxyz"]
-    if set(parts) <= set(signals.channels):
-        w, x, y, z = (signals.channel(part)[run] for part in parts)
+    if set(ATTITUDE) <= set(signals.channels):
+        w, x, y, z = (signals.channel(part)[run] for part in ATTITUDE)
         return np.asarray(1.0 - 2.0 * (x * x + y * y) / np.maximum(w * w + x * x + y * y + z * z, 1e-12))
     roll, pitch = (_integrated(signals.channel(axis.rate)[run], signals.step_s) for axis in (ROLL, PITCH))
     return np.asarray(np.cos(roll) * np.cos(pitch))
@@ -262,7 +491,6 @@ class OnboardFilter:
     taken_s: float  # Delay that has been taken off the sensor's stamps [s]
 
     def __call__(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return a column as the sensor would have logged it."""
         late = low_passed(column[:, None], step_s=self.step_s, cutoff_hz=self.cutoff_hz)
         own_s = math.sqrt(2.0) / (2.0 * math.pi * self.cutoff_hz)
         early_s = min(max(self.taken_s, 0.0), own_s)
@@ -394,7 +622,6 @@ class RotorColumns:
     common_rotor_inertia: tuple[float, float] | None = None
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
-        """Columns at a lag and a delay, of the parameters of this equation."""
         now, means = self.states.at(**actuators(nuisance_values))
         of = means if self.axis < FORCE_X_EQUATION else now
         sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
@@ -431,11 +658,9 @@ def rigid_body_problem(
     }
     equations = {*range(FORCE_X_EQUATION), *forces}
     terms = [term for term in TERMS if term.equation in equations and (velocity or not term.by_velocity)]
-    columns = tuple(
-        item
-        for number, flight in enumerate(flights)
-        for item in _flight(number, flight, RotorStates(flight, vehicle, usual), rule, terms)
-    )
+    states = [RotorStates(flight, vehicle, usual) for flight in flights]
+    made = [_flight(number, item, rule, terms) for number, item in enumerate(states)]
+    columns = tuple(column for of_flight in made for column in of_flight)
     measured = all(flight.input.measured for flight in flights)
     nuisances = measured_state() if measured else searched_lag_and_delay(vehicle.delay)
     parameters = (term.parameter for moves in (False, True) for term in terms if term.moves is moves)
@@ -443,10 +668,9 @@ def rigid_body_problem(
 
 
 def _flight(
-    number: int, flight: PreparedFlight, states: RotorStates, rule: InstrumentRule, terms: list[RigidTerm]
+    number: int, states: RotorStates, rule: InstrumentRule, terms: list[RigidTerm]
 ) -> Iterator[AxisColumns]:
-    """Every equation of a flight."""
-    signals, vehicle = flight.signals, states.vehicle
+    flight, signals, vehicle = states.flight, states.flight.signals, states.vehicle
     instruments, still = AxisInstruments(flight, vehicle, rule), states.at()[0]
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
     changes = change_over_step(states.rates, signals.step_s)
@@ -461,9 +685,8 @@ def _flight(
         else:
             along, (low, high) = axis - FORCE_X_EQUATION, FORCE_BAND_HZ
             responses = [signals.channel(f"specific_force_body_{ALONG[along]}")]
-            if by_velocity is None:
-                low = FROM_HZ
-            else:
+            low = FROM_HZ if by_velocity is None else low
+            if by_velocity is not None:
                 derived = by_velocity[:, along]
                 responses.append(derived if sensor is None else sensor(derived))
         fixed = np.zeros((signals.sample_count, len(steady)))

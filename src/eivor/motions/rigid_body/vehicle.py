@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -73,17 +72,12 @@ class KnownNumber:
         """Refuse what cannot be such a number, or is not distinguished from zero by its own uncertainty."""
         low, high, unit = RANGES[name]
         if not low <= self.value <= high:
-            raise ParameterError(
-                f"a {name} between {low:g} and {high:g}{unit}",
-                f"{self.value:g}",
-                "Check its unit." if unit else "Correct the vehicle's description.",
-            )
+            expected, remedy = f"a {name} between {low:g} and {high:g}{unit}", "Check its unit."
+            raise ParameterError(expected, f"{self.value:g}", remedy if unit else _REMEDY)
         if self.value > 0.0 and self.std > LARGEST_STD * self.value:
-            raise ParameterError(
-                f"a standard deviation of the {name} of at most {LARGEST_STD:g} of its value",
-                f"{self.value:g} with {self.std:g}",
-                "Leave it out: so little known, it carries no information.",
-            )
+            expected = f"a standard deviation of the {name} of at most {LARGEST_STD:g} of its value"
+            remedy = "Leave it out: so little known, it carries no information."
+            raise ParameterError(expected, f"{self.value:g} with {self.std:g}", remedy)
 
 
 #: Largest standard deviation, as a share of the value.
@@ -270,8 +264,6 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
         )
 
 
-CLOCKWISE, COUNTERCLOCKWISE = 1, -1
-
 #: A place forward and left of the centre, and the spin there.
 Rotor = tuple[float, float, int]
 
@@ -286,7 +278,8 @@ _PLACES = {
     "left": (0.0, 1.0),
     "right": (0.0, -1.0),
 }
-GYROSCOPIC_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
+#: Spins, as seen from above.
+GYROSCOPIC_WORDS = {"cw": 1, "ccw": -1}
 
 
 def _numbered(rotors: str) -> tuple[Rotor, ...]:
@@ -351,24 +344,18 @@ def load_vehicle(source: str | os.PathLike[str]) -> KnownVehicle:
     checks.path("source", source)
     name, path = os.fspath(source), Path(source)
     if name in shipped_vehicles():
-        return _vehicle(toml_table(_shipped(name).read_text(encoding="utf-8"), path, WHAT))
+        return _vehicle(toml_table(vehicle_text(name), path, WHAT))
     if not name.endswith(ENDING) and path.name == name:
-        raise InputError(
-            f"a vehicle file that ends in {ENDING}, or one of the vehicles {', '.join(shipped_vehicles())}",
-            f"'{name}'",
-            did_you_mean(name, shipped_vehicles(), "`eivor vehicle new` writes a file to begin with."),
-        )
+        expected = f"a vehicle file that ends in {ENDING}, or one of the vehicles "
+        remedy = did_you_mean(name, shipped_vehicles(), "`eivor vehicle new` writes a file to begin with.")
+        raise InputError(f"{expected}{', '.join(shipped_vehicles())}", f"'{name}'", remedy)
     return _vehicle(read_toml(path, WHAT))
 
 
 def vehicle_text(source: str) -> str:
     """Text of the file of a vehicle that `load_vehicle` has loaded."""
-    file = _shipped(source) if source in shipped_vehicles() else Path(source)
-    return file.read_text(encoding="utf-8")
-
-
-def _shipped(name: str) -> Traversable:
-    return resources.files("eivor.motions.rigid_body") / "vehicles" / f"{name}{ENDING}"
+    shipped = resources.files("eivor.motions.rigid_body") / "vehicles" / f"{source}{ENDING}"
+    return (shipped if source in shipped_vehicles() else Path(source)).read_text(encoding="utf-8")
 
 
 def vehicle_template() -> str:
@@ -405,17 +392,15 @@ class _VehicleFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def _vehicle(top: TomlTable) -> KnownVehicle:
-    """Vehicle of a file's top table."""
     given, table = top.convert(_VehicleFile), top.part("rotors")
     rotors = table.convert(_Rotors)
     try:
         if (rotors.layout is None) == (rotors.positions is None):
-            raise table.wrong(
-                "",
-                "either a layout, or positions and spins,",
-                "neither" if rotors.layout is None else "both",
-                f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.',
+            received = "neither" if rotors.layout is None else "both"
+            give = (
+                f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.'
             )
+            raise table.wrong("", "either a layout, or positions and spins,", received, give)
         of_positions = {"positions", "positions_std", "spins"}
         stray = (of_positions if rotors.positions is None else {"numbering", "arm"}) & table.values.keys()
         if stray:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 
@@ -34,14 +34,12 @@ from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
 from eivor.logs.common import low_pass_delay_s
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, STAGES, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
-from eivor.models.spectral import SpectralRun
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.physical_parameters import Combinations
-from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
-from eivor.motions.rigid_body.terms import (
+from eivor.motions.rigid_body.regression import (
     COUPLING,
     DAMPING,
     DRAG,
@@ -57,6 +55,9 @@ from eivor.motions.rigid_body.terms import (
     ROLL_EQUATION,
     THRUST,
     YAW_EQUATION,
+    RotorColumns,
+    on_body_axes,
+    rigid_body_problem,
 )
 from eivor.motions.rigid_body.vehicle import (
     PITCH_OVER_ROLL,
@@ -94,32 +95,30 @@ def _shift_parts(
 ) -> tuple[SystematicPart, SystematicPart]:
     """What a lag that is wrong by a shift does to it and to the gains; one that is added, to one side."""
     both = counts is Counts.INDEPENDENT
+    shorter, larger = (" or shorter", "larger or ") if both else ("", "")
 
-    def within(inputs: VerdictInputs) -> float:
-        shift_s = shift(inputs)
-        return shift_s if inputs.quantities[EFFECTIVE_LAG].value > shift_s else 0.0
-
-    def of_lag(inputs: VerdictInputs, _name: str) -> tuple[float, float]:
-        return (within(inputs) if both else 0.0), within(inputs)
+    def sizes(inputs: VerdictInputs) -> tuple[float, float]:
+        """Of the lag [s], and of the gains as a share."""
+        shift_s, lag_s = shift(inputs), inputs.value(EFFECTIVE_LAG)
+        return (shift_s, shift_s / lag_s) if lag_s > shift_s else (0.0, 0.0)
 
     def of_gain(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-        part = share(inputs) * abs(inputs.quantities[name].value)
+        part = sizes(inputs)[1] * abs(inputs.value(name))
         return part, part if both else 0.0
 
-    def share(inputs: VerdictInputs) -> float:
-        shift_s = within(inputs)
-        return shift_s / inputs.quantities[EFFECTIVE_LAG].value if shift_s else 0.0
-
-    def lag_sentence(inputs: VerdictInputs) -> str:
-        longer = " or shorter" if both else ""
-        return f"{why}the lag may be {1e3 * within(inputs):.2g} ms longer{longer}."
-
-    def gain_sentence(inputs: VerdictInputs) -> str:
-        return f"{why}the gain may be {100.0 * share(inputs):.2g} % {'larger or ' if both else ''}smaller."
-
     return (
-        SystematicPart(LAGS, counts, of_lag, lag_sentence),
-        SystematicPart(tuple(item.name for item in GAIN), counts, of_gain, gain_sentence),
+        SystematicPart(
+            LAGS,
+            counts,
+            lambda inputs, _: (sizes(inputs)[0] if both else 0.0, sizes(inputs)[0]),
+            lambda inputs: f"{why}the lag may be {1e3 * sizes(inputs)[0]:.2g} ms longer{shorter}.",
+        ),
+        SystematicPart(
+            tuple(item.name for item in GAIN),
+            counts,
+            of_gain,
+            lambda inputs: f"{why}the gain may be {100.0 * sizes(inputs)[1]:.2g} % {larger}smaller.",
+        ),
     )
 
 
@@ -135,7 +134,7 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
 
 #: The ratio of inertias is identified when the half-width of its interval, by each coupling, is at most
 #: this share.
-TOLD_SHARE, LEVEL = 0.1, 0.95
+TOLD_SHARE = 0.1
 #: Level of the intervals of what the three columns and one inertia differ by.
 CONSISTENCY_LEVEL = 0.995
 
@@ -163,14 +162,14 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
         return None
     for ratio in YAW_OVER_ROLL:
-        of_all = finite.value(ratio, LEVEL)
+        of_all = finite.value(ratio)
         low, high = of_all.interval
         if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * of_all.value):
             return None
     # what each column says beside one inertia
     mean = f"0.5 * ({' + '.join(YAW_OVER_ROLL)}) * rotor_reaction"
     for differs in (f"roll_by_spin - {mean}", f"pitch_by_spin - {mean} / ({PITCH_OVER_ROLL})"):
-        low, high = finite.value(differs, CONSISTENCY_LEVEL).interval
+        low, high = finite.value(differs, level=CONSISTENCY_LEVEL).interval
         if not low <= 0.0 <= high:
             return None
     return inertia_ratios(values)
@@ -185,18 +184,14 @@ def with_common_rotor_inertia(
     combination = np.array([[float(item == other) for other in kept] for item in moving])
     for axis, entry in enumerate(GYROSCOPIC_MOMENT):
         combination[moving.index(entry), kept.index(REACTION)] = ratios[axis]
-    columns = []
-    for column in problem.columns:
+    columns = list(problem.columns)
+    for index, column in enumerate(columns):
         if isinstance(column.moving, RotorColumns):
             own = replace(column.moving, moving=kept, common_rotor_inertia=ratios)
-            columns.append(replace(column, moving=own, moved=own.indices))
-        else:
-            columns.append(column)
+            columns[index] = replace(column, moving=own, moved=own.indices)
     noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
-    started = None
-    if free is not None:
-        stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
-        started = WarmStart(free.theta[stays], free.nuisances)
+    stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
+    started = None if free is None else WarmStart(free.theta[stays], free.nuisances)
     return problem.combined(tuple(columns), kept, combination, noisier=noisier, begun=started)
 
 
@@ -221,12 +216,14 @@ def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict
     values = models[fit].values
     if not {REACTION.name, *TELLING} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
-    ratios, results = inertia_ratios(values), {}
-    for name, model in models.items():
+    ratios = dict(zip([item.name for item in GYROSCOPIC_MOMENT], inertia_ratios(values), strict=True))
+
+    def with_moments(model: SimpleModel) -> SimpleModel:
         of_all = model.values.get(REACTION.name, 0.0)
-        moments = {item.name: ratios[axis] * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)}
-        results[name] = replace(model, values={**model.values, **moments})
-    return results
+        moments = {name: ratio * of_all for name, ratio in ratios.items()}
+        return replace(model, values={**model.values, **moments})
+
+    return {name: with_moments(model) for name, model in models.items()}
 
 
 # -- Onboard filters --
@@ -272,42 +269,31 @@ def filters_not_passed(
     if not p_value <= DISAGREE:
         return None
     number = max(range(len(flights)), key=lambda item: flights[item].used_s)
-    of_flight = replace(
-        problem, columns=tuple(column for column in problem.columns if column.flight == number)
-    )
+    of_flight = tuple(column for column in problem.columns if column.flight == number)
+    spin = rotor_inertia_ratios(problem)
+
+    def disagreement(columns: Sequence[AxisColumns]) -> float:
+        """J of the references; infinite where nothing can be identified."""
+        try:
+            runs = replace(problem, columns=tuple(columns))
+            return identify(runs, by_name(estimate.method)).over_identification[0]
+        except EstimationError:
+            return math.inf
+
     if len(flights) > 1:
-        with_all = _disagreement(of_flight, estimate.method)
+        with_all = disagreement(of_flight)
     if not math.isfinite(with_all):
         return None
-    results = {
-        key: _disagreement(_without_filter(of_flight, flights[number], vehicle, key), estimate.method)
-        for key in named
-    }
-    without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
+    without = {}
+    for key in named:
+        # for a vehicle without one of its filters; instruments and nuisances stay
+        unfiltered: KnownVehicle = replace(vehicle, **{key: None})  # type: ignore[arg-type]
+        made = rigid_body_problem((flights[number],), unfiltered, NoInstruments())
+        made = made if spin is None else with_common_rotor_inertia(made, spin)
+        pairs = zip(made.columns, of_flight, strict=True)
+        without[key] = disagreement([replace(new, instruments=old.instruments) for new, old in pairs])
+    without = {key: J for key, J in without.items() if FAR_BETTER * with_all > J}
     return contradicting_filters(with_all, without) if without else None
-
-
-def _disagreement(problem: LaggedRuns, method: str) -> float:
-    """J of the references; infinite where nothing can be identified."""
-    try:
-        return identify(problem, by_name(method)).over_identification[0]
-    except EstimationError:
-        return math.inf
-
-
-def _without_filter(
-    problem: LaggedRuns, flight: PreparedFlight, vehicle: KnownVehicle, key: str
-) -> LaggedRuns:
-    """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
-    unfiltered = replace(vehicle, gyro_cutoff_hz=None)
-    if key == "accelerometer_cutoff_hz":
-        unfiltered = replace(vehicle, accelerometer_cutoff_hz=None)
-    made = rigid_body_problem((flight,), unfiltered, NoInstruments())
-    spin = rotor_inertia_ratios(problem)
-    if spin is not None:
-        made = with_common_rotor_inertia(made, spin)
-    pairs = zip(made.columns, problem.columns, strict=True)
-    return replace(problem, columns=tuple(replace(new, instruments=old.instruments) for new, old in pairs))
 
 
 # -- Consistency of lags --
@@ -340,24 +326,13 @@ def lag_consistency_test(estimate: Estimate) -> Contradiction | None:
     """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
     if estimate.assembler.needs_instruments:
         return None
-    results = {name: (change, variance) for name, change, variance in _changes(estimate)}
-    if len(results) < 2:
-        return None
-    changes, variances = np.array(list(results.values())).T
-    p_value = homogeneity_p_value(changes, variances)
-    if not p_value < BEYOND_DOUBT:
-        return None
-    lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
-    return disagreeing_lags(lag_s, dict(zip(results, changes.tolist(), strict=True)), p_value)
-
-
-def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
-    """Of each axis that rotors drive, what it would change the lag by, and the variance of that."""
     names = [profile.nuisance.name for profile in estimate.profiles]
     if ACTUATOR_LAG.name not in names:
-        return
+        return None
     rows, moves = estimate.rows, estimate.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ estimate.theta, rows.layout.axis_of_row
+    # of each axis that rotors drive, what it would change the lag by, and the variance of that
+    changes, variances = {}, []
     for axis, name in DRIVEN.items():
         on_axis = axes == axis
         # what of a column other columns do not explain
@@ -367,8 +342,13 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
         left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
         squares = float(left @ left)
         if squares > 0.0:
-            change = float(left @ residual[on_axis]) / squares
-            yield name, change, float(np.mean(residual[on_axis] ** 2)) / squares
+            changes[name] = float(left @ residual[on_axis]) / squares
+            variances.append(float(np.mean(residual[on_axis] ** 2)) / squares)
+    if len(changes) < 2:
+        return None
+    p_value = homogeneity_p_value(np.array(list(changes.values())), np.array(variances))
+    lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
+    return disagreeing_lags(lag_s, changes, p_value) if p_value < BEYOND_DOUBT else None
 
 
 # -- Rotor order --
@@ -387,18 +367,6 @@ ALIKE = 0.05
 
 #: What to do about another order.
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
-
-
-def another_order(acts_as: tuple[int, ...], axis: int, explained: float, before: float) -> Contradiction:
-    """As which rotors commands act, and what that explains of the axis that it improves most, and before."""
-    rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(acts_as, start=1)}
-    by_order = {"order_axis": float(axis), "order_explained": explained, "order_explained_by_file": before}
-    return Contradiction(
-        f"{_which(acts_as)}: so the rotors explain {explained:.0%} of {AXES[axis].name}, and "
-        f"{before:.0%} by the vehicle file.",
-        CORRECT_ROTORS,
-        rotors | by_order,
-    )
 
 
 def _which(acts_as: tuple[int, ...]) -> str:
@@ -444,7 +412,16 @@ def observed_order(flights: Sequence[PreparedFlight], vehicle: KnownVehicle) -> 
     chosen = min(np.flatnonzero(score < best + ALIKE).tolist(), key=changes)
     axis = int(np.argmax(left[0] - left[chosen]))
     explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
-    return another_order(orders[chosen], axis, explained, before) if explained > EXPLAINED else None
+    if not explained > EXPLAINED:
+        return None
+    rotors = {f"rotor_{rotor}_acts_as": float(item) for rotor, item in enumerate(orders[chosen], start=1)}
+    by_order = {"order_axis": float(axis), "order_explained": explained, "order_explained_by_file": before}
+    return Contradiction(
+        f"{_which(orders[chosen])}: so the rotors explain {explained:.0%} of {AXES[axis].name}, and "
+        f"{before:.0%} by the vehicle file.",
+        CORRECT_ROTORS,
+        rotors | by_order,
+    )
 
 
 def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "3 rotors"]]]:
@@ -465,8 +442,15 @@ def _orders(vehicle: KnownVehicle) -> Iterator[tuple[tuple[int, ...], Float[np.n
 
 def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
     """Of rotors and turning over the bins, for each lag and axis, what stays being taken out of all."""
-    parts = [_bins(flight, run) for run in flight.runs]
-    bins, frequency = (np.concatenate(items) for items in zip(*parts, strict=True))
+    signals = flight.signals
+    rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
+    change = np.column_stack([time_derivative(rate, signals.step_s) for rate in rates.T])
+    coupling = np.roll(rates, -1, axis=1) * np.roll(rates, -2, axis=1)
+    mapped = input_map(flight.input_map)(signals.family(flight.input.name))
+    series = np.column_stack([change, rates, coupling, mapped])
+    bands = replace(flight, band_hz=BAND_HZ).spectral_runs()
+    bins = np.concatenate([band.spectrum(series[run]) for band, run in zip(bands, flight.runs, strict=True)])
+    frequency = np.concatenate([band.frequency_hz for band in bands])
     count = bins.shape[1] - 9
     results = np.zeros((LAGS_S.size, 3, count + 1, count + 1))
     for number, lag_s in enumerate(LAGS_S):
@@ -476,19 +460,6 @@ def _products(flight: PreparedFlight) -> Float[np.ndarray, "lags 3 m m"]:
             moves = _without(stays, np.column_stack([lagged, bins[:, axis]]))
             results[number, axis] = np.real(moves.conj().T @ moves)
     return results
-
-
-def _bins(
-    flight: PreparedFlight, run: slice
-) -> tuple[Complex[np.ndarray, "bins columns"], Float[np.ndarray, " bins"]]:
-    """Of a run angular accelerations, rates, couplings and mapped commands, and frequencies of bins [Hz]."""
-    signals = flight.signals
-    rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
-    change = np.column_stack([time_derivative(rate, signals.step_s) for rate in rates.T])
-    coupling = np.roll(rates, -1, axis=1) * np.roll(rates, -2, axis=1)
-    mapped = input_map(flight.input_map)(signals.family(flight.input.name))
-    band = SpectralRun(0, run.stop - run.start, signals.step_s, BAND_HZ, counted=flight.usable[run])
-    return band.spectrum(np.column_stack([change, rates, coupling, mapped])[run]), band.frequency_hz
 
 
 def _without(
@@ -514,9 +485,8 @@ def steady_wind(
     if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
     results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
-    wind = max(
-        (item for item in results if item is not None), key=lambda item: math.hypot(*item), default=None
-    )
+    winds = [item for item in results if item is not None]
+    wind = max(winds, key=lambda item: math.hypot(*item), default=None)
     if wind is None:
         return None
     return Contradiction(
@@ -573,7 +543,6 @@ class RigidBodyChecks(MotionChecks):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Diagnostics by name."""
         parts = (self.order, self.wind, self.lags, self.filters)
         return {name: value for part in parts if part is not None for name, value in part.numbers.items()}
 
@@ -620,10 +589,10 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
     rotors = f"{COMMAND_RATE_HZ:.0f} Hz are needed"
     rules = [
         *record_rules("rotors", COMMAND_RATE_HZ, rotors, "Log them at 100 Hz or more.", LEAST_S),
-        _check_rule("order", (), Status.REFUSED),
-        _check_rule("lags", (), Status.WEAK),
-        _check_rule("filters", (), Status.WEAK),
-        _check_rule("wind", ACROSS, Status.WEAK),
+        _check_rule("order", status=Status.REFUSED),
+        _check_rule("lags"),
+        _check_rule("filters"),
+        _check_rule("wind", ACROSS),
         *lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
         *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
@@ -641,18 +610,14 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
     return tuple(rules)
 
 
-def _check_rule(check: str, quantities: tuple[str, ...], status: Status) -> Rule:
-    """Row of what a check finds out."""
-
-    def finding(inputs: VerdictInputs) -> Any:
-        return getattr(inputs.checks, check)
-
+def _check_rule(check: str, quantities: tuple[str, ...] = (), status: Status = Status.WEAK) -> Rule:
+    found = attrgetter(check)
     return Rule(
         quantities,
-        lambda inputs: finding(inputs) is not None,
+        lambda inputs: found(inputs.checks) is not None,
         status,
-        lambda inputs: finding(inputs).sentence,
-        lambda inputs: finding(inputs).remedy,
+        lambda inputs: str(found(inputs.checks).sentence),
+        lambda inputs: str(found(inputs.checks).remedy),
         Cause.CONTRADICTION if status is Status.REFUSED else Cause.OTHER,
     )
 
@@ -660,12 +625,8 @@ def _check_rule(check: str, quantities: tuple[str, ...], status: Status) -> Rule
 def _what_is_wrong(name: str) -> str:
     if name == THRUST.name:
         return "the rotor commands, or the accelerometer along z, have the wrong sign"
-    if name == GAIN[2].name:
-        return (
-            "the rotors spin the other way than the vehicle file says, or the rate of yaw has the wrong sign"
-        )
     axis = name.removesuffix("_gain")
-    return (
-        f"the rotors' order about {axis} is another than that of the vehicle file, or the rate of {axis} has "
-        "the wrong sign"
-    )
+    why = f"the rotors' order about {axis} is another than that of the vehicle file"
+    if name == GAIN[2].name:
+        why = "the rotors spin the other way than the vehicle file says"
+    return f"{why}, or the rate of {axis} has the wrong sign"

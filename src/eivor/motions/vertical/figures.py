@@ -48,7 +48,6 @@ def key_figures(
 
 
 def _scattered(quantity: Quantity) -> Interval:
-    """Interval without what it is at least."""
     half = normal_quantile(0.95) * quantity.std_error
     parts = [part for part in quantity.systematic_uncertainties if part.counts is not Counts.AT_LEAST]
     return widened((quantity.value - half, quantity.value + half), quantity.value, parts)
@@ -67,14 +66,9 @@ def _of_hover(
         yield KeyFigure(HOVER_DRIFT, "drift of the hover input", 100.0 * change, "%/min", ends, clear)
     size = BETWEEN_FLIGHTS * hover.value
     between = SystematicUncertainty(Counts.INDEPENDENT, size, size, "")
-    yield KeyFigure(
-        "hover_next_flight",
-        "hover input of another flight",
-        hover.value,
-        "",
-        widened(hover.interval, hover.value, (between,)),
-        "Another charge of the battery, the same payload: the number to set.",
-    )
+    wide, words = widened(hover.interval, hover.value, (between,)), "hover input of another flight"
+    to_set = "Another charge of the battery, the same payload: the number to set."
+    yield KeyFigure("hover_next_flight", words, hover.value, "", wide, to_set)
     first = flights[0]
     highest = first.recording.parameters.get(HIGHEST, 1.0) if is_setpoint(first) else 1.0
     if 0.0 < hover.interval[1] < highest and not first.input.measured:
@@ -93,21 +87,18 @@ def _thrust_curve(
     low, high = (exponent * end / gain.value for end in _scattered(gain))
     words = "thrust grows as the command to the power"
     yield KeyFigure("thrust_exponent", words, exponent, "", (low, high), "Near hover; 1 is a line.")
-    side, first = flights[0].curve_side, flights[0]
-    if side is CurveSide.UNKNOWN or first.input.measured or not 0.0 < hover.value < 1.0:
+    side, family = flights[0].curve_side, CurveFamily(of_share=False)
+    if side is CurveSide.UNKNOWN or flights[0].input.measured or not 0.0 < hover.value < 1.0:
         return
-    in_force, interval = curve_in_force([flight.recording.parameters for flight in flights]), (low, high)
+    in_force = curve_in_force([flight.recording.parameters for flight in flights])
+    curve, about = (exponent, (low, high)), (hover.value, hover.interval)
     for parameter in CURVE_PARAMETERS:
-        value = in_force.get(parameter.name)
-        if value is None or not parameter.takes(value):
-            continue
+        name, value = parameter.name, in_force.get(parameter.name, math.nan)
         before = value if side is CurveSide.BEFORE else None
-        curve, about = (exponent, interval), (hover.value, hover.interval)
-        share, _ = proposed(parameter, CurveFamily(of_share=False), curve, about, before)
-        if parameter.takes(share[0]):
-            yield KeyFigure(
-                parameter.name, parameter.name, share[0], "", share[1], f"The log has {value:.2g}."
-            )
+        if parameter.takes(value):
+            (share, ends), _ = proposed(parameter, family, curve, about, before)
+            if parameter.takes(share):
+                yield KeyFigure(name, name, share, "", ends, f"The log has {value:.2g}.")
 
 
 def _motors(flight: PreparedFlight) -> Iterator[KeyFigure]:
@@ -186,17 +177,14 @@ def _supply(flight: PreparedFlight, hover: Quantity) -> Iterator[KeyFigure]:
         return
     voltage, load, time = np.array(means).T
     charge = np.vander((time - time.mean()) / float(np.ptp(time)), CHARGE_POWER + 1)
-    quick, answered = (
-        np.asarray(item - charge @ np.linalg.lstsq(charge, item, rcond=None)[0]) for item in (load, voltage)
-    )
+    series = np.column_stack([load, voltage])
+    quick, answered = (series - charge @ np.linalg.lstsq(charge, series, rcond=None)[0]).T
     squares = float(quick @ quick)
     if not squares > 0.0:
         return
     slope = float(quick @ answered) / squares
     error = math.sqrt(long_run_mean_variance(quick * (answered - slope * quick))) * len(means) / squares
     half = t_quantile(0.95, COSINE_AVERAGES) * error
-    words, by = (
-        "battery sag by a thrust of the weight",
-        "The voltage falls by it when the thrust doubles from hover.",
-    )
-    yield KeyFigure("battery_sag", words, -slope, "V", (-slope - half, -slope + half), by)
+    words, ends = "battery sag by a thrust of the weight", (-slope - half, -slope + half)
+    by = "The voltage falls by it when the thrust doubles from hover."
+    yield KeyFigure("battery_sag", words, -slope, "V", ends, by)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -101,42 +102,37 @@ def omitted_variable_tests(
         volts = _share_of_time(flight) if timed else voltage(flight)
         away = volts if timed or volts is None else volts / float(volts[flight.used].mean()) - 1.0
         time = flight.grid.time_s - float(np.mean(flight.span_s))
-        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight), away, time))
+        measured.append(TermIngredients(cut.velocity, mapped, height_over_ground(flight)[0], away, time))
         means.append(float(mapped[flight.used].mean()))
-    explained = [
-        explained_ingredients(of, item.instruments, item.runs)
-        for of, item in zip(measured, columns, strict=True)
-    ]
+    pairs = zip(measured, columns, strict=True)
+    explained = [explained_ingredients(of, item.instruments, item.runs) for of, item in pairs]
     base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
     added = {term.omission_sentence for term in problem.terms}
     differences: dict[str, Difference] = {}
-    for name in _TERMS.keys() - added:
-        of_term, parts = _TERMS[name], zip(measured, explained, means, strict=True)
-        pairs = [(of_term(of, mean), of_term(by, mean)) for of, by, mean in parts]
-        known = [(x, z) for x, z in pairs if x is not None and z is not None]
-        if len(known) < len(columns):
+    for name, of_term in _TERMS.items():
+        made = [[of_term(*parts) for parts in zip(of, means, strict=True)] for of in (measured, explained)]
+        regressors, instruments = ([column for column in of if column is not None] for of in made)
+        if name in added or not len(regressors) == len(instruments) == len(columns):
             continue
-        with_term = tuple(
-            replace(
-                item,
-                fixed=np.column_stack([x, linear]),
-                moving=nothing_moves(len(linear)),
-                instruments=np.column_stack([item.instruments, z]),
-            )
-            for item, linear, (x, z) in zip(columns, base, known, strict=True)
-        )
-        others = (Parameter(f"of the model {index}", "") for index in range(1, with_term[0].fixed.shape[1]))
+        parts = zip(columns, regressors, base, instruments, strict=True)
+        runs = tuple(_still(item, np.column_stack([x, linear]), z) for item, x, linear, z in parts)
+        others = (Parameter(f"of the model {index}", "") for index in range(1, runs[0].fixed.shape[1]))
         try:
-            runs = LaggedRuns(with_term, (Parameter(name, ""), *others), ())
-            difference = estimated(runs, {})[0].differences[name]
+            found = estimated(LaggedRuns(runs, (Parameter(name, ""), *others), ()), {})[0].differences[name]
         except (EstimationError, InstrumentError, TooFewSamplesError):
             continue
         size = gain if name in SHARES else 1.0
-        differences[name] = replace(
-            difference, value=difference.value / size, std_error=difference.std_error / size
-        )
-    return {name: differences[name] for name in _TERMS if name in differences}
+        differences[name] = replace(found, value=found.value / size, std_error=found.std_error / size)
+    return differences
+
+
+def _still(
+    item: AxisColumns, fixed: Float[np.ndarray, "n k"], *instruments: np.ndarray, **changed: Any
+) -> AxisColumns:
+    """Columns that no lag moves, with more instruments."""
+    instruments_ = np.column_stack([item.instruments, *instruments])
+    return replace(item, fixed=fixed, moving=nothing_moves(len(fixed)), instruments=instruments_, **changed)
 
 
 def _share_of_time(flight: PreparedFlight) -> TermColumn:
@@ -151,14 +147,10 @@ def _linear(
 ) -> Float[np.ndarray, "n k"]:
     """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
     index = estimate.nuisances
-    moving = axis_columns.moving(index)
-    theta = estimate.theta[axis_columns.fixed.shape[1] :]
-    slopes = [
-        nuisance.derivative(axis_columns.moving, index) @ theta
-        for nuisance in problem.nuisances
-        if nuisance.searched
-    ]
-    return np.column_stack([axis_columns.fixed, moving, *slopes])
+    moving, theta = axis_columns.moving, estimate.theta[axis_columns.fixed.shape[1] :]
+    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
+    slopes = [nuisance.derivative(moving, index) @ theta for nuisance in searched]
+    return np.column_stack([axis_columns.fixed, moving(index), *slopes])
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,10 +196,13 @@ class OmittedTerms:
     @property
     def supply_sentence(self) -> str:
         """The same in words, and what to do."""
-        by_voltage = self.voltage_change is not None
-        text = self.sentence(SUPPLY)
-        first = "Add the term with --term voltage" if by_voltage else "Log battery_voltage"
-        return f"{text[0].upper()}{text[1:]}. {first}, or identify a part of the flight with --window."
+        first = "Log battery_voltage" if self.voltage_change is None else "Add the term with --term voltage"
+        return f"{self.spoken(SUPPLY)}. {first}, or identify a part of the flight with --window."
+
+    def spoken(self, name: str) -> str:
+        """A sentence with a capital letter."""
+        text = self.sentence(name)
+        return f"{text[0].upper()}{text[1:]}"
 
     def _times(self, name: str) -> float:
         return 1.0 if name != SUPPLY or self.voltage_change is None else self.voltage_change
@@ -228,11 +223,8 @@ class OmittedTerms:
     def report(self) -> tuple[tuple[str, str], ...]:
         """Terms that are missed, and the tests of the others."""
         message = [self.sentence(name) for name in self.differences if self.missed(name)]
-        quiet = [
-            f"{name.replace('_', ' ')} (p {item.p_value:.2g})"
-            for name, item in self.differences.items()
-            if not self.missed(name)
-        ]
+        others = {name: item for name, item in self.differences.items() if not self.missed(name)}
+        quiet = [f"{name.replace('_', ' ')} (p {item.p_value:.2g})" for name, item in others.items()]
         if quiet:
             message.append(f"not missed: {', '.join(quiet)}")
         return (("left out", "; ".join(message)),) if message else ()
@@ -244,12 +236,16 @@ class OmittedTerms:
             drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
             return f"{drag} is missed: K is that of these speeds"
         if name == GROUND:
-            grows = "grows" if value > 0.0 else "falls"
-            return f"thrust {grows} towards the ground, as if the ground were near"
+            return (
+                f"thrust {'grows' if value > 0.0 else 'falls'} towards the ground, as if the ground were near"
+            )
         if name == CURVATURE:
             bends = "more" if value > 0.0 else "less"
             by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
             return f"thrust bends {bends} than the input map: {by}"
+        if name in _OF_TIME:
+            words, times = _OF_TIME[name]
+            return words.format(times * value, times * half)
         changed = self.voltage_change
         if changed is not None:
             return (
@@ -257,11 +253,7 @@ class OmittedTerms:
                 f"{half:.2g}: the voltage changed by {changed:.0%}, and the thrust by "
                 f"{abs(value * changed):.0%} (± {half * changed:.0%})"
             )
-        if name in _OF_TIME:
-            words, times = _OF_TIME[name]
-            return words.format(times * value, times * half)
-        moved = "rose" if value > 0.0 else "fell"
-        share = f"{abs(value):.0%} (± {half:.0%})"
+        moved, share = "rose" if value > 0.0 else "fell", f"{abs(value):.0%} (± {half:.0%})"
         return f"the thrust of one command {moved} by {share} with the supply or the time"
 
 
@@ -270,9 +262,8 @@ class VelocitySpectrum:
     """Power of the velocity that the references explain, at the frequencies of the runs."""
 
     frequency_hz: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
-    power: Float[np.ndarray, " n"] = field(
-        default_factory=lambda: np.zeros(0)
-    )  # Sums to the mean square [m^2/s^2]
+    #: Sums to the mean square [m^2/s^2]
+    power: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
 
     def coherent(self, frequency_hz: float, used_s: float) -> float:
         """Friction that a unit of force at a frequency looks like, at the worst of all phases [s/m]."""
@@ -323,25 +314,19 @@ def sensitivities(
     for item, moving in zip(columns, sideways, strict=True):
         change = np.gradient(item.responses.mean(axis=1), item.step_s)
         added = [change, *(np.gradient(moving[name], item.step_s) for name in tilts)]
-        fixed = np.column_stack([_linear(problem, item, estimate), *added])
-        extended.append(replace(item, fixed=fixed, moving=nothing_moves(len(fixed))))
+        extended.append(_still(item, np.column_stack([_linear(problem, item, estimate), *added])))
     count = extended[0].fixed.shape[1]
-    theta = np.zeros(count)
-    theta[: estimate.theta.size] = estimate.theta
+    theta = np.pad(estimate.theta, (0, count - estimate.theta.size))
     names = tuple(Parameter(f"column {index}", "") for index in range(count))
-    rows = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {}).rows({})
-    products = rows.instruments.T @ rows.regressors
+    whitened = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {}).rows({})
+    products = whitened.instruments.T @ whitened.regressors
     own = count - len(causes)
     known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
     left = np.vstack([products[:, :own], known])
     right = np.vstack([products[:, own:], np.zeros((len(known), len(causes)))])
     moved = np.linalg.lstsq(left, right, rcond=None)[0]
-    return Sensitivities(
-        {
-            cause: dict(zip(estimate.names, moved[:, at].tolist(), strict=True))
-            for at, cause in enumerate(causes)
-        }
-    )
+    rows = zip(causes, moved.T.tolist(), strict=True)
+    return Sensitivities({cause: dict(zip(estimate.names, row, strict=True)) for cause, row in rows})
 
 
 def omitted_terms(
@@ -388,32 +373,23 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
     """Regression of D - A on what each kind of disagreement would leave of it."""
-    axis_columns = problem.columns
-    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in axis_columns):
+    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in problem.columns):
         return None
     sideways = [_sideways(flight) for flight in flights]
-    names = tuple(sideways[0]) if all(sideway.keys() == sideways[0].keys() for sideway in sideways) else ()
-    columns = tuple(
-        _columns(item, [sideway[name] for name in names])
-        for item, sideway in zip(axis_columns, sideways, strict=True)
-    )
+    names = tuple(sideways[0]) if all(moving.keys() == sideways[0].keys() for moving in sideways) else ()
+    pairs = zip(problem.columns, sideways, strict=True)
+    columns = tuple(_columns(item, [moving[name] for name in names]) for item, moving in pairs)
     return LaggedRuns(columns, (OFFSET, SCALE, *(TILTS[name] for name in names)), ())
 
 
 def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
-    """Columns of one flight, with its horizontal velocities."""
     A, D = axis_columns.responses.T
     a, step_s, valid = 0.5 * (A + D), axis_columns.step_s, axis_columns.valid
     if valid is not None and valid.any():  # a slope reads its neighbours, which may be beyond a limit
         a = np.interp(np.arange(a.size), np.flatnonzero(valid), a[valid])
     slopes = [-np.gradient(v, step_s) for v in sideways]
-    return replace(
-        axis_columns,
-        responses=(D - A)[:, None],
-        fixed=np.column_stack([np.gradient(a, step_s), a, *slopes]),
-        moving=nothing_moves(A.size),
-        instruments=np.column_stack([axis_columns.instruments, *(_lags(v, step_s) for v in sideways)]),
-    )
+    fixed = np.column_stack([np.gradient(a, step_s), a, *slopes])
+    return _still(axis_columns, fixed, *(_lags(v, step_s) for v in sideways), responses=(D - A)[:, None])
 
 
 def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
@@ -473,7 +449,13 @@ def sentence(name: str, difference: Difference) -> str:
         late, early = ("accelerometer", "velocity") if value > 0.0 else ("velocity", "accelerometer")
         return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
     if name == SCALE.name:
-        return _scale_sentence(value, half)
+        times = velocity_over_accelerometer(value)
+        if times < 0.0:
+            return "The velocity goes down where the accelerometer goes up."
+        if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+            return f"The velocity reads {times:.3g} times what the accelerometer does."
+        width, more = half / (1.0 - value / 2.0) ** 2, "more" if value > 0.0 else "less"
+        return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
     along = {
         "tilt_forward": ("forward", "backward"),
         "tilt_left": ("to the left", "to the right"),
@@ -494,16 +476,6 @@ def velocity_over_accelerometer(scale: float) -> float:
     return (1.0 + scale / 2.0) / (1.0 - scale / 2.0) if scale != 2.0 else np.inf
 
 
-def _scale_sentence(scale: float, half: float) -> str:
-    times = velocity_over_accelerometer(scale)
-    if times < 0.0:
-        return "The velocity goes down where the accelerometer goes up."
-    if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
-        return f"The velocity reads {times:.3g} times what the accelerometer does."
-    width, more = half / (1.0 - scale / 2.0) ** 2, "more" if scale > 0.0 else "less"
-    return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
-
-
 def either_sentence(agreement: SensorAgreement) -> str:
     """What the differences are of which the flight does not identify which is there."""
     text = " Or: ".join(sentence(name, item) for name, item in agreement.either.items())
@@ -519,17 +491,12 @@ def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
         message.append("Velocity and accelerometer disagree in another way than these.")
     if message:
         return " ".join(message)
-    known = agreement.differences
-    offset, scale = known[OFFSET.name], known[SCALE.name]
-    tilts = [item for name, item in known.items() if name not in (OFFSET.name, SCALE.name)]
-    leaning = "".join(
-        f", tilt {np.rad2deg(tilt.value):+.1f} ± {np.rad2deg(tilt.half_width):.1f} degrees" for tilt in tilts
-    )
-    return (
-        f"velocity and accelerometer agree: offset {1e3 * offset.value:+.1f} ± "
-        f"{1e3 * offset.half_width:.1f} ms, scale {100 * scale.value:+.1f} ± "
-        f"{100 * scale.half_width:.1f} %{leaning}"
-    )
+    units = {OFFSET.name: ("offset", 1e3, " ms"), SCALE.name: ("scale", 100, " %")}
+    numbers = []
+    for name, item in agreement.differences.items():
+        words, times, unit = units.get(name, ("tilt", float(np.rad2deg(1.0)), " degrees"))
+        numbers.append(f"{words} {times * item.value:+.1f} ± {times * item.half_width:.1f}{unit}")
+    return f"velocity and accelerometer agree: {', '.join(numbers)}"
 
 
 def corrected(
@@ -559,15 +526,12 @@ def _levelled(flight: PreparedFlight, tilts: Mapping[str, Difference]) -> Prepar
         return flight
     time_s, row = vertical_row([known[f"attitude_{axis}"] for axis in "wxyz"])
     turned = np.cross([left, -forward, 0.0], row)
-    body = [known[name] for name in names]
-    changes = rotated(body, (time_s, turned)), Channel("cos_tilt", time_s, turned[:, 2], "")
-    for change in changes:
+    by_force = rotated([known[name] for name in names], (time_s, turned))
+    for change in (by_force, Channel("cos_tilt", time_s, turned[:, 2], "")):
         if change is not None:
             channels[change.name] = channels[change.name] + on_grid(change, flight.grid)[0]
-    sentences = (sentence(TILTS[name].name, tilt).rstrip(".") for name, tilt in tilts.items())
-    noticed = (
-        Finding("attitude_corrected", f"{text}: the attitude is corrected by it.") for text in sentences
-    )
+    texts = (sentence(TILTS[name].name, tilt).rstrip(".") for name, tilt in tilts.items())
+    noticed = [Finding("attitude_corrected", f"{text}: the attitude is corrected by it.") for text in texts]
     return replace(
         flight,
         signals=replace(flight.signals, channels=channels),

@@ -193,9 +193,8 @@ class VerticalMotion(SignalModel):
     intercept: bool = True
 
     def __post_init__(self) -> None:
-        checks.kind(
-            "input_map", self.input_map, InputMap, "an input map", "Leave it out, or give Power(2.0)."
-        )
+        remedy = "Leave it out, or give Power(2.0)."
+        checks.kind("input_map", self.input_map, InputMap, "an input map", remedy)
         checks.flag("intercept", self.intercept)
 
     @property

@@ -60,17 +60,7 @@ from eivor.motions.vertical.misspecification import (
     sideways_speed,
     velocity_spectrum,
 )
-from eivor.motions.vertical.model import (
-    CURVE_PARAMETERS,
-    DECLARE,
-    GRAVITY,
-    AutopilotParameter,
-    Interval,
-    VerticalMotion,
-    curve_in_force,
-    family_of_fitted,
-    proposed,
-)
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
     GROUND_EFFECT,
@@ -102,6 +92,7 @@ from eivor.motions.vertical.select import (
     selected,
 )
 from eivor.motions.vertical.thrust_curve import (
+    curve_findings,
     curve_quantities,
     linear_quantity,
     refined_curve,
@@ -116,77 +107,10 @@ from eivor.motions.vertical.verdict import (
     near_ground,
 )
 from eivor.process_pool import check_among
-from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
-from eivor.signals.thrust_map import InputMap, Mixed, input_map
-from eivor.tools import Float
-
-# -- Reported thrust curve --
-
-#: Why nothing is proposed of a command before a curve that is not known.
-NOT_IN_FORCE = (
-    "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
-    "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."
-)
-
-
-def curve_findings(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
-) -> tuple[Finding, ...]:
-    """The parameter that a curve would set; none where the curve or the hover input is not identified."""
-    curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
-    if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
-        return ()
-    side = common_side(flight.curve_side for flight in flights)
-    in_force = curve_in_force([flight.recording.parameters for flight in flights])
-    if Status.REFUSED in (curve.verdict, hover.verdict):
-        return _overdone(side, in_force, curve)
-    if side is CurveSide.UNKNOWN:
-        sentence = (
-            f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
-            f"thrust curve: no parameter is proposed. {DECLARE}"
-        )
-        return (Finding("thrust_curve", sentence),)
-    family = family_of_fitted(input_map(flights[0].input_map))
-    before = side is CurveSide.BEFORE
-    sentences = []
-    for parameter in [item for item in CURVE_PARAMETERS if item.name in in_force or not (in_force or before)]:
-        value = in_force.get(parameter.name)
-        if before and value is not None and not parameter.takes(value):
-            continue
-        intervals = (curve.value, curve.interval), (hover.value, hover.interval)
-        share, _ = proposed(parameter, family, *intervals, value if before else None)
-        sentences.append(_sentence(parameter, share, value, curve.verdict))
-    return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
-
-
-def _overdone(side: CurveSide, in_force: Mapping[str, float], curve: Quantity) -> tuple[Finding, ...]:
-    """Say that a curve in force bends too much, which no share of the square brings back."""
-    large = [f"{name} {value:.2g}" for name, value in in_force.items() if value > 0.0]
-    if side is not CurveSide.BEFORE or not large or not curve.interval[1] < 0.0:
-        return ()
-    sentence = (
-        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large "
-        "for this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with "
-        "a smaller value."
-    )
-    return (Finding("thrust_curve", sentence),)
-
-
-def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | None, verdict: Status) -> str:
-    """What the curve would set a parameter to, or why it does not."""
-    now = "" if in_force is None else f" The log has {parameter.name} {in_force:.2g}."
-    beyond = parameter.beyond(share)
-    if beyond:
-        return f"No {parameter.name} is proposed: {beyond}{now}"
-    value, (low, high) = share
-    return (
-        f"{parameter.name} ({parameter.autopilot}) would be set to {value:.2f} [{low:.2f}, {high:.2f}] by "
-        f"the thrust curve that was fitted, which is {verdict.value}.{now}"
-    )
-
+from eivor.signals.thrust_map import Mixed, input_map
 
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
@@ -214,26 +138,18 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
     return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
 
 
-def _hover(of: Balance) -> QuantityEstimate:
+def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
-    if of.by_weight:
-        return _hover_by_weight(of.weight)
-    item = linear_quantity(of.estimate, of.hover, "")
-    return _through_map(of.problem.motion.input_map, item.value, item.std_error, item.interval)
-
-
-def _hover_by_weight(of: WeightBalance) -> QuantityEstimate:
-    """The same of thrust that is the weight; without an interval where it is not above zero."""
-    (value, std_error, half), chosen = of.hover, of.problem.motion.input_map
-    if not value > half:
-        return QuantityEstimate(chosen.inverse(value), "", NAN, NO_INTERVAL)
-    return _through_map(chosen, value, std_error, (value - half, value + half))
-
-
-def _through_map(
-    chosen: InputMap, value: float, std_error: float, interval: tuple[float, float]
-) -> QuantityEstimate:
-    hover, (low, high) = chosen.inverse(value), interval
+    weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
+    if isinstance(of, Balance) and not of.by_weight:
+        item = linear_quantity(of.estimate, of.hover, "")
+        value, std_error, (low, high) = item.value, item.std_error, item.interval
+    else:
+        value, std_error, half = weight.hover
+        low, high = value - half, value + half
+        if not low > 0.0:
+            return QuantityEstimate(chosen.inverse(value), "", NAN, NO_INTERVAL)
+    hover = chosen.inverse(value)
     error = std_error / chosen.slope(hover) if chosen.slope(hover) > 0.0 else NAN
     return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
 
@@ -245,7 +161,7 @@ def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate
     cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
     # lags hardly move means
     of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
-    return {"hover_input": _hover_by_weight(of)}, VerticalChecks(drift=of.drift)
+    return {"hover_input": _hover(of)}, VerticalChecks(drift=of.drift)
 
 
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
@@ -262,24 +178,20 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
         if not flight.runs or flight.input.measured:
             continue
         name = f"{flight.recording.name}: " if len(flights) > 1 else ""
-        start, end = flight.span_s
-        channel, within = flight.recording.channels.get(VOLTAGE), np.zeros(0)
-        if channel is not None:
-            stamps, volts = channel.time_s, channel.values
-            known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
-            stamps, within = stamps[known], volts[known]
-        if channel is None or within.size < 2.0 / END_SHARE:
-            if end - start > LONG_S:
-                sentence = (
-                    f"No battery voltage is logged with {(end - start) / 60.0:.2g} minutes of flight: it may "
-                    "have sagged, and the same command then gives less thrust at the end. Log it."
-                )
-                yield Finding("voltage_not_logged", name + sentence)
-            continue
+        (start, end), channel = flight.span_s, flight.recording.channels.get(VOLTAGE)
+        stamps, volts = (np.empty(0), np.empty(0)) if channel is None else (channel.time_s, channel.values)
+        known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
+        stamps, volts = stamps[known], volts[known]
         margin = END_SHARE * (end - start)
-        ends = within[stamps <= start + margin], within[stamps >= end - margin]
+        ends = volts[stamps <= start + margin], volts[stamps >= end - margin]
         first, last = (float(np.median(item)) if item.size else NAN for item in ends)
-        if 1.0 - last / first > LARGE_FALL:
+        if volts.size < 2.0 / END_SHARE and end - start > LONG_S:
+            sentence = (
+                f"No battery voltage is logged with {(end - start) / 60.0:.2g} minutes of flight: it may "
+                "have sagged, and the same command then gives less thrust at the end. Log it."
+            )
+            yield Finding("voltage_not_logged", name + sentence)
+        elif volts.size >= 2.0 / END_SHARE and 1.0 - last / first > LARGE_FALL:
             sentence = (
                 f"The battery's voltage fell by {1.0 - last / first:.1%}, from {first:.3g} to {last:.3g} V: "
                 "the same command gave less thrust at the end, and gain and hover input are means over the "
@@ -295,16 +207,15 @@ def tracked_gain(
     check_among("a parameter", name or "input_gain", ("input_gain",))
     quantity, friction = quantities["viscous_friction"], ANY_FRICTION
     source = "as of any multirotor: the flight does not identify it"
+    by_flight = "as the whole flight identifies it"
     if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
         friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
-        source = "as the whole flight identifies it"
+        source = by_flight
     bias, found, intercept = options.accelerometer_bias, quantities["intercept"], None
     level = "Nothing is known of the intercept: only movement identifies the gain."
     if quantities["input_gain"].verdict is not Status.REFUSED and 0.0 < found.half_width < math.inf:
         intercept = Prior(found.value - GRAVITY, 0.5 * found.half_width)
-        level = (
-            f"Intercept {found.value:.2g} ± {found.half_width:.2g} m/s², as the whole flight identifies it."
-        )
+        level = f"Intercept {found.value:.2g} ± {found.half_width:.2g} m/s², {by_flight}."
     elif math.isfinite(bias):
         intercept = Prior(-GRAVITY, bias)
         level = (
@@ -312,25 +223,20 @@ def tracked_gain(
             "small (--accelerometer-bias)."
         )
     known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
-    friction_prior = {"viscous_friction": friction}
-    return TrackedParameter("input_gain", problem, friction_prior, intercept, (known, level))
+    return TrackedParameter("input_gain", problem, {"viscous_friction": friction}, intercept, (known, level))
 
 
 def excitation(flights: Flights) -> str:
     """Relative standard deviation of the mapped input, and that of the vertical speed."""
     model = VerticalMotion(input_map(flights[0].input_map))
-    moved: list[Float[np.ndarray, "_ 2"]] = []
-    for flight in flights:
-        cut = vertical_flight(flight)
-        moved.extend(cut.cut(np.column_stack([cut.mapped_input(model), cut.velocity])))
-    mapped, speed = np.concatenate(moved).T
-    mean = abs(float(mapped.mean()))
-    if mean == 0.0 or not np.isfinite(mapped.std() / mean):
+    cut = map(vertical_flight, flights)
+    moved = [item.cut(np.column_stack([item.mapped_input(model), item.velocity])) for item in cut]
+    mapped, speed = np.concatenate([run for runs in moved for run in runs]).T
+    mean, varied = abs(float(mapped.mean())), float(mapped.std())
+    if mean == 0.0 or not np.isfinite(varied / mean):
         return ""
-    return (
-        f"The input varied by {mapped.std() / mean:.1%} and the vertical speed by "
-        f"{speed.std():.2g} m/s (standard deviations)."
-    )
+    of_speed = f"the vertical speed by {speed.std():.2g} m/s (standard deviations)"
+    return f"The input varied by {varied / mean:.1%} and {of_speed}."
 
 
 def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
@@ -354,12 +260,13 @@ def resampled(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
     """Friction, gain and hover input; lag and effective lag when they were searched for."""
     names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
     results = {name: drawn.parameters[name] for name in names}
-    inverse = problem.motion.input_map.inverse
-    results["hover_input"] = inverse(hover_of_sums(drawn.parameters, drawn.sums))
-    lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
-    if problem.lag.searched:
+    mapped = hover_of_sums(drawn.parameters, drawn.sums)
+    results["hover_input"] = problem.motion.input_map.inverse(mapped)
+    lag_s, delay_s = (drawn.nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
+    searched = {nuisance.name for nuisance in problem.nuisances if nuisance.searched}
+    if ACTUATOR_LAG.name in searched:
         results[ACTUATOR_LAG.name] = lag_s
-    if problem.lag.searched or problem.delay.searched:
+    if {ACTUATOR_LAG.name, DELAY.name} & searched:
         results[EFFECTIVE_LAG] = lag_s + delay_s
     return results
 
@@ -445,29 +352,24 @@ class Vertical(Motion[VerticalFlights]):
 
     @property
     def equation(self) -> tuple[str, str]:  # type: ignore[override]
-        """The equation with the requested terms, and its symbols."""
         equation, symbols = EQUATION
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
-        """What only some motions can do."""
         record = {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
+        terms = {word: term.meaning for word, term in TERMS.items()}
         return replace(
             ABILITIES,
             vehicle=VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
-            options=OptionSupport(
-                self._check, self._for_flights, {word: term.meaning for word, term in TERMS.items()}
-            ),
+            options=OptionSupport(self._check, self._for_flights, terms),
         )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Velocity, specific force, tilt and what drives the rotors."""
         return selected(log, options)
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> VerticalFlights:
-        """Regressions of the flights for each lag and delay."""
         model = VerticalMotion(input_map(flights[0].input_map))
         cut = tuple(map(vertical_flight, flights))
         if self.added:
@@ -476,7 +378,6 @@ class Vertical(Motion[VerticalFlights]):
         return vertical_problem(cut, model, rule, terms=self.added)
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters, hover input, effective lag and time constant."""
         of, joint = Balance(problem, estimate), joint_quantities(estimate)
         by_run = of.intercepts_by_run
         intercept = linear_quantity(estimate, of.intercept, "m/s^2")
@@ -495,7 +396,6 @@ class Vertical(Motion[VerticalFlights]):
         return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
     def checks(self, problem: VerticalFlights, estimate: Estimate, flights: Flights) -> VerticalChecks:
-        """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
         omitted, of = omitted_terms(problem, estimate, flights), Balance(problem, estimate)
         (value, gradient, variance), chosen = of.intercept, problem.motion.input_map
         half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
@@ -523,14 +423,11 @@ class Vertical(Motion[VerticalFlights]):
         return (Trace(*words, rows.response, predicted, driven),)
 
     def view(self, flight: PreparedFlight) -> FlightView:
-        """What U is; height where it is logged, and climb rate."""
         name = flight.input.name
         names = f"the mean of the mapped {name}" if flight.actuators > 1 else name
-        moved = (
-            "measured; motion follows d later (below zero: their stamps are late)"
-            if flight.input.measured
-            else "behind a lag τ and a delay d"
-        )
+        moved = "behind a lag τ and a delay d"
+        if flight.input.measured:
+            moved = "measured; motion follows d later (below zero: their stamps are late)"
         of_terms = "".join(f"; {term.symbols}" for term in self.added if term.symbols)
         symbols = f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
         panels = [flight.plot_data("climb rate\n[m/s]", of="velocity_z", reference="reference_velocity_z")]
@@ -556,11 +453,9 @@ class Vertical(Motion[VerticalFlights]):
     def _of_vehicle(self, vehicle: str) -> Vertical:
         radius = load_vehicle(vehicle).rotor_radius
         if radius is None:
-            raise UsageError(
-                f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one",
-                f"{vehicle!r}, which has none",
-                "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out.",
-            )
+            expected = f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one"
+            remedy = "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out."
+            raise UsageError(expected, f"{vehicle!r}, which has none", remedy)
         return replace(self, rotor_radius=radius)
 
     def _restored(self, record: object) -> Vertical:
@@ -570,11 +465,8 @@ class Vertical(Motion[VerticalFlights]):
         radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
         if known and isinstance(radius, int | float | None) and isinstance(volts, int | float | None):
             return replace(self, rotor_radius=radius, mean_voltage=volts)
-        raise InputError(
-            "a result with rotor_radius and mean_voltage of its terms",
-            f"{record!r}",
-            "Identify the flight again with eivor identify --json.",
-        )
+        remedy = "Identify the flight again with eivor identify --json."
+        raise InputError("a result with rotor_radius and mean_voltage of its terms", f"{record!r}", remedy)
 
 
 def vertical_flight(flight: PreparedFlight) -> VerticalFlight:

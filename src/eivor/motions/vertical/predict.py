@@ -23,7 +23,7 @@ from eivor.motions.vertical.regression import (
     hover_of_sums,
 )
 from eivor.signals.recording import LARGEST_VALUE
-from eivor.tools import Bool, Complex, Float
+from eivor.tools import Bool, Float
 
 #: Most steps towards the best trim and start, and when they have arrived.
 STEPS, ARRIVED = 8, 1e-9
@@ -114,24 +114,24 @@ def closed_loop_record(
 
 def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Every parameter and nuisance that a flight is simulated with: the estimate's where identified."""
+
+    def wider(name: str, most: float) -> bool:
+        low, high = estimate.interval(name)
+        return not 0.5 * (high - low) <= most
+
     friction, gain = estimate.theta[:2].tolist()
     index = estimate.nuisances
     lag, delay = index[ACTUATOR_LAG.name], index[DELAY.name]
-    if not _half_width(estimate, VISCOUS_FRICTION.name) <= TOLD_FRICTION or not friction > 0.0:
+    if wider(VISCOUS_FRICTION.name, TOLD_FRICTION) or not friction > 0.0:
         friction = USUAL_FRICTION
-    if ACTUATOR_LAG.name in estimate.names and not _half_width(estimate, ACTUATOR_LAG.name) <= TOLD_LAG_S:
+    if ACTUATOR_LAG.name in estimate.names and wider(ACTUATOR_LAG.name, TOLD_LAG_S):
         lag, delay = USUAL_LAG_S, 0.0
-    if not _half_width(estimate, INPUT_GAIN.name) <= TOLD_GAIN * abs(gain):
+    if wider(INPUT_GAIN.name, TOLD_GAIN * abs(gain)):
         sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
     linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
     own = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
     return {**index, **linear, **own, ACTUATOR_LAG.name: lag, DELAY.name: delay}
-
-
-def _half_width(estimate: Estimate, name: str) -> float:
-    low, high = estimate.interval(name)
-    return 0.5 * (high - low)
 
 
 def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, list[float]]:
@@ -142,26 +142,21 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
     runs = bins.layout.runs
     frequency = np.concatenate([run.frequency_hz for run in runs])
     # what makes the power of a bin a one-sided density
-    weight = np.concatenate(
-        [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
+    scales = [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
+    products = np.abs(first) ** 2, np.abs(second) ** 2, (first * second.conj()).real
+    first_power, second_power, shared = (
+        _at_nodes(frequency, np.concatenate(scales) * values) for values in products
     )
-    products = {
-        "first": weight * np.abs(first) ** 2,
-        "second": weight * np.abs(second) ** 2,
-        "shared": weight * (first * second.conj()).real,
-    }
-    at_nodes = {name: _at_nodes(frequency, values) for name, values in products.items()}
     pulsation = 2.0 * np.pi * NODES_HZ
     if left.shape[1] == 1:
-        noise = at_nodes["second"][-1] / pulsation[-1] ** 2
-        force = np.maximum(at_nodes["second"] - noise * pulsation**2, 0.05 * at_nodes["second"])
+        noise = second_power[-1] / pulsation[-1] ** 2
+        force = np.maximum(second_power - noise * pulsation**2, 0.05 * second_power)
         sensor_noise = np.zeros(NODES_HZ.size)
     else:
-        least = 0.02 * np.minimum(at_nodes["first"], at_nodes["second"])
-        force = np.maximum(at_nodes["shared"], least)
-        sensor_noise = np.maximum(at_nodes["first"] - force, 0.0)
+        force = np.maximum(shared, 0.02 * np.minimum(first_power, second_power))
+        sensor_noise = np.maximum(first_power - force, 0.0)
         known = NODES_HZ >= VELOCITY_FROM_HZ
-        noise = float(np.median((np.maximum(at_nodes["second"] - force, 0.0) / pulsation**2)[known]))
+        noise = float(np.median((np.maximum(second_power - force, 0.0) / pulsation**2)[known]))
     return {
         "frequency_hz": NODES_HZ.tolist(),
         "force": force.tolist(),
@@ -171,7 +166,7 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
 
 
 def _at_nodes(
-    frequency: Float[np.ndarray, " bins"], values: Float[np.ndarray, " bins"] | Complex[np.ndarray, " bins"]
+    frequency: Float[np.ndarray, " bins"], values: Float[np.ndarray, " bins"]
 ) -> Float[np.ndarray, " nodes"]:
     """Means over the bins near each node, and over so many of the nearest at least."""
     results = []
@@ -249,13 +244,11 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[PredictedQuan
     """Vertical acceleration one step ahead, and climb rate in open loop."""
     index = {nuisance.name: values[nuisance.name] for nuisance in problem.nuisances}
     rows = problem.rows(index)
-    theta = np.array([values[parameter.name] for parameter in rows.parameters])
+    ahead = rows.response, rows.regressors @ np.array([values[item.name] for item in rows.parameters])
     velocities = [flight.cut(flight.velocity[:, None]) for flight in problem.flights]
     measured = np.concatenate([run[:, 0] for runs in velocities for run in runs])
     return (
-        PredictedQuantity(
-            Horizon.ONE_STEP, "vertical acceleration", "m/s²", rows.response, rows.regressors @ theta
-        ),
+        PredictedQuantity(Horizon.ONE_STEP, "vertical acceleration", "m/s²", *ahead),
         PredictedQuantity(Horizon.OPEN_LOOP, "climb rate", "m/s", measured, _open_loop(problem, values)),
     )
 

@@ -18,9 +18,7 @@ from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.models.lagged_runs import (
-    ACTUATOR_LAG,
     BAND_HZ,
-    DELAY,
     AxisColumns,
     LaggedRuns,
     RowNoise,
@@ -65,7 +63,7 @@ def row_noise(
     nuisance_values: Values,
 ) -> RowNoise:
     """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
-    weights, selected, shared = [], [], []
+    selected, shared = [], []
     for flight in flights:
         noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
         if "velocity_z" in noise and flight.acceleration is None:
@@ -79,7 +77,7 @@ def row_noise(
         if isinstance(rule, LaggedInputs) and variance and response.any():
             covariance[: rule.last - rule.first + 1, 1] = variance * response[rule.first : rule.last + 1]
         shared.append(covariance)
-        weights.append(float(flight.sample_count))
+    weights = [float(flight.sample_count) for flight in flights]
     mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
     return RowNoise(regressors, np.average(shared, axis=0, weights=weights))
@@ -225,11 +223,6 @@ class VerticalFlight:
             return None
         return self.signals.channel("specific_force_z") - GRAVITY
 
-    @cached_property
-    def logged(self) -> Float[np.ndarray, "n m"]:
-        """What is logged of the actuators."""
-        return self.signals.family(self.input)
-
     def state_of(self, logged: Float[np.ndarray, "n m"], **path: float) -> np.ndarray:
         """State of actuators by what is logged of them, at a lag, a delay and a second stage."""
         if self.measured:
@@ -241,9 +234,13 @@ class VerticalFlight:
     ) -> Float[np.ndarray, " n"]:
         """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
         path = {"lag_s": lag_s, "delay_s": delay_s, "second_stage": second_stage}
-        states = motion.input_map(self.state_of(self.logged, **path))
+        states = motion.input_map(self.state_of(self._logged, **path))
         mapped: Float[np.ndarray, " n"] = states[:, 0] if states.shape[1] == 1 else states.mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
+
+    @cached_property
+    def _logged(self) -> Float[np.ndarray, "n m"]:
+        return self.signals.family(self.input)
 
     @property
     def sample_count(self) -> int:
@@ -273,7 +270,6 @@ class MovingColumns:
     terms: tuple[OptionalTerm, ...] = ()
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-        """U at a lag and a delay, and a column for each term."""
         mapped = self.flight.mapped_input(self.motion, **actuators(nuisance_values))
         if not self.terms:
             return mapped[:, None]
@@ -323,16 +319,6 @@ class VerticalFlights(LaggedRuns):
     def few_rows(self) -> bool:
         """Whether there are terms: voltage and height change slowly."""
         return bool(self.terms)
-
-    @property
-    def lag(self) -> Nuisance:
-        """The actuators' lag."""
-        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == ACTUATOR_LAG)
-
-    @property
-    def delay(self) -> Nuisance:
-        """The actuators' delay."""
-        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == DELAY)
 
     def sampled_state(self, _at: Values) -> SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""
@@ -419,7 +405,7 @@ class WeightBalance:
     @cached_property
     def columns(self) -> list[Float[np.ndarray, "_ m"]]:
         """z'', z', U and the columns of terms, of every run."""
-        return _columns(self.problem, self.nuisances)
+        return [run for flight in _columns(self.problem, self.nuisances) for run in flight]
 
     @cached_property
     def means(self) -> Float[np.ndarray, " m"]:
@@ -491,7 +477,8 @@ class Balance:
         """B = g + mean z'' + K mean z' - K_u mean U less the terms; its variance is robust [m/s^2]."""
 
         def mapped_mean(nuisance_values: Values) -> float:
-            return float(np.concatenate(_columns(self.problem, nuisance_values))[:, 2].mean())
+            runs = WeightBalance(self.problem, nuisance_values).columns
+            return float(np.concatenate(runs)[:, 2].mean())
 
         searched = [nuisance for nuisance in self.problem.nuisances if nuisance.searched]
         slopes = [nuisance.derivative(mapped_mean, self.estimate.nuisances) for nuisance in searched]
@@ -519,9 +506,8 @@ class Balance:
     def hover_input(self) -> Linear:
         """The same through the inverse of the input map."""
         (mapped, gradient, variance), chosen = self.hover, self.problem.motion.input_map
-        hover = chosen.inverse(mapped)
-        slope = chosen.slope(hover)
-        return hover, gradient / slope, variance / slope**2
+        slope = chosen.slope(chosen.inverse(mapped))
+        return chosen.inverse(mapped), gradient / slope, variance / slope**2
 
     @property
     def exponents(self) -> tuple[float, float]:
@@ -582,11 +568,6 @@ class ThrustDrift:
     exponent: float  # Of thrust near hover
 
     @property
-    def change(self) -> float:
-        """Change of the thrust over mass over the runs [m/s^2]."""
-        return self.rate * self.duration_s
-
-    @property
     def hover_rate(self) -> float:
         """Change of the hover input in a second, as a share of it."""
         return -self.rate / (GRAVITY * self.exponent)
@@ -602,46 +583,38 @@ class ThrustDrift:
     def numbers(self) -> dict[str, float]:
         """Change over the runs [m/s^2], and of the hover input [a minute] by the exponent of thrust."""
         return {
-            DRIFT: self.change,
+            DRIFT: self.rate * self.duration_s,
             f"{DRIFT}_half_width": self.half_width * self.duration_s,
             f"{DRIFT}_duration_s": self.duration_s,
             HOVER_DRIFT: 60.0 * self.hover_rate,
-            f"{HOVER_DRIFT}_half_width": 60.0 * self._hover_half_width,
+            f"{HOVER_DRIFT}_half_width": 60.0 * self.half_width / (GRAVITY * abs(self.exponent)),
         }
-
-    @property
-    def _hover_half_width(self) -> float:
-        return self.half_width / (GRAVITY * abs(self.exponent))
 
     @property
     def sentence(self) -> str:
         """The line that rows lose."""
-        change, half = self.change, self.half_width * self.duration_s
+        change, half, duration_s, of_hover, hover_half = self.numbers.values()
         moved, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
         return (
             f"thrust of one command {moved} by {abs(change):.2f} ± {half:.2f} m/s² ({share:.1%}) in "
-            f"{self.duration_s:.0f} s; hover input {60.0 * self.hover_rate:+.1%} ± "
-            f"{60.0 * self._hover_half_width:.1%} a minute"
+            f"{duration_s:.0f} s; hover input {of_hover:+.1%} ± {hover_half:.1%} a minute"
         )
 
 
-def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np.ndarray, "_ m"]]:
-    """z'', z', U and the columns of terms, of every run."""
-    return [block for flight in problem.flights for block in _of_flight(problem, flight, nuisance_values)]
-
-
-def _of_flight(
-    problem: VerticalFlights, flight: VerticalFlight, nuisance_values: Values
-) -> list[Float[np.ndarray, "_ m"]]:
-    moving = MovingColumns(flight, problem.motion, problem.terms)(nuisance_values)
-    return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
+def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[list[Float[np.ndarray, "_ m"]]]:
+    """z'', z', U and the columns of terms, of every run of each flight."""
+    blocks = []
+    for flight in problem.flights:
+        moving = MovingColumns(flight, problem.motion, problem.terms)(nuisance_values)
+        blocks.append(flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving])))
+    return blocks
 
 
 def balance_sums(
     problem: VerticalFlights, nuisance_values: Values
 ) -> dict[str, Float[np.ndarray, " flights"]]:
     """Number of samples of each flight, and sums of z'', z', U and the columns of terms over them."""
-    flights = [np.concatenate(_of_flight(problem, flight, nuisance_values)) for flight in problem.flights]
+    flights = map(np.concatenate, _columns(problem, nuisance_values))
     sums = np.array([[len(terms), *terms.sum(axis=0)] for terms in flights])
     names = ("samples", "derivative", "velocity", "mapped", *(term.parameter.name for term in problem.terms))
     return dict(zip(names, sums.T, strict=True))
@@ -679,22 +652,18 @@ def channel_on_grid(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"
     return on_grid(flight.recording.channel(name), flight.grid)[0] if known else None
 
 
-def ground_height(flight: PreparedFlight) -> float | None:
-    """Height of the ground, of a flight that has runs; None where the log does not show it [m]."""
+def height_over_ground(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"] | None, bool]:
+    """Height of a flight that has runs over the ground [m], and whether the log shows where that is.
+
+    Where it does not, over a place below all of the flight; None of a log without height.
+    """
     height = channel_on_grid(flight, "position_z")
     if height is None:
-        return None
+        return None, False
     lowest = float(np.nanquantile(flight.recording.channels["position_z"].values, 0.005))
-    return lowest if float(height[flight.used].min()) - lowest > ABOVE_GROUND else None
-
-
-def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
-    """Height over the ground; over a place below all of the flight where the log does not show it [m]."""
-    height = channel_on_grid(flight, "position_z")
-    if height is None:
-        return None
-    known = ground_height(flight)
-    return height - (float(height[flight.used].min()) - BELOW_FLIGHT if known is None else known)
+    flown = float(height[flight.used].min())
+    shown = flown - lowest > ABOVE_GROUND
+    return height - (lowest if shown else flown - BELOW_FLIGHT), shown
 
 
 def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
@@ -718,11 +687,11 @@ def voltage_change(flight: PreparedFlight) -> float | None:
 def check_terms(options: FlightOptions, radius: float | None = None) -> None:
     """Refuse a term near the ground without the rotors' radius."""
     if GROUND_EFFECT.word in options.terms and options.rotor_radius is None and radius is None:
-        raise UsageError(
-            f"the radius of a rotor with the term {GROUND_EFFECT.word}, which counts heights in radii",
-            "none",
-            "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it.",
+        expected = f"the radius of a rotor with the term {GROUND_EFFECT.word}, which counts heights in radii"
+        give = (
+            "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it."
         )
+        raise UsageError(expected, "none", give)
 
 
 def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:
@@ -730,24 +699,22 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
     for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
         if GROUND_EFFECT.word in options.terms:
-            if channel_on_grid(flight, "position_z") is None:
+            height, shown = height_over_ground(flight)
+            if height is None:
                 raise _missing("position_z", GROUND_EFFECT, name, "height")
-            if ground_height(flight) is None:
-                raise InputError(
-                    "a log that begins or ends on the ground, whose height the term "
-                    f"{GROUND_EFFECT.word} needs",
-                    f"{name}, whose height is never below that of the flight",
-                    "Log from before take-off or until after landing, or leave the term out.",
-                )
+            if not shown:
+                needs = f"whose height the term {GROUND_EFFECT.word} needs"
+                received = f"{name}, whose height is never below that of the flight"
+                remedy = "Log from before take-off or until after landing, or leave the term out."
+                raise InputError(f"a log that begins or ends on the ground, {needs}", received, remedy)
         if VOLTAGE_TERM.word in options.terms:
             if voltage(flight) is None:
                 raise _missing(VOLTAGE, VOLTAGE_TERM, name, "battery's voltage")
             if flight.input.measured:
-                raise InputError(
-                    f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage",
-                    f"{flight.input.name} of {name}, which was measured",
-                    "Leave the term out, or name the commands with --input.",
-                )
+                expected = f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage"
+                received = f"{flight.input.name} of {name}, which was measured"
+                remedy = "Leave the term out, or name the commands with --input."
+                raise InputError(expected, received, remedy)
 
 
 def _missing(channel: str, term: OptionalTerm, name: str, words: str) -> MissingChannelError:
@@ -757,21 +724,16 @@ def _missing(channel: str, term: OptionalTerm, name: str, words: str) -> Missing
 
 def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
     """Mean over flights of the mean voltage while each was used; None where one does not log it [V]."""
-    means = [
-        math.nan if volts is None else float(volts[flight.used].mean())
-        for flight in flights
-        if flight.runs
-        for volts in (voltage(flight),)
-    ]
-    mean = float(np.mean(means)) if means else math.nan
-    return mean if math.isfinite(mean) else None
+    known = [(flight, voltage(flight)) for flight in flights if flight.runs]
+    means = [float(volts[flight.used].mean()) for flight, volts in known if volts is not None]
+    return float(np.mean(means)) if means and len(means) == len(known) else None
 
 
 def with_surroundings(
     cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float | None
 ) -> VerticalFlight:
     """A flight with its height in rotor radii, and its voltage over the one given less one."""
-    height, volts = height_over_ground(flight), voltage(flight)
+    (height, _), volts = height_over_ground(flight), voltage(flight)
     radii = None if height is None or radius is None else height / radius
     away = None if volts is None or reference_voltage is None else volts / reference_voltage - 1.0
     return replace(cut, radii=radii, voltage=away)

@@ -221,14 +221,10 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
 def open_loop_findings(flights: tuple[PreparedFlight, ...]) -> list[Finding]:
     """Say that the thrust command is its own instrument, where it is."""
     openly = {source.channel for source in REFERENCES if source.open_loop}
-    return [
-        Finding(
-            "open_loop_input",
-            f"No loop acts on the {reference} in this mode of flight: it is its own instrument.",
-        )
-        for reference in dict.fromkeys(r.name for f in flights for r in f.references if r.usable)
-        if reference in openly
-    ]
+    usable = dict.fromkeys(name for flight in flights for name in flight.usable_references)
+    words = "in this mode of flight: it is its own instrument."
+    openly_used = [name for name in usable if name in openly]
+    return [Finding("open_loop_input", f"No loop acts on the {name} {words}") for name in openly_used]
 
 
 def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, list[Finding]]:
@@ -241,9 +237,8 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     if tilt is None and row is not None:
         tilt = Channel("cos_tilt", row[0], row[1][:, 2], "", "attitude quaternion")
     if tilt is None:
-        findings.append(
-            Finding("no_attitude", "No attitude is logged: the vehicle is taken as level throughout.")
-        )
+        level = "No attitude is logged: the vehicle is taken as level throughout."
+        findings.append(Finding("no_attitude", level))
     force = _usable_channel(log, "specific_force_z", findings)
     logged = _usable_channel(log, "acceleration_z", findings)
     if force is None and logged is not None:
@@ -254,11 +249,9 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
         if turned is not None and (force is None or turned.rate_hz > force.rate_hz):
             force = turned
     if force is None:
-        why = (
-            "Without an attitude the accelerometer cannot be turned to the world's axes"
-            if row is None and any(body)
-            else "No accelerometer is logged"
-        )
+        why = "No accelerometer is logged"
+        if row is None and any(body):
+            why = "Without an attitude the accelerometer cannot be turned to the world's axes"
         findings.append(Finding("no_accelerometer", f"{why}: only the velocity's derivative is used."))
     return force, tilt, findings
 
@@ -276,19 +269,13 @@ def rotated(
     body: Sequence[Channel | None], row: tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]] | None
 ) -> Channel | None:
     """World-up specific force from the body's and the attitude, on the accelerometer's clock."""
-    axes = [channel for channel in body if channel is not None]
+    axes = [channel for channel in body if channel is not None and channel.time_s.size]
     if len(axes) != 3 or row is None or row[0].size == 0:
         return None
-    time = axes[2].time_s
-    if not all(channel.time_s.size for channel in axes):
-        return None
-    columns = [
-        channel.values
-        if np.array_equal(channel.time_s, time)
-        else np.interp(time, channel.time_s, channel.values)
-        for channel in axes
-    ]
-    up = [np.interp(time, row[0], row[1][:, axis]) for axis in range(3)]
-    values = sum((u * column for u, column in zip(up, columns, strict=True)), np.zeros(time.size))
+    time, values = axes[2].time_s, np.zeros(axes[2].time_s.size)
+    for channel, upward in zip(axes, row[1].T, strict=True):
+        same = np.array_equal(channel.time_s, time)
+        column = channel.values if same else np.interp(time, channel.time_s, channel.values)
+        values += np.interp(time, row[0], upward) * column
     inside = (time >= row[0][0]) & (time <= row[0][-1])
     return Channel("specific_force_z", time[inside], values[inside], "m/s^2", "accelerometer and attitude")

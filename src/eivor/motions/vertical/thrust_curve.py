@@ -1,9 +1,9 @@
-"""Estimation of a thrust curve."""
+"""Thrust curve: its estimation, and the autopilot's parameter that it would set."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
@@ -12,12 +12,24 @@ import numpy as np
 
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.profile_sets import DEGREES
-from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, QuantityEstimate
 from eivor.inference.distributions import t_quantile
-from eivor.motions.vertical.model import CurveFamily, family_of
+from eivor.inference.verdict import Status
+from eivor.motions.vertical.model import (
+    CURVE_PARAMETERS,
+    DECLARE,
+    CurveFamily,
+    curve_in_force,
+    family_of,
+    family_of_fitted,
+    proposed,
+)
 from eivor.motions.vertical.regression import Balance, Linear, VerticalFlights, vertical_problem
 from eivor.motions.vertical.select import FittedCurve
-from eivor.signals.thrust_map import InputMap
+from eivor.signals.channels import CurveSide, common_side
+from eivor.signals.recording import Finding
+from eivor.signals.thrust_map import InputMap, input_map
 
 #: The map is found when another round would change its parameter by less than this; so many rounds are made.
 CONVERGED, ROUNDS = 3e-4, 10
@@ -92,9 +104,8 @@ def _at_nuisances(
 def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveFamily) -> tuple[float, float]:
     """Parameter with the least criterion, and its standard error; infinite where an end of the grid fits."""
     grid = family.grid
-    criterion = np.array(
-        [estimated(with_map(problem, family.map(value))).criterion for value in grid.tolist()]
-    )
+    problems = (with_map(problem, family.map(value)) for value in grid.tolist())
+    criterion = np.array([estimated(item).criterion for item in problems])
     least = int(np.argmin(criterion))
     quantile = t_quantile(0.95, DEGREES)
     allowed = grid[criterion <= criterion[least] + quantile**2]
@@ -120,14 +131,11 @@ def linear_quantity(estimate: Estimate, linear: Linear, unit: str) -> QuantityEs
 def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
     estimate = of.estimate
-    sides = [
-        Balance(with_map(of.problem, curve.family.map(value)), item)
-        for value, item in (curve.below, curve.above)
-    ]
+    pairs = [(with_map(of.problem, curve.family.map(at)), item) for at, item in (curve.below, curve.above)]
+    sides = [Balance(*pair) for pair in pairs]
     by_curvature = math.isinf(curve.bias_std)
 
     def slope(quantity: Callable[[Balance], Linear]) -> float:
-        """Derivative of a quantity by the map's parameter."""
         low, high = (quantity(side)[0] for side in sides)
         return (high - low) / (curve.above[0] - curve.below[0])
 
@@ -150,19 +158,77 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
         "intercept": (attrgetter("intercept"), "m/s^2"),
         "hover_input": (attrgetter("hover_input"), ""),
     }
-    results = {
-        name: linear_quantity(estimate, propagated(quantity), unit)
-        for name, (quantity, unit) in formulas.items()
-    }
+    rows = formulas.items()
+    results = {name: linear_quantity(estimate, propagated(of_it), unit) for name, (of_it, unit) in rows}
+    value = curve.value, np.zeros(estimate.values.size), curve.curvature_error**2
     if not by_curvature:
         value = curve.value + by_b * b, of_curve, by_b**2 * own
-        return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
-    if math.isinf(curve.curvature_error):
+    elif math.isinf(curve.curvature_error):
         return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
-    value = curve.value, np.zeros(estimate.values.size), curve.curvature_error**2
     return {**results, "thrust_curve": linear_quantity(estimate, value, "")}
 
 
 def _joint(position: int, of: Balance) -> Linear:
     values = of.estimate.values
     return float(values[position]), np.eye(values.size)[position], 0.0
+
+
+# -- Reported thrust curve --
+
+#: Why nothing is proposed of a command before a curve that is not known.
+NOT_IN_FORCE = (
+    "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
+    "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."
+)
+
+
+def curve_findings(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+) -> tuple[Finding, ...]:
+    """The parameter that a curve would set; none where the curve or the hover input is not identified."""
+    curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
+    if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
+        return ()
+    side = common_side(flight.curve_side for flight in flights)
+    in_force = curve_in_force([flight.recording.parameters for flight in flights])
+    if Status.REFUSED in (curve.verdict, hover.verdict):
+        return _overdone(side, in_force, curve)
+    if side is CurveSide.UNKNOWN:
+        sentence = (
+            f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
+            f"thrust curve: no parameter is proposed. {DECLARE}"
+        )
+        return (Finding("thrust_curve", sentence),)
+    family = family_of_fitted(input_map(flights[0].input_map))
+    before = side is CurveSide.BEFORE
+    sentences = []
+    for parameter in [item for item in CURVE_PARAMETERS if item.name in in_force or not (in_force or before)]:
+        value, name = in_force.get(parameter.name), parameter.name
+        if before and value is not None and not parameter.takes(value):
+            continue
+        intervals = (curve.value, curve.interval), (hover.value, hover.interval)
+        share, _ = proposed(parameter, family, *intervals, value if before else None)
+        (middle, (low, high)), beyond = share, parameter.beyond(share)
+        words = (
+            f"No {name} is proposed: {beyond}"
+            if beyond
+            else (
+                f"{name} ({parameter.autopilot}) would be set to {middle:.2f} [{low:.2f}, {high:.2f}] by "
+                f"the thrust curve that was fitted, which is {curve.verdict.value}."
+            )
+        )
+        sentences.append(words if value is None else f"{words} The log has {name} {value:.2g}.")
+    return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
+
+
+def _overdone(side: CurveSide, in_force: Mapping[str, float], curve: Quantity) -> tuple[Finding, ...]:
+    """Say that a curve in force bends too much, which no share of the square brings back."""
+    large = [f"{name} {value:.2g}" for name, value in in_force.items() if value > 0.0]
+    if side is not CurveSide.BEFORE or not large or not curve.interval[1] < 0.0:
+        return ()
+    sentence = (
+        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large "
+        "for this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with "
+        "a smaller value."
+    )
+    return (Finding("thrust_curve", sentence),)

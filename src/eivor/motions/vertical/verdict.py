@@ -48,10 +48,10 @@ from eivor.motions.vertical.misspecification import (
     velocity_over_accelerometer,
 )
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.regression import GROUND, TERMS, ThrustDrift, ground_height, height_over_ground
+from eivor.motions.vertical.regression import GROUND, TERMS, ThrustDrift, height_over_ground
 from eivor.motions.vertical.select import FLY, LOG_REFERENCE, QUANTITIES, QUICKER
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import Channel, Finding
+from eivor.signals.recording import Finding
 from eivor.tools import Bool, Float
 
 # -- Checks --
@@ -82,7 +82,6 @@ class VerticalChecks(MotionChecks):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Diagnostics by name."""
         share, lowest = self.near_ground or (math.nan, math.nan)
         return {
             "input_map_p_value": self.map_p_value,
@@ -98,7 +97,6 @@ class VerticalChecks(MotionChecks):
 
     @property
     def report(self) -> tuple[tuple[str, str], ...]:
-        """The line that rows lose, and terms that the model leaves out."""
         drift = () if self.drift is None else (("drift", self.drift.sentence),)
         return (*drift, *self.omitted.report)
 
@@ -111,8 +109,8 @@ def near_ground(
         return None
     shares, lowest = [], []
     for flight in flights:
-        height = height_over_ground(flight)
-        if height is not None and ground_height(flight) is not None:
+        height, shown = height_over_ground(flight)
+        if height is not None and shown:
             radii = height[flight.used] / radius
             shares.append(float(np.mean(radii < NEAR_RADII)))
             lowest.append(float(radii.min()))
@@ -158,8 +156,7 @@ def _difference(inputs: VerdictInputs, name: str) -> Difference | None:
 
 def _sensor_sentence(name: str) -> Callable[[VerdictInputs], str]:
     def words(inputs: VerdictInputs) -> str:
-        difference = _difference(inputs, name)
-        right = "Which is right is not known."
+        difference, right = _difference(inputs, name), "Which is right is not known."
         if inputs.corrected(name):
             right = "It was corrected, as well as that is known."
         return "" if difference is None else f"{sentence(name, difference)} {right}"
@@ -176,17 +173,16 @@ def _size(inputs: VerdictInputs, name: str) -> float:
 
 
 def _scale(inputs: VerdictInputs, name: str) -> tuple[float, float] | float:
-    both = _size(inputs, SCALE.name) * abs(inputs.quantities[name].value)
+    both = _size(inputs, SCALE.name) * abs(inputs.value(name))
     difference = _difference(inputs, SCALE.name)
     if difference is None or inputs.corrected(SCALE.name) or name != FRICTION:
         return both
     return (0.0, both) if difference.value > 0.0 else (both, 0.0)
 
 
-def _measured_tilt(inputs: VerdictInputs, name: str) -> float:
-    """Tilts that are there and were not taken out, all to one side."""
-    left = [tilt for tilt in _TILTS if not inputs.corrected(tilt)]
-    return _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in left})
+def _left(inputs: VerdictInputs) -> list[str]:
+    """Tilts that are there and were not taken out."""
+    return [tilt for tilt in _TILTS if not inputs.corrected(tilt) and _difference(inputs, tilt) is not None]
 
 
 def _unknown_tilt(inputs: VerdictInputs, name: str) -> float:
@@ -201,30 +197,21 @@ def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float
     return TILT_FACTOR * math.hypot(*(size * sensitivities.to(tilt, name) for tilt, size in sizes.items()))
 
 
-def _measured_tilt_sentence(inputs: VerdictInputs) -> str:
-    left = [tilt for tilt in _TILTS if not inputs.corrected(tilt)]
-    return " ".join(_sensor_sentence(tilt)(inputs) for tilt in left if _difference(inputs, tilt) is not None)
-
-
 def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     """What an offset in time between the sensors, or of the command, does."""
-    sensitivity: float = inputs.checks.sensitivities.to(OFFSET.name, name)
-    return size_s * sensitivity
+    return float(size_s * inputs.checks.sensitivities.to(OFFSET.name, name))
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float] | float:
     """What an offset between the sensors does: of the lag to one side, unless it was taken out."""
-    size = _size(inputs, OFFSET.name)
-    if name not in SEARCHED:
-        return _by_offset(inputs, name, size)
-    return size, size if inputs.corrected(OFFSET.name) else 0.0
+    size, both = _size(inputs, OFFSET.name), inputs.corrected(OFFSET.name)
+    return (size, size if both else 0.0) if name in SEARCHED else _by_offset(inputs, name, size)
 
 
 def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
     """What the clocks of command and motion are apart by, and what is not known of it [s]."""
-    apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(
-        any(map(_several_clocks, inputs.flights))
-    )
+    several = any(map(_several_clocks, inputs.flights))
+    apart: tuple[float, float] = inputs.checks.omitted.clocks_apart_s(several)
     return apart
 
 
@@ -236,47 +223,19 @@ def _several_clocks(flight: PreparedFlight) -> bool:
     return not same and flight.recording.format not in ONE_CLOCK
 
 
-def _slew_sentence(inputs: VerdictInputs) -> str:
-    later = inputs.checks.omitted.sentence(SLEW)
-    return f"{later[0].upper()}{later[1:]}."
-
-
-def _drift_sentence(inputs: VerdictInputs) -> str:
-    apart, size = inputs.checks.omitted.sentence(CLOCK_DRIFT), 1e3 * _clocks_apart_s(inputs)[0]
-    return f"{apart[0].upper()}{apart[1:]}: up to {size:.2g} ms in this flight."
-
-
-def _unless_given(size: Callable[[VerdictInputs], float]) -> Callable[[VerdictInputs, str], float]:
+def _unless_given(inputs: VerdictInputs, name: str, size: float) -> float:
     """The size, and nothing where the lag is given exactly."""
-
-    def of(inputs: VerdictInputs, name: str) -> float:
-        low, high = inputs.quantities[name].interval
-        return size(inputs) if low < high else 0.0
-
-    return of
+    low, high = inputs.quantities[name].interval
+    return size if low < high else 0.0
 
 
-def _shift_part(
-    size: Callable[[VerdictInputs], float], words: Callable[[VerdictInputs], str]
-) -> SystematicPart:
-    """Row of commands that come later: the lag takes it up, unless it is given, and else the others do."""
-    of_lag = _unless_given(size)
-    return SystematicPart(
-        MOVING,
-        Counts.ADDED,
-        lambda inputs, name: (
-            of_lag(inputs, name) if name in SEARCHED else _by_offset(inputs, name, size(inputs))
-        ),
-        words,
-    )
-
-
-def _by_share(inputs: VerdictInputs, name: str, share: float) -> float:
-    return share * abs(inputs.quantities[name].value)
+def _shifted(inputs: VerdictInputs, name: str, size: float) -> float:
+    """Commands that come later: the lag takes it up, unless it is given, and else the others do."""
+    return (_unless_given if name in SEARCHED else _by_offset)(inputs, name, size)
 
 
 def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
-    gain, intercept = inputs.quantities[name].value, inputs.quantities["intercept"].value
+    gain, intercept = inputs.value(name), inputs.value("intercept")
     left = 1.0 - intercept / GRAVITY  # g / U_h over K_u is one over this
     secant = gain / left if left > 0.0 else gain
     if abs(secant - gain) < LEAST_SHARE * abs(gain):
@@ -290,12 +249,9 @@ def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
 
 
 def _secant_sentence(inputs: VerdictInputs) -> str:
-    gain, intercept = inputs.quantities[GAIN].value, inputs.quantities["intercept"].value
-    secant = gain / (1.0 - intercept / GRAVITY)
-    words = (
-        f"The gain is {gain:.3g} m/s^2 as a slope near hover, and {secant:.3g} as weight over hover input."
-    )
-    checks = inputs.checks
+    gain, intercept, checks = inputs.value(GAIN), inputs.value("intercept"), inputs.checks
+    secant = f"{gain / (1.0 - intercept / GRAVITY):.3g} as weight over hover input"
+    words = f"The gain is {gain:.3g} m/s^2 as a slope near hover, and {secant}."
     if not (checks.map_p_value < FITS and math.isfinite(checks.thrust_exponent)):
         return words
     return (
@@ -309,22 +265,23 @@ def _supply(inputs: VerdictInputs, name: str) -> float:
     # the line in time is the same change of the hover input, and known closer
     if name == HOVER and inputs.checks.drift is not None:
         return 0.0
-    return _by_share(inputs, name, (0.5 if name == GAIN else 0.25) * inputs.checks.omitted.supply_change)
+    share = (0.5 if name == GAIN else 0.25) * inputs.checks.omitted.supply_change
+    return float(share * abs(inputs.value(name)))
 
 
 def _drift(inputs: VerdictInputs, name: str) -> float:
     """A quarter of what the hover input changes by in a flight: the mean distance from its middle."""
     drift = inputs.checks.drift
     share = 0.0 if drift is None else 0.25 * abs(drift.hover_change) / max(len(inputs.flights), 1)
-    return share * inputs.quantities[name].value if share > LEAST_SHARE else 0.0
+    return share * inputs.value(name) if share > LEAST_SHARE else 0.0
 
 
 def _periodic(inputs: VerdictInputs, _name: str) -> float:
     swing = inputs.swing
     if swing is None:
         return 0.0
-    friction: float = inputs.checks.velocity.coherent(1.0 / swing.period, inputs.used_s)
-    return swing.amplitude / math.sqrt(2.0) * friction
+    friction = inputs.checks.velocity.coherent(1.0 / swing.period, inputs.used_s)
+    return float(swing.amplitude / math.sqrt(2.0) * friction)
 
 
 def _periodic_sentence(inputs: VerdictInputs) -> str:
@@ -351,7 +308,12 @@ PARTS = (
         "The velocity is not declared as measured: the dynamics of an estimator may be "
         f"{ESTIMATOR_FRICTION:g} 1/s of the friction.",
     ),
-    SystematicPart(MOVING, Counts.ADDED, _measured_tilt, _measured_tilt_sentence),
+    SystematicPart(
+        MOVING,
+        Counts.ADDED,
+        lambda inputs, name: _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in _left(inputs)}),
+        lambda inputs: " ".join(_sensor_sentence(tilt)(inputs) for tilt in _left(inputs)),
+    ),
     SystematicPart(
         MOVING,
         Counts.INDEPENDENT,
@@ -361,12 +323,25 @@ PARTS = (
     SystematicPart(MOVING, Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
     SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
     half_hold_part(SEARCHED),
-    _shift_part(lambda inputs: _clocks_apart_s(inputs)[0], _drift_sentence),
-    _shift_part(lambda inputs: inputs.checks.omitted.slewed_s, _slew_sentence),
+    SystematicPart(
+        MOVING,
+        Counts.ADDED,
+        lambda inputs, name: _shifted(inputs, name, _clocks_apart_s(inputs)[0]),
+        lambda inputs: (
+            f"{inputs.checks.omitted.spoken(CLOCK_DRIFT)}: up to "
+            f"{1e3 * _clocks_apart_s(inputs)[0]:.2g} ms in this flight."
+        ),
+    ),
+    SystematicPart(
+        MOVING,
+        Counts.ADDED,
+        lambda inputs, name: _shifted(inputs, name, inputs.checks.omitted.slewed_s),
+        lambda inputs: f"{inputs.checks.omitted.spoken(SLEW)}.",
+    ),
     SystematicPart(
         SEARCHED,
         Counts.INDEPENDENT,
-        _unless_given(lambda inputs: _clocks_apart_s(inputs)[1]),
+        lambda inputs, name: _unless_given(inputs, name, _clocks_apart_s(inputs)[1]),
         lambda inputs: (
             "The log may have several clocks, whose drift is not known better: they may be "
             f"{1e3 * _clocks_apart_s(inputs)[1]:.2g} ms apart."
@@ -386,8 +361,8 @@ PARTS = (
     SystematicPart(
         (GAIN,),
         Counts.ADDED,
-        lambda inputs, name: _by_share(
-            inputs, name, CROSSFLOW * (inputs.checks.sideways_speed / CROSSFLOW_SPEED) ** 2
+        lambda inputs, name: (
+            CROSSFLOW * (inputs.checks.sideways_speed / CROSSFLOW_SPEED) ** 2 * abs(inputs.value(name))
         ),
         lambda inputs: (
             f"The vehicle flew sideways at {inputs.checks.sideways_speed:.1f} m/s (rms): rotors give another "
@@ -407,7 +382,7 @@ PARTS = (
     SystematicPart(
         (HOVER,),
         Counts.AT_LEAST,
-        lambda inputs, name: max(HOVER_FLOOR * inputs.quantities[name].value, 0.0),
+        lambda inputs, name: max(HOVER_FLOOR * inputs.value(name), 0.0),
         "Valid for this flight's conditions (wind, height, speed, battery, temperature): the interval is at "
         f"least ±{HOVER_FLOOR:.1%} wide.",
     ),
@@ -461,7 +436,7 @@ def _bend(inputs: VerdictInputs) -> str:
 
 
 def _fitting_map(inputs: VerdictInputs) -> str:
-    exponent, hover = inputs.checks.thrust_exponent, inputs.quantities[HOVER].value
+    exponent, hover = inputs.checks.thrust_exponent, inputs.value(HOVER)
     if exponent < LEAST_EXPONENT:
         return (
             "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
@@ -489,9 +464,7 @@ def _times(inputs: VerdictInputs) -> float:
 
 
 def _beyond(inputs: VerdictInputs, limit: float) -> bool:
-    """Whether the intercept is clearly beyond a limit."""
-    intercept = inputs.quantities["intercept"]
-    return abs(intercept.value) - intercept.half_width > limit
+    return abs(inputs.value("intercept")) - inputs.quantities["intercept"].half_width > limit
 
 
 #: A delay that is known less closely is not separated from the lag [s].
@@ -499,7 +472,6 @@ DELAY_HALF_WIDTH_S = 0.02
 
 
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
-    """Rows of the coefficient of an optional term."""
     name, words = (parameter.name,), parameter.name.replace("_", " ")
 
     def strength(inputs: VerdictInputs) -> float:
@@ -554,9 +526,8 @@ RULES = (
         lambda inputs: inputs.quantities[FRICTION].interval[1] < 0.0,
         Status.REFUSED,
         lambda inputs: (
-            f"The viscous friction came out at {inputs.quantities[FRICTION].value:.3g} 1/s, which no vehicle "
-            "has: the air or a feedback moved the vehicle more than the reference did."
-            f"{inputs.moved}"
+            f"The viscous friction came out at {inputs.value(FRICTION):.3g} 1/s, which no vehicle has: the "
+            f"air or a feedback moved the vehicle more than the reference did.{inputs.moved}"
         ),
         FLY,
     ),
@@ -570,9 +541,7 @@ RULES = (
     ),
     Rule(
         (HOVER,),
-        lambda inputs: (
-            not (math.isfinite(inputs.quantities[HOVER].value) and inputs.quantities[HOVER].value > 0.0)
-        ),
+        lambda inputs: not 0.0 < inputs.value(HOVER) < math.inf,
         Status.REFUSED,
         "The hover input is not positive.",
         CHECK_SIGN,
@@ -583,7 +552,7 @@ RULES = (
         lambda inputs: _beyond(inputs, LARGE_INTERCEPT),
         Status.WEAK,
         lambda inputs: (
-            f"The intercept is {inputs.quantities['intercept'].value:.1f} m/s^2, far beyond the bias of an "
+            f"The intercept is {inputs.value('intercept'):.1f} m/s^2, far beyond the bias of an "
             "accelerometer."
         ),
         "Check the units and signs of velocity and acceleration, the clock, and the input map.",
@@ -594,7 +563,7 @@ RULES = (
         Status.REFUSED,
         lambda inputs: (
             "No thrust curve of this kind fits: the intercept is still "
-            f"{inputs.quantities['intercept'].value:+.2g} m/s^2 with the one that comes nearest."
+            f"{inputs.value('intercept'):+.2g} m/s^2 with the one that comes nearest."
         ),
         CHECK_INPUT,
         Cause.CONTRADICTION,
@@ -618,7 +587,7 @@ RULES = (
         OF_GAIN,
         lambda inputs: inputs.checks.omitted.missed(GROUND),
         Status.WEAK,
-        lambda inputs: inputs.checks.omitted.sentence(GROUND).capitalize() + ".",
+        lambda inputs: f"{inputs.checks.omitted.spoken(GROUND)}.",
         "Fly higher over the ground, four radii of a rotor and more.",
     ),
     Rule(
@@ -685,10 +654,8 @@ def hover_findings(
     for flight in flying:
         yield from _standing_at_an_end(flight)
     hover = quantities["hover_input"]
-    if hover.verdict is not Status.IDENTIFIED or not np.isfinite(hover.value) or not flying:
-        return
-    values = np.concatenate([comparable_estimates(flight) for flight in flying])
-    if values.size:
+    values = np.concatenate([np.empty(0), *map(comparable_estimates, flying)])
+    if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and values.size:
         median = float(np.median(values))
         off = hover.value / median - 1.0
         yield Finding(
@@ -707,25 +674,26 @@ def is_setpoint(flight: PreparedFlight) -> bool:
 
 def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
     """Samples of the autopilot's estimate while the flight was used, that say something of the vehicle."""
-    channel = flight.recording.channels.get(ESTIMATE)
-    if channel is None:
-        return np.empty(0)
-    within = _within(flight, channel)
+    time_s, values, within = _estimates(flight)
     for low, high, _ in _ends(flight):
-        within &= ~((channel.values >= low) & (channel.values <= high))
+        within &= ~((values >= low) & (values <= high))
     for name, wait_s in ON_ITS_WAY_S.items():
         start = flight.recording.parameters.get(name, np.nan)
         with np.errstate(invalid="ignore"):
-            left = np.flatnonzero(np.abs(channel.values - start) > NEAR_START)
-        since = channel.time_s[left[0]] if left.size else np.inf
-        within &= np.isnan(start) | (channel.time_s >= since + wait_s)
-    return np.asarray(channel.values[within])
+            left = np.flatnonzero(np.abs(values - start) > NEAR_START)
+        since = time_s[left[0]] if left.size else np.inf
+        within &= np.isnan(start) | (time_s >= since + wait_s)
+    return values[within]
 
 
-def _within(flight: PreparedFlight, channel: Channel) -> Bool[np.ndarray, " n"]:
-    """Valid samples in the stretch of time that was used."""
+def _estimates(
+    flight: PreparedFlight,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Stamps and values of the autopilot's estimate, and which are numbers within the time that was used."""
+    channel = flight.recording.channels.get(ESTIMATE)
+    time_s, values = (np.empty(0), np.empty(0)) if channel is None else (channel.time_s, channel.values)
     first, last = flight.span_s
-    return np.isfinite(channel.values) & (channel.time_s >= first) & (channel.time_s <= last)
+    return time_s, values, np.isfinite(values) & (time_s >= first) & (time_s <= last)
 
 
 def _ends(flight: PreparedFlight) -> list[tuple[float, float, str]]:
@@ -742,8 +710,8 @@ def _ends(flight: PreparedFlight) -> list[tuple[float, float, str]]:
 
 
 def _standing_at_an_end(flight: PreparedFlight) -> Iterator[Finding]:
-    channel = flight.recording.channels.get(ESTIMATE)
-    values = np.empty(0) if channel is None else channel.values[_within(flight, channel)]
+    _, values, within = _estimates(flight)
+    values = values[within]
     for low, high, words in _ends(flight):
         if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE:
             sentence = f"The autopilot's own estimate of the hover thrust stood at its {words}"
