@@ -9,6 +9,8 @@ import numpy as np
 import polars
 import pytest
 
+from logs.damage import damaged
+
 pytestmark = pytest.mark.usefixtures("coarse_search")
 
 #: What is said of matrices and of Python to those who wrote them.
@@ -252,19 +254,14 @@ def test_what_tells_nothing_is_refused_in_a_sentence(eivor, good_fit, tmp_path, 
     assert sentence in " ".join(commands["inspect"].split())
 
 
-def check_library(seed, fit):
-    rng = np.random.default_rng(seed)
-    columns = flown(rng)
-    choices = CHOICES[int(rng.integers(0, len(CHOICES)))]
-    library = use_library(recording_of(columns), fit, choices)
-    assert not INTERNAL.search(library), library
-
-
 @pytest.mark.parametrize(
     "seed", [*range(6), *(pytest.param(n, marks=pytest.mark.thorough) for n in range(6, 20))]
 )
 def test_calls_end_in_a_result_or_a_sentence(good_fit, seed):
-    check_library(seed, good_fit)
+    rng = np.random.default_rng(seed)
+    columns = flown(rng)
+    library = use_library(recording_of(columns), good_fit, CHOICES[int(rng.integers(0, len(CHOICES)))])
+    assert not INTERNAL.search(library), library
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
@@ -299,18 +296,6 @@ def test_parts_of_real_flights_end_so(recordings, good_fit, seed):
     log = cut_short(ev.read_log(files[int(rng.integers(0, len(files)))]), rng)
     library = use_library(log, good_fit, CHOICES[int(rng.integers(0, len(CHOICES)))])
     assert not INTERNAL.search(library), library
-
-
-def damaged(data, rng):
-    """Bytes of a file with some changed, cut off, lost, written twice or zero."""
-    blob, at, count = bytearray(data), int(rng.integers(len(data))), int(rng.integers(1, 400))
-    part = blob[at : at + count]
-    kinds = (rng.bytes(len(part)), b"", part + part, bytes(len(part)))
-    kind = int(rng.integers(len(kinds) + 2))
-    if kind < len(kinds):
-        blob[at : at + count] = kinds[kind]
-        return bytes(blob)
-    return bytes(blob[:at] if kind == len(kinds) else blob[at:])
 
 
 @pytest.mark.thorough

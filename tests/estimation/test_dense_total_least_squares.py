@@ -34,7 +34,6 @@ from eivor.estimation.weighting import TwoStage
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.linalg import AugmentedLeastSquares, LeastSquares
 from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS, LinearSystem
-from eivor.linalg.total_least_squares import LeastSquares as LeastSquares_objectives
 from eivor.linalg.total_least_squares import TotalLeastSquares
 from eivor.models.signal_regression import shared_noise
 from flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
@@ -130,16 +129,9 @@ class Dense:
         G = self.stacked.T @ self.stacked - (self.least - taken_off) * self.S
         return np.linalg.solve(G[:-1, :-1], G[:-1, -1])
 
-    def eigenvector(self):
-        """Theta from the vector of that eigenvalue."""
-        d = scipy.linalg.eigh(self.stacked.T @ self.stacked, self.S)[1][:, 0]
-        return -d[:-1] / d[-1]
-
-    def augmented(self):
-        """Theta of (27) and (33) with all rows; for S = I only."""
-        X, b, sigma = self.stacked[:, :-1], self.stacked[:, -1], np.sqrt(self.least)
-        full = np.block([[sigma * np.eye(len(b)), X], [X.T, sigma * np.eye(2)]])
-        return np.linalg.solve(full, np.append(b, np.zeros(2)))[len(b) :]
+    @property
+    def with_fuller(self):
+        return self.shifted(1.0 / self.left_over)
 
 
 #: Of every method that total least squares solves: its first lag (None: no instruments), what is made of it.
@@ -149,13 +141,9 @@ FORMS = {
     "generalized_iv_tls": (0, lambda signals: Dense(signals, 0).shifted()),
     "liml": (1, lambda signals: Dense(signals, 1, limited=True).shifted()),
     "generalized_liml": (0, lambda signals: Dense(signals, 0, limited=True).shifted()),
-    "fuller": (1, lambda signals: with_fuller(Dense(signals, 1, limited=True))),
-    "generalized_fuller": (0, lambda signals: with_fuller(Dense(signals, 0, limited=True))),
+    "fuller": (1, lambda signals: Dense(signals, 1, limited=True).with_fuller),
+    "generalized_fuller": (0, lambda signals: Dense(signals, 0, limited=True).with_fuller),
 }
-
-
-def with_fuller(dense):
-    return dense.shifted(1.0 / dense.left_over)
 
 
 def problem_of(signals, first):
@@ -164,34 +152,15 @@ def problem_of(signals, first):
     return ev.VerticalMotion(intercept=False).regression(signals, lags)
 
 
-def methods_by_name():
-    made = {}
-    for name in methods.__all__:
-        maker = getattr(methods, name)
-        if callable(maker) and name.islower() and name not in ("by_name", "regularised"):
-            made[name] = maker()
-    return made
-
-
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 @pytest.mark.parametrize("name", FORMS)
 def test_the_formula_as_it_stands(signals, name):
     first, wanted = FORMS[name]
-    method, problem = methods_by_name()[name], problem_of(signals, first)
+    method, problem = getattr(methods, name)(), problem_of(signals, first)
     theta = method.solve(problem).solution.theta
     np.testing.assert_allclose(theta, wanted(signals), rtol=EXACT)
     swapped = replace(method, solver=AugmentedLeastSquares()).solve(problem).solution.theta
     assert np.abs(swapped / theta - 1.0).max() > 1e6 * EXACT, "least squares in its place is not noticed"
-
-
-@pytest.mark.parametrize(("name", "first"), [("extended_iv_tls", 1), ("generalized_iv_tls", 0)])
-def test_the_augmented_systems_with_all_their_rows(signals, name, first):
-    """(27) is (26), and (33) is (32); and both are the vector of the least singular value."""
-    dense = Dense(signals, first)
-    np.testing.assert_allclose(dense.augmented(), dense.shifted(), rtol=EXACT)
-    np.testing.assert_allclose(dense.eigenvector(), dense.shifted(), rtol=EXACT)
-    theta = methods_by_name()[name].solve(problem_of(signals, first)).solution.theta
-    np.testing.assert_allclose(theta, dense.augmented(), rtol=EXACT)
 
 
 NEAR_ROWS = 200
@@ -671,12 +640,7 @@ def test_intervals_cover(spread, number):
 
 @pytest.mark.parametrize(
     ("solver", "equations"),
-    [
-        (LeastSquares_objectives(), 3),
-        (LeastSquares_objectives(), 7),
-        (AugmentedLeastSquares(), 7),
-        (TotalLeastSquares(), 7),
-    ],
+    [(LeastSquares(), 3), (LeastSquares(), 7), (AugmentedLeastSquares(), 7), (TotalLeastSquares(), 7)],
 )
 def test_objectives_are_those_of_each_system(solver, equations):
     systems = np.random.default_rng(equations).normal(size=(5, equations, 4)) * [1.0, 1e3, 1e-3, 1.0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from hypothesis import strategies as st
 
 import eivor as ev
 from eivor.errors import InstrumentError, NoUniqueSolutionError, UsageError
+from inference import instrument_data as data
 from reference import constants as truth
 
 SEVEN = (
@@ -249,75 +249,38 @@ linearmodels = pytest.importorskip("linearmodels")
 
 @pytest.fixture(scope="module")
 def housing():
-    """Rents on house values (endogenous), share of city dwellers and a constant."""
-    polars = pytest.importorskip("polars")
-    path = resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
-    table = polars.read_csv(path.read_bytes())
-    regions = sorted(set(table["region"]))[1:]
-    constant = np.ones(table.height)
-    exogenous = np.column_stack([table["pcturban"], constant])
-    excluded = np.column_stack(
-        [table["faminc"], *[(table["region"] == region).cast(int) for region in regions]]
-    )
-    return (
-        table["rent"].to_numpy().astype(float),
-        table["hsngval"].to_numpy().astype(float),
-        exogenous,
-        excluded,
-    )
-
-
-def problem_of(housing):
-    y, endogenous, exogenous, excluded = housing
-    return ev.regression(
-        response=y,
-        regressors=np.column_stack([endogenous, exogenous]),
-        instruments=np.column_stack([exogenous, excluded]),
-        names=["hsngval", "pcturban", "const"],
-    )
+    return data.housing_problem()
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 class TestAgainstPeers:
     def test_two_stage_least_squares(self, housing):
-        fit = ev.identify(problem_of(housing), ev.methods.extended_iv(ev.methods.TwoStage()))
-        y, endogenous, exogenous, excluded = housing
+        fit = ev.identify(housing, ev.methods.extended_iv(ev.methods.TwoStage()))
+        y, endogenous, exogenous, excluded = data.housing()
         peer = linearmodels.IV2SLS(y, exogenous, endogenous, excluded).fit().params.to_numpy()
-        np.testing.assert_allclose(
-            [fit.parameters[name] for name in ("pcturban", "const", "hsngval")], peer, rtol=1e-8
-        )
+        np.testing.assert_allclose(fit.values[[1, 2, 0]], peer, rtol=1e-8)
         for name, published in truth.STATA_2SLS.items():
             assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
 
     def test_limited_information(self, housing):
         """Stata's manual, ivregress: `ivregress liml rent pcturban (hsngval = faminc i.region)`."""
-        fit = ev.identify(problem_of(housing), ev.methods.liml())
+        fit = ev.identify(housing, ev.methods.liml())
         for name, printed in truth.STATA_LIML.items():
             assert fit.parameters[name] == pytest.approx(printed, rel=2e-5)
 
     @pytest.mark.parametrize("bandwidth", [0, 1, 4])
     def test_two_step_gmm(self, housing, bandwidth):
-        method = ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth))
-        fit = ev.identify(problem_of(housing), method)
-        y, endogenous, exogenous, excluded = housing
-        weights = (
-            {"weight_type": "robust"}
-            if bandwidth == 0
-            else {"weight_type": "kernel", "kernel": "bartlett", "bandwidth": bandwidth}
-        )
+        fit = ev.identify(housing, ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth)))
+        y, endogenous, exogenous, excluded = data.housing()
+        kernel = {"weight_type": "kernel", "kernel": "bartlett", "bandwidth": bandwidth}
+        weights = kernel if bandwidth else {"weight_type": "robust"}
         peer = linearmodels.IVGMM(y, exogenous, endogenous, excluded, **weights).fit(iter_limit=2)
-        np.testing.assert_allclose(
-            [fit.parameters[name] for name in ("pcturban", "const", "hsngval")],
-            peer.params.to_numpy(),
-            rtol=1e-8,
-        )
-
-    def test_two_step_gmm_prints_stata_s_numbers(self, housing):
-        fit = ev.identify(problem_of(housing), ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=0)))
-        for name, published in truth.STATA_GMM.items():
-            assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
-        J = problem_of(housing).response.size * fit.solution.objective
-        assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == J
+        np.testing.assert_allclose(fit.values[[1, 2, 0]], peer.params.to_numpy(), rtol=1e-8)
+        if bandwidth == 0:
+            for name, published in truth.STATA_GMM.items():
+                assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
+            J = housing.response.size * fit.solution.objective
+            assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == J
 
 
 def test_weak_instruments_are_told():

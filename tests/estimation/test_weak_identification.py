@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.resources
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy import stats
 
 import eivor as ev
 import shape_checks
 from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
+from inference import instrument_data as data
 
 LEVEL = 0.95
 
@@ -77,25 +75,15 @@ def test_white_input_strictly_delayed_instruments_say_nothing():
 
 @pytest.fixture(scope="module")
 def housing():
-    """Median rents of the 50 states as shipped by linearmodels: the manual's example of Stata's ivregress."""
+    """Median rents of the 50 states: the manual's example of Stata's ivregress."""
     pytest.importorskip("linearmodels")
-    path = importlib.resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
-    data = pl.read_csv(str(path))
-    region = data["region"].to_numpy()
-    dummies = [(region == name).astype(float) for name in sorted(set(region))[1:]]
-    exogenous = [data["pcturban"].to_numpy().astype(float), np.ones(len(data))]
-    return ev.regression(
-        response=data["rent"].to_numpy().astype(float),
-        regressors=np.column_stack([data["hsngval"].to_numpy().astype(float), *exogenous]),
-        instruments=np.column_stack([data["faminc"].to_numpy().astype(float), *dummies, *exogenous]),
-        names=("hsngval", "pcturban", "constant"),
-    )
+    return data.housing_problem()
 
 
 def test_housing_against_stata_and_textbook_regressions(housing):
     """The least AR is LIML's kappa less one (Stata: 1.256906483), and AR is the F of a plain regression."""
     result = ev.anderson_rubin_set(housing, ev.methods.extended_iv(), errors=ev.HomoskedasticErrors())
-    assert result.partialled_out == ("pcturban", "constant")
+    assert result.partialled_out == ("pcturban", "const")
     assert result.region.names == ("hsngval",)
     liml_estimate = np.array([0.00266862318])
     critical = 4 / 44 * stats.f(4, 44).ppf(LEVEL)

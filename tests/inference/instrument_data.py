@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+import eivor as ev
 from eivor.inference.diagnostics.record import EquationProducts
 from eivor.inference.products import block_edges, products_of_rows
 
@@ -28,6 +29,17 @@ def housing():
         table["hsngval"].to_numpy().astype(float)[:, None],
         exogenous,
         np.column_stack(excluded),
+    )
+
+
+def housing_problem():
+    """The same as one problem: regressors in Stata's order, exogenous ones among the instruments."""
+    y, endogenous, exogenous, excluded = housing()
+    return ev.regression(
+        response=y,
+        regressors=np.column_stack([endogenous, exogenous]),
+        instruments=np.column_stack([exogenous, excluded]),
+        names=["hsngval", "pcturban", "const"],
     )
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import resources
 
 import linearmodels
 import numpy as np
-import polars as pl
 import pytest
 import statsmodels.api as sm
 from hypothesis import given
@@ -57,6 +55,7 @@ from eivor.inference.random_effects import (
 )
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
+from inference import instrument_data as data
 from reference import constants as truth
 
 
@@ -195,22 +194,9 @@ MOTION = ev.VerticalMotion(intercept=False)
 
 @pytest.fixture(scope="module")
 def housing():
-    """Rents on house values (endogenous), share of city dwellers and a constant, in Stata's order."""
-    path = resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
-    table = pl.read_csv(path.read_bytes())
-    regions = sorted(set(table["region"]))[1:]
-    exogenous = np.column_stack([table["pcturban"], np.ones(table.height)]).astype(float)
-    excluded = np.column_stack([table["faminc"], *[(table["region"] == r).cast(int) for r in regions]])
-    y, endogenous = (table[name].to_numpy().astype(float) for name in ("rent", "hsngval"))
-    problem = ev.regression(
-        response=y,
-        regressors=np.column_stack([endogenous, exogenous]),
-        instruments=np.column_stack([exogenous, excluded]),
-        names=["hsngval", "pcturban", "const"],
-    )
-    fit = ev.identify(problem, ev.methods.extended_iv(ev.methods.TwoStage()))
-    peer = linearmodels.IV2SLS(y, exogenous, endogenous[:, None], excluded)
-    return fit, peer
+    y, endogenous, exogenous, excluded = data.housing()
+    fit = ev.identify(data.housing_problem(), ev.methods.extended_iv(ev.methods.TwoStage()))
+    return fit, linearmodels.IV2SLS(y, exogenous, endogenous, excluded)
 
 
 def in_our_order(covariance):

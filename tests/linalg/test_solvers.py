@@ -74,27 +74,13 @@ def test_least_squares_is_numpys(solver, seed, rows, scale):
     assert solve.objective == pytest.approx(float(solve.residual @ solve.residual))
 
 
-def test_augmented_solution_is_that_of_the_full_system():
-    """The paper's (10) with all its m + n rows, of which the product solves a reduction to 2 n."""
-    A, b = noisy(1)
-    A = A / np.linalg.norm(A, axis=0)
-    s = np.linalg.svd(A, compute_uv=False)[-1] / np.sqrt(2.0)
-    m, n = A.shape
-    full = np.block([[s * np.eye(m), A], [A.T, np.zeros((n, n))]])
-    wanted = np.linalg.solve(full, np.append(b, np.zeros(n)))[m:]
-    np.testing.assert_allclose(AugmentedLeastSquares().solve(LinearSystem(A, b)).theta, wanted, rtol=1e-11)
-
-
-def test_augmented_total_solution_is_that_of_the_full_system():
-    """The paper's (16) with all its m + n rows."""
+@pytest.mark.parametrize(("solver", "total"), [(LEAST[1], False), (TOTAL[1], True)])
+def test_augmented_total_solution_is_that_of_the_full_system(solver, total):
+    """The paper's (10) and (16) with all their m + n rows, of which the product solves a reduction to 2 n."""
     A, b = noisy(2)
-    s = np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1]
-    m, n = A.shape
-    full = np.block([[s * np.eye(m), A], [A.T, s * np.eye(n)]])
-    wanted = np.linalg.solve(full, np.append(b, np.zeros(n)))[m:]
-    np.testing.assert_allclose(
-        AugmentedTotalLeastSquares().solve(LinearSystem(A, b)).theta, wanted, rtol=1e-10
-    )
+    A = A if total else A / np.linalg.norm(A, axis=0)
+    wanted = full_augmented(A, b, total=total)
+    np.testing.assert_allclose(solver.solve(LinearSystem(A, b)).theta, wanted, rtol=1e-10)
 
 
 @pytest.mark.parametrize("solver", LEAST)
@@ -354,13 +340,10 @@ GRID = np.append(0.0, np.logspace(*DECADES, (DECADES[1] - DECADES[0]) * POINTS +
 TOWARDS = np.array([0.5, -1.0, 2.0])
 
 
-def noisy_in_units(seed, rows=40, noise=0.1):
+def noisy_in_units(seed, rows=40):
     """Matrix and right-hand side, both measured with errors, in units that are far apart."""
-    rng = np.random.default_rng(seed)
-    A = rng.standard_normal((rows, 3))
-    b = A @ rng.standard_normal(3)
-    units = np.array([1.0, 30.0, 0.01])
-    return (A + noise * rng.standard_normal(A.shape)) * units, b + noise * rng.standard_normal(rows)
+    A, b = noisy(seed, rows)
+    return A * [1.0, 30.0, 0.01], b
 
 
 def ill_posed(seed):
@@ -491,28 +474,15 @@ def filip():
 @pytest.mark.parametrize(("solver", "digits"), [(AugmentedLeastSquares(), 6.0), (LeastSquares(), 7.0)])
 def test_filip_to_certified_digits(solver, digits):
     assert certified_digits(solver.solve(filip()).theta, truth.FILIP) >= digits
-
-
-def test_filip_is_lost_by_the_normal_equations():
-    system = filip()
-    A, b = system.matrix, system.right
-    theta = np.linalg.solve(A.T @ A, A.T @ b)
-    assert certified_digits(theta, truth.FILIP) < 1.0
-
-
-def pearson_system(error_covariance=None):
-    A = np.column_stack([np.ones_like(truth.PEARSON_X), truth.PEARSON_X])
-    return LinearSystem(A, truth.PEARSON_Y, error_covariance)
-
-
-def york_covariances():
-    S = np.zeros((truth.PEARSON_X.size, 3, 3))
-    S[:, 1, 1] = 1.0 / truth.YORK_WEIGHTS_X
-    S[:, 2, 2] = 1.0 / truth.YORK_WEIGHTS_Y
-    return S
+    A, b = filip().matrix, filip().right
+    assert certified_digits(np.linalg.solve(A.T @ A, A.T @ b), truth.FILIP) < 1.0
 
 
 def test_yorks_line_to_its_printed_digits():
-    theta = weighted_total_least_squares(pearson_system(), york_covariances()).theta
+    A = np.column_stack([np.ones_like(truth.PEARSON_X), truth.PEARSON_X])
+    S = np.zeros((truth.PEARSON_X.size, 3, 3))
+    S[:, 1, 1] = 1.0 / truth.YORK_WEIGHTS_X
+    S[:, 2, 2] = 1.0 / truth.YORK_WEIGHTS_Y
+    theta = weighted_total_least_squares(LinearSystem(A, truth.PEARSON_Y), S).theta
     assert f"{theta[0]:.5f}" == f"{truth.YORK_LINE[0]:.5f}"
     assert f"{theta[1]:.6f}" == f"{truth.YORK_LINE[1]:.6f}"

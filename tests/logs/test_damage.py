@@ -17,7 +17,7 @@ import polars as pl
 import pytest
 from backports import zstd
 from bag_writer import blank, header, mavros_messages, px4_messages, stores, vector, write_ros1, write_ros2
-from damage import damaged
+from damage import damaged, seeds
 from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
 from dataflash_writer import told as told_dataflash
 from hypothesis import HealthCheck, given, settings
@@ -73,47 +73,33 @@ def canonical():
     return pl.DataFrame({"time": t, "velocity_z": np.sin(t), "input": np.cos(t), "landed": t > 0.5})
 
 
-@pytest.fixture(scope="module")
-def seeds(tmp_path_factory, sound, sound_dataflash):
-    """A sound file of each format, by its name."""
-    folder = tmp_path_factory.mktemp("seeds")
-    canonical().write_csv(folder / "t.csv")
-    canonical().write_parquet(folder / "t.parquet", metadata={"eivor": "{}"})
-    canonical().write_parquet(folder / "plain.parquet", compression="uncompressed", row_group_size=20)
-    (folder / "t.ulg").write_bytes(flight().bytes())
-    for version in (1, 2):
-        (folder / f"crazyflie{version}").write_bytes(crazyflie_flight(version).bytes())
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    files |= {f"t.{ending}": content for ending, content in sound.items()}
-    return files | {"t.bin": sound_dataflash, "t.log": writer().lines()}
-
-
-#: How many damaged files of each kind are tried; the decoder of Parquet is a process of its own.
-TRIALS = {
-    **dict.fromkeys(("t.csv", "t.ulg"), 150),
-    **dict.fromkeys(("t.parquet", "plain.parquet"), 12),
-    **dict.fromkeys(("crazyflie1", "crazyflie2"), 300),
-    **dict.fromkeys(("t.bag", "t.db3", "t.mcap", "t.bin", "t.log"), 60),
+#: How many cuts of each kind are tried; the decoder of Parquet is a process of its own.
+CUTS = {
+    **dict.fromkeys(("csv", "ulg"), 150),
+    **dict.fromkeys(("usd1", "usd2"), 300),
+    **dict.fromkeys(("bag", "db3", "mcap", "bin", "log"), 60),
+    "parquet": 12,
 }
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(("name", "trials"), TRIALS.items())
-def test_damaged_and_cut_files(tmp_path, seeds, name, trials):
-    rng, blob = np.random.default_rng(7), seeds[name]
-    for _ in range(trials):
-        survives(tmp_path / name, damaged(blob, rng))
-    for length in range(0, len(blob), max(1, len(blob) // trials)):
-        survives(tmp_path / name, blob[:length])
+@pytest.mark.parametrize(("name", "cuts"), CUTS.items())
+def test_files_cut_anywhere(tmp_path, name, cuts):
+    blob = seeds()[name]
+    for length in range(0, len(blob), max(1, len(blob) // cuts)):
+        survives(tmp_path / f"t.{name}", blob[:length])
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("name", [name for name in TRIALS if "parquet" not in name])
-def test_a_few_damaged_files(tmp_path, seeds, name):
-    rng = np.random.default_rng(9)
+@pytest.mark.parametrize("name", ["csv", "ulg", "usd1", "bag", "db3", "mcap", "bin", "log"])
+def test_a_few_damaged_files(tmp_path, sound, sound_dataflash, name):
+    dataflash = {"bin": lambda: sound_dataflash, "log": lambda: writer().lines()}
+    logs = {"csv": lambda: canonical().write_csv().encode(), "ulg": lambda: flight().bytes()}
+    made = {"usd1": lambda: crazyflie_flight(1).bytes(), **dataflash, **logs}
+    blob, rng = made[name]() if name in made else sound[name], np.random.default_rng(9)
     for _ in range(10):
-        survives(tmp_path / name, damaged(seeds[name], rng))
+        survives(tmp_path / f"t.{name}", damaged(blob, rng))
 
 
 #: Beginnings of files, which any bytes follow.

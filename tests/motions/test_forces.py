@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.estimation.methods import by_name, identify
@@ -16,7 +15,6 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.inference.verdict import Status
-from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
@@ -55,7 +53,6 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
 )
 from eivor.motions.rigid_body.verdict import (
-    Contradiction,
     identified_ratios,
     observed_order,
     rotor_inertia_ratios,
@@ -65,78 +62,68 @@ from eivor.motions.rigid_body.verdict import (
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
+from eivor.simulation.rigid_body_spec import Sensors
+from motions.turning_logs import BODY, CRAZYFLIE, body_flown, combinations, known
 
-LIFT = 2e-4
-SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
-HOVER = SPEC.vehicle.hover_speed
-LIFTED = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, translational_lift=LIFT))
-KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.positions), LIFTED.rotors.spins)
+VEHICLE = CRAZYFLIE.vehicle
+HOVER = VEHICLE.hover_speed
+TRUE = known()
+
+
+def prepared(flight):
+    return prepare(flight.recording, BODY, FlightOptions())
 
 
 def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     """Column of a parameter for rotors at some speeds."""
-    sums = KNOWN.sums @ np.array(speeds)[:, None]
+    sums = TRUE.sums @ np.array(speeds)[:, None]
     velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
-    of = BodyMotion(KNOWN, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
+    of = BodyMotion(TRUE, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
     return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
 
 
 def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
-    (flight,) = simulate_rigid_body_flights([SPEC])
-    motion = RigidBody(KNOWN)
-    problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    flight = prepared(body_flown(duration=4.0, seed=5))
+    problem = BODY.problem((flight,), NoInstruments())
     assert (problem.band_hz(ROLL_EQUATION)[1], problem.band_hz(FORCE_Z_EQUATION)[1]) == (20.0, 8.0)
     for axis, parameter in enumerate(LIFT_MOMENT):
         index = problem.parameters.index(parameter)
         moved = [bool(column.fixed[:, index].any()) for column in problem.columns]
         assert moved == [column.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for column in problem.columns]
+    # a log that begins in the air counts once rotors no longer know how they began
+    begin = flight.signals.step_s * float(np.flatnonzero(flight.used)[0])
+    assert begin == pytest.approx(SETTLED_S, abs=0.02)
 
 
-BESIDE_SPEC = shipped_rigid_body_flight("crazyflie")
 STILL = (0.0, 0.0, 0.0)
 INERTIA_OF_A_ROTOR, HEIGHT_M = 2e-8, 0.006
 
 
-def moved(by: tuple[float, float, float], vehicle: Vehicle = BESIDE_SPEC.vehicle) -> Vehicle:
-    """Vehicle whose rotors all stand elsewhere from its centre of mass."""
-    positions = tuple(tuple(np.add(position, by).tolist()) for position in vehicle.rotors.positions)
-    return replace(vehicle, rotors=replace(vehicle.rotors, positions=positions))
+def spinning(inertia, **rotors):
+    """The vehicle with rotors of an inertia."""
+    return replace(VEHICLE, rotors=replace(VEHICLE.rotors, inertia=inertia, **rotors))
 
 
 def test_rotors_that_spin_turn_as_in_the_simulator():
-    spinning = replace(
-        BESIDE_SPEC.vehicle, rotors=replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
-    )
     rates, speeds = (0.4, -0.9, 0.0), [1500.0, 1600.0, 1700.0, 1550.0]
     body = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, *rates]
     turned = [
         np.array(body_derivative(coefficients_of(item), body, speeds, [0.0] * 4, STILL, STILL)[10:12])
-        for item in (spinning, BESIDE_SPEC.vehicle)
+        for item in (spinning(INERTIA_OF_A_ROTOR), VEHICLE)
     ]
     for axis in (0, 1):
         column = column_of(GYROSCOPIC_MOMENT[axis], STILL, rates, speeds)
-        expected = INERTIA_OF_A_ROTOR / BESIDE_SPEC.vehicle.inertia[axis] * column
+        expected = INERTIA_OF_A_ROTOR / VEHICLE.inertia[axis] * column
         assert turned[0][axis] - turned[1][axis] == pytest.approx(expected, rel=1e-9)
         assert abs(expected) > 1e-3
 
 
-def known(vehicle: Vehicle) -> KnownVehicle:
-    """What its file says, which has neither a height nor where the centre of mass lies."""
-    return KnownVehicle(
-        "simulated", tuple((x, y) for x, y, _ in BESIDE_SPEC.vehicle.rotors.positions), vehicle.rotors.spins
-    )
-
-
 def test_the_equations_hold_for_rotors_that_spin_above_and_beside_the_centre_of_mass():
     """At the true lag, by least squares in time; without these columns the residual is many times larger."""
-    rotors = replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
-    vehicle = moved((0.004, -0.003, HEIGHT_M), replace(BESIDE_SPEC.vehicle, rotors=rotors))
-    record = replace(BESIDE_SPEC, vehicle=vehicle, sensors=Sensors(*[Sensor()] * 6), duration=10.0, seed=5)
-    (flight,) = simulate_rigid_body_flights([record])
-    motion = RigidBody(known(vehicle))
-    problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    elsewhere = np.add(VEHICLE.rotors.positions, (0.004, -0.003, HEIGHT_M)).tolist()
+    vehicle = spinning(INERTIA_OF_A_ROTOR, positions=tuple(map(tuple, elsewhere)))
+    flight = body_flown(vehicle=vehicle, sensors=Sensors(*[Sensor()] * 6), duration=10.0, seed=5)
+    problem = BODY.problem((prepared(flight),), NoInstruments())
     truth, drag = effective_parameters(vehicle), 4.0 * vehicle.rotors.drag * HOVER
     first, second, third = vehicle.inertia
     expected = (
@@ -162,7 +149,7 @@ def in_time(problem: LaggedRuns, axis: int, without: set[str]) -> tuple[dict[str
     names = [parameter.name for parameter in problem.parameters]
     fixed = item.fixed.shape[1]
     columns = dict(zip(names[:fixed], item.fixed.T, strict=True))
-    moving = item.moving({"actuator_lag": BESIDE_SPEC.vehicle.rotors.lag_up, "delay": 0.0})
+    moving = item.moving(AT)
     columns |= zip((names[fixed + entry] for entry in item.moved), moving.T, strict=True)
     kept = {name: column for name, column in columns.items() if column.any() and name not in without}
     (run,) = item.runs
@@ -172,37 +159,6 @@ def in_time(problem: LaggedRuns, axis: int, without: set[str]) -> tuple[dict[str
     theta = np.linalg.lstsq(rows / scale, response, rcond=None)[0] / scale
     left = float(np.std(response - rows @ theta))
     return dict(zip(kept, theta[:-1].tolist(), strict=True)), left
-
-
-def test_a_log_that_begins_in_the_air_counts_once_rotors_no_longer_know_how_they_began():
-    (flight,) = simulate_rigid_body_flights([replace(BESIDE_SPEC, duration=4.0, seed=5)])
-    prepared = prepare(flight.recording, RigidBody(known(BESIDE_SPEC.vehicle)), FlightOptions())
-    begin = prepared.signals.step_s * float(np.flatnonzero(prepared.used)[0])
-    assert begin == pytest.approx(SETTLED_S, abs=0.02)
-
-
-RATE_HZ = 100.0
-TIME = np.arange(400) / RATE_HZ
-VELOCITY = np.column_stack([np.sin(TIME), 0.5 * TIME, np.cos(2.0 * TIME)])
-
-
-def tilted(**none: None) -> tuple[Signals, Rotation]:
-    body = Rotation.from_euler("xyz", [0.2, -0.3, 0.9])
-    x, y, z, w = body.as_quat()
-    channels = {
-        **{f"velocity_{axis}": VELOCITY[:, i] for i, axis in enumerate("xyz")},
-        **{
-            f"attitude_{part}": np.full(TIME.size, item)
-            for part, item in zip("wxyz", (w, x, y, z), strict=True)
-        },
-    }
-    return Signals(RATE_HZ, {name: channel for name, channel in channels.items() if name not in none}), body
-
-
-def test_without_attitude_neither_is_known():
-    signals, _ = tilted(attitude_w=None)
-    assert force_by_velocity(signals) is None
-    assert body_velocity(signals) is None
 
 
 STEP_S = 0.01
@@ -243,50 +199,36 @@ def test_a_tilt_is_no_fall(logged):
     assert np.std(inner(result - moved)) < 0.03
 
 
-def test_without_a_force_there_is_none():
-    blind = Signals(rate_hz=100.0, channels={"angular_rate_x": np.zeros(100)})
+def test_without_a_force_or_an_attitude_none_is_known():
+    still = {name: np.zeros(100) for name in ("angular_rate_x", "velocity_x", "velocity_y", "velocity_z")}
+    blind = Signals(rate_hz=100.0, channels=still)
     assert inferred_velocity(blind, [slice(0, 100)]) is None
+    assert force_by_velocity(blind) is None
+    assert body_velocity(blind) is None
 
 
-ONE_SPEC = shipped_rigid_body_flight("crazyflie")
-ONE_INERTIA_OF_A_ROTOR = 5e-8
-SPINNING = replace(ONE_SPEC.vehicle, rotors=replace(ONE_SPEC.vehicle.rotors, inertia=ONE_INERTIA_OF_A_ROTOR))
-FIRST, SECOND, THIRD = ONE_SPEC.vehicle.inertia[:3]
-MOTION = RigidBody(
-    KnownVehicle(
-        "simulated",
-        tuple((x, y) for x, y, _ in ONE_SPEC.vehicle.rotors.positions),
-        ONE_SPEC.vehicle.rotors.spins,
-    )
-)
+ONE_INERTIA = 5e-8
+SPINNING = spinning(ONE_INERTIA)
+FIRST, SECOND, THIRD = VEHICLE.inertia[:3]
 METHOD = by_name("whitened_least_squares")
-AT = {"actuator_lag": ONE_SPEC.vehicle.rotors.lag_up, "delay": 0.0}
+AT = {"actuator_lag": VEHICLE.rotors.lag_up, "delay": 0.0}
 
 
 @pytest.fixture(scope="module")
-def log():
+def spun():
     """A noisy flight of a vehicle whose rotors have inertia."""
-    (flight,) = simulate_rigid_body_flights([replace(ONE_SPEC, vehicle=SPINNING, duration=20.0, seed=3)])
-    return flight.recording
+    return body_flown(vehicle=SPINNING, duration=20.0, seed=3)
 
 
 @pytest.fixture(scope="module")
-def problem(log) -> LaggedRuns:
-    return MOTION.problem((prepare(log, MOTION, FlightOptions()).shortened,), NoInstruments())
+def problem(spun) -> LaggedRuns:
+    return BODY.problem((prepared(spun).shortened,), NoInstruments())
 
 
 @pytest.fixture(scope="module")
 def free(problem):
     """An estimate of every column by itself."""
     return identify(problem, METHOD)
-
-
-def told(vehicle=SPINNING) -> dict[str, float]:
-    """Gains and couplings of a vehicle."""
-    truth = effective_parameters(vehicle)
-    gains = {f"{name}_gain": gain for name, gain in zip(("roll", "pitch"), truth.torque_gains, strict=False)}
-    pairs = zip(("roll", "pitch"), truth.gyroscopic_ratios, strict=False)
-    return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
 
 
 def test_columns_are_sums_of_those_that_they_replace(problem):
@@ -315,39 +257,37 @@ def test_columns_are_sums_of_those_that_they_replace(problem):
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
-def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, free):
-    flight = identify_flight(log, model=MOTION, method=METHOD.name)
+def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free):
+    flight = identify_flight(spun.recording, model=BODY, method=METHOD.name)
     assert rotor_inertia_ratios(flight.fit.problem) is not None
     for item, inertia in zip((*GYROSCOPIC_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
         low, high = flight.quantities[item.name].interval
-        assert low <= ONE_INERTIA_OF_A_ROTOR / inertia <= high
+        assert low <= ONE_INERTIA / inertia <= high
         assert low > 0.0
     for item in GYROSCOPIC_MOMENT:  # each by itself is told far worse
         assert flight.quantities[item.name].std_error < 0.7 * free.std_error(item.name)
     low, high = flight.quantities["effective_lag"].interval
-    assert low <= ONE_SPEC.vehicle.rotors.lag_up <= high
+    assert low <= VEHICLE.rotors.lag_up <= high
 
 
 @pytest.mark.thorough
 def test_couplings_that_are_not_told_leave_three_columns(problem, free):
     assert identified_ratios(free) is not None
-    blind = replace(problem, columns=tuple(uncoupled(column) for column in problem.columns))
+    hardly = np.where(np.arange(problem.columns[0].fixed.shape[1]) < 3, 1e-9, 1.0)  # products of rates
+    blind = replace(
+        problem, columns=tuple(replace(item, fixed=item.fixed * hardly) for item in problem.columns)
+    )
     assert identified_ratios(identify(blind, METHOD)) is None
 
 
-def uncoupled(first):
-    """Columns of a flight whose products of rates are hardly there."""
-    return replace(first, fixed=first.fixed * np.where(np.arange(first.fixed.shape[1]) < 3, 1e-9, 1.0))
-
-
 def test_predictions_know_what_all_axes_have():
-    values = told() | {REACTION.name: ONE_INERTIA_OF_A_ROTOR / THIRD}
+    values = combinations(effective_parameters(SPINNING)) | {REACTION.name: ONE_INERTIA / THIRD}
     other = {REACTION.name: 2.0}
     spin_moments = with_gyroscopic_moments(
         {"fit": SimpleModel("", values), "other": SimpleModel("", other)}, "fit"
     )
     for item, inertia in zip(GYROSCOPIC_MOMENT, (FIRST, SECOND), strict=True):
-        assert spin_moments["fit"].values[item.name] == pytest.approx(ONE_INERTIA_OF_A_ROTOR / inertia)
+        assert spin_moments["fit"].values[item.name] == pytest.approx(ONE_INERTIA / inertia)
         assert spin_moments["other"].values[item.name] == pytest.approx(2.0 * THIRD / inertia)
     before = {
         "fit": SimpleModel(
@@ -495,7 +435,7 @@ def test_known_numbers_and_vehicles_are_checked_in_python():
         KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
 
 
-ROTORS = Rotors(
+TWO_ROTORS = Rotors(
     positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
     spins=(1, -1),
     highest_speed=1000.0,
@@ -504,65 +444,43 @@ ROTORS = Rotors(
     lag_up=0.05,
     lag_down=0.05,
 )
-VEHICLE = Vehicle(1.0, (0.01, 0.02, 0.025), ROTORS)
+TWO_ROTORED = Vehicle(1.0, (0.01, 0.02, 0.025), TWO_ROTORS)
 
 
 @pytest.mark.parametrize(("linear", "quadratic"), [(0.0, 1e-5), (2e-3, 0.0), (2e-3, 1e-5)])
 def test_speed_of_thrust_inverts_it(linear, quadratic):
-    rotors = replace(ROTORS, thrust_linear=linear, thrust_quadratic=quadratic)
+    rotors = replace(TWO_ROTORS, thrust_linear=linear, thrust_quadratic=quadratic)
     assert rotors.speed_of_thrust(rotors.thrust(432.1)) == pytest.approx(432.1, rel=1e-12)
     assert rotors.speed_of_thrust(-1.0) == 0.0
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("of", "change", "message"),
     [
-        ({"mass": 0.0}, "mass above zero"),
-        ({"inertia": (1.0, 2.0)}, "three numbers .* or six"),
-        ({"inertia": (1.0, 2.0, -3.0)}, "positive definite"),
-        ({"inertia": (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)}, "positive definite"),
-        ({"inertia": (float("nan"), 1.0, 1.0)}, "positive definite"),
+        (TWO_ROTORED, {"mass": 0.0}, "mass above zero"),
+        (TWO_ROTORED, {"inertia": (1.0, 2.0)}, "three numbers .* or six"),
+        (TWO_ROTORED, {"inertia": (1.0, 2.0, -3.0)}, "positive definite"),
+        (TWO_ROTORED, {"inertia": (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)}, "positive definite"),
+        (TWO_ROTORED, {"inertia": (float("nan"), 1.0, 1.0)}, "positive definite"),
+        (TWO_ROTORS, {"spins": (1,)}, "a spin for each"),
+        (TWO_ROTORS, {"spins": (1, 2)}, r"spins of \+1 or -1"),
+        (TWO_ROTORS, {"positions": ((0.1, 0.0), (0.1, 0.0, 0.0))}, "three numbers for position"),
+        (TWO_ROTORS, {"inertia": -1.0}, "inertia of zero or more"),
+        (TWO_ROTORS, {"thrust_quadratic": 0.0}, "rotors with thrust"),
+        (TWO_ROTORS, {"lowest_speed": 1000.0}, "below the highest_speed"),
+        (BodyDrag(), {"linear": (1.0,)}, "three numbers"),
+        (BodyDrag(), {"quadratic": (0.0, 0.0, -1.0)}, "zero or more"),
     ],
 )
-def test_vehicle_is_checked(change, message):
+def test_vehicles_rotors_and_drag_are_checked(of, change, message):
     with pytest.raises(ParameterError, match=message):
-        replace(VEHICLE, **change)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"spins": (1,)}, "a spin for each"),
-        ({"spins": (1, 2)}, r"spins of \+1 or -1"),
-        ({"positions": ((0.1, 0.0), (0.1, 0.0, 0.0))}, "three numbers for position"),
-        ({"inertia": -1.0}, "inertia of zero or more"),
-        ({"thrust_quadratic": 0.0}, "rotors with thrust"),
-        ({"lowest_speed": 1000.0}, "below the highest_speed"),
-    ],
-)
-def test_rotors_are_checked(change, message):
-    with pytest.raises(ParameterError, match=message):
-        replace(ROTORS, **change)
-
-
-@pytest.mark.parametrize(
-    ("drag", "message"),
-    [({"linear": (1.0,)}, "three numbers"), ({"quadratic": (0.0, 0.0, -1.0)}, "zero or more")],
-)
-def test_drag_is_checked(drag, message):
-    with pytest.raises(ParameterError, match=message):
-        BodyDrag(**drag)
+        replace(of, **change)
 
 
 def test_several_need_equally_many_rotors():
-    three = replace(ROTORS, positions=(*ROTORS.positions, (0.0, 0.1, 0.0)), spins=(1, -1, 1))
+    three = replace(TWO_ROTORS, positions=(*TWO_ROTORS.positions, (0.0, 0.1, 0.0)), spins=(1, -1, 1))
     with pytest.raises(UsageError, match="equally many rotors"):
-        side_by_side([VEHICLE, replace(VEHICLE, rotors=three)])
-
-
-FILE_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
-ROTOR_ROTORS = FILE_SPEC.vehicle.rotors
-TRUE = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTOR_ROTORS.positions), ROTOR_ROTORS.spins)
+        side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=three)])
 
 
 def ordered(*acts_as: int) -> KnownVehicle:
@@ -574,23 +492,9 @@ def ordered(*acts_as: int) -> KnownVehicle:
     return replace(TRUE, positions=tuple(positions), spins=tuple(spins))
 
 
-def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Contradiction | None:
-    return observed_order([flight], vehicle)
-
-
-def flown(specs: list[RigidBodyFlightSpec]) -> list[PreparedFlight]:
-    logs = [flight.recording for flight in simulate_rigid_body_flights(specs)]
-    return [prepare(log, RigidBody(TRUE), FlightOptions()) for log in logs]
-
-
 @pytest.fixture(scope="module")
 def flight() -> PreparedFlight:
-    return flown([FILE_SPEC])[0]
-
-
-@pytest.mark.thorough
-def test_the_right_order_is_not_accused(flight):
-    assert shown(flight, TRUE) is None
+    return prepared(body_flown(duration=8.0, seed=0))
 
 
 @pytest.mark.parametrize(
@@ -604,16 +508,17 @@ def test_the_right_order_is_not_accused(flight):
     ],
 )
 def test_another_order_is_named(flight, acts_as, words):
-    result = shown(flight, ordered(*acts_as))
+    result = observed_order([flight], ordered(*acts_as))
     assert result is not None
     assert tuple(result.numbers.values())[:4] == acts_as
     assert result.sentence.startswith(words)
     assert result.numbers["order_explained"] > 0.9
 
 
-def test_signs_alone_are_left_to_the_gains(flight):
-    assert shown(flight, replace(TRUE, spins=tuple(-spin for spin in TRUE.spins))) is None
-    assert shown(flight, replace(TRUE, positions=tuple((x, -y) for x, y in TRUE.positions))) is None
+def test_the_right_order_is_not_accused_and_signs_alone_are_left_to_the_gains(flight):
+    turned = replace(TRUE, spins=tuple(-spin for spin in TRUE.spins))
+    mirrored = replace(TRUE, positions=tuple((x, -y) for x, y in TRUE.positions))
+    assert [observed_order([flight], vehicle) for vehicle in (TRUE, turned, mirrored)] == [None] * 3
 
 
 @pytest.mark.thorough
@@ -621,19 +526,18 @@ def test_of_more_rotors_two_may_be_exchanged():
     angles = np.arange(6) * np.pi / 3.0 + 0.3
     positions = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in angles)
     rotors = replace(
-        ROTOR_ROTORS,
+        VEHICLE.rotors,
         positions=tuple((0.043 * x, 0.043 * y, 0.0) for x, y in positions),
         spins=(1, -1, 1, -1, 1, -1),
     )
-    spec = replace(FILE_SPEC, vehicle=replace(FILE_SPEC.vehicle, mass=0.045, rotors=rotors))
     six = KnownVehicle("six", positions, rotors.spins)
-    log = next(iter(simulate_rigid_body_flights([spec]))).recording
-    flight = prepare(log, RigidBody(six), FlightOptions())
+    made = body_flown(vehicle=replace(VEHICLE, mass=0.045, rotors=rotors), duration=8.0, seed=0)
+    flight = prepare(made.recording, RigidBody(six), FlightOptions())
     swapped = replace(
         six, positions=(*positions[:3], positions[4], positions[3], positions[5]), spins=(1, -1, 1, 1, -1, -1)
     )
-    assert shown(flight, six) is None
-    result = shown(flight, swapped)
+    assert observed_order([flight], six) is None
+    result = observed_order([flight], swapped)
     assert result is not None
     assert tuple(result.numbers.values())[:6] == (1, 2, 3, 5, 4, 6)
 

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from turning_logs import Vehicle, turned
 from typer.testing import CliRunner
 
 import eivor as ev
@@ -31,9 +30,8 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.signals import channels
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel
-from motions.turning_logs import AXES
-from motions.turning_logs import Vehicle as Vehicle_ahead
-from motions.turning_logs import turned as turned_ahead
+from flights.flight_logs import changed
+from motions.turning_logs import AXES, STEP_S, Vehicle, turned
 
 HERE = __name__
 CLIMB_RATE = CanonicalChannel("climb_rate", "m/s")
@@ -274,12 +272,6 @@ TRUTH = Vehicle()
 HEADLINE = {"roll_effectiveness": 100.0, "pitch_effectiveness": 80.0, "effective_lag": TRUTH.effective_lag_s}
 
 
-def changed(log, **channels):
-    """The log with other channels; None takes one away."""
-    merged = {**log.channels, **channels}
-    return replace(log, channels={name: channel for name, channel in merged.items() if channel is not None})
-
-
 @pytest.fixture(scope="module")
 def short():
     """Steps of 14 degrees for 40 s."""
@@ -295,10 +287,6 @@ def log():
 @pytest.fixture(scope="module")
 def fit(log):
     return ev.identify_flight(log, model="rates")
-
-
-def test_it_is_a_motion_of_its_own():
-    assert motion_names()[:2] == ("vertical", "rates")
 
 
 @pytest.mark.thorough
@@ -367,25 +355,23 @@ def test_a_setpoint_of_the_other_sign_is_named(log):
 
 
 @pytest.mark.thorough
-def test_yaw_may_be_missing(log):
-    flight = ev.identify_flight(changed(log, torque_setpoint_z=None), model="rates")
-    assert "yaw_effectiveness" not in flight.quantities
-    assert flight.quantities["roll_effectiveness"].verdict is ev.Status.IDENTIFIED
-    assert any(finding.name == "no_yaw" for finding in flight.findings)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("missing", ["torque_setpoint_x", "angular_rate_y"])
-def test_any_axis_may_be_missing(log, missing):
-    flight = ev.identify_flight(changed(log, **{missing: None}), model="rates")
-    without, left = ("roll", "pitch") if missing.endswith("x") else ("pitch", "roll")
+@pytest.mark.parametrize(
+    ("missing", "without", "left"),
+    [
+        ("torque_setpoint_x", "roll", "pitch"),
+        ("angular_rate_y", "pitch", "roll"),
+        ("torque_setpoint_z", "yaw", "roll"),
+    ],
+)
+def test_any_axis_may_be_missing(log, missing, without, left):
+    flight = ev.identify_flight(changed(log, missing), model="rates")
     assert f"{without}_effectiveness" not in flight.quantities
     assert flight.quantities[f"{left}_effectiveness"].verdict is ev.Status.IDENTIFIED
     assert any(finding.name == f"no_{without}" for finding in flight.findings)
 
 
 def test_rates_need_an_axis(log):
-    without = changed(log, torque_setpoint_x=None, torque_setpoint_y=None, angular_rate_z=None)
+    without = changed(log, "torque_setpoint_x", "torque_setpoint_y", "angular_rate_z")
     with pytest.raises(MissingChannelError, match="torque_setpoint_x with angular_rate_x or"):
         ev.identify_flight(without, model="rates")
 
@@ -402,12 +388,9 @@ def test_rates_in_degrees_are_refused(log):
 
 @pytest.mark.thorough
 def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
-    answering = {
-        f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}")
-        for name in ("reference_roll", "reference_pitch", "reference_yaw")
-    }
-    gone = dict.fromkeys(("reference_roll", "reference_pitch", "reference_yaw"))
-    flight = ev.identify_flight(changed(log, **answering, **gone), model="rates")
+    names = [f"reference_{axis}" for axis in AXES]
+    answering = {f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}") for name in names}
+    flight = ev.identify_flight(changed(log, *names, **answering), model="rates")
     assert flight.verdict.status is ev.Status.WEAK
     assert any("answer" in reason.sentence for reason in flight.verdict.reasons)
 
@@ -448,31 +431,39 @@ def test_a_real_log_without_excitation_is_refused(recordings):
     assert flight.verdict.status is ev.Status.REFUSED
 
 
-VEHICLE = Vehicle_ahead()
 AHEAD_TRUTH = {
-    **{f"{name}_effectiveness": item for name, item in zip(AXES, VEHICLE.effectiveness, strict=True)},
-    **{f"{name}_damping": item for name, item in zip(AXES, VEHICLE.damping, strict=True)},
+    **{f"{name}_effectiveness": item for name, item in zip(AXES, TRUTH.effectiveness, strict=True)},
+    **{f"{name}_damping": item for name, item in zip(AXES, TRUTH.damping, strict=True)},
     "yaw_reaction": 0.0,
-    "actuator_lag": VEHICLE.lag_s,
-    "delay": VEHICLE.delayed * 0.0025,
+    "actuator_lag": TRUTH.lag_s,
+    "delay": TRUTH.delayed * STEP_S,
 }
-WITHOUT_LAG = {**AHEAD_TRUTH, "actuator_lag": 0.0, "delay": 0.0}
 
 
 @pytest.fixture(scope="module")
 def flight():
     """Without disturbance or noise, every setpoint logged."""
-    log = turned_ahead(0, seconds=12.0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0)
+    log = turned(0, seconds=12.0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0)
     return prepare(log, Rates(), ev.FlightOptions()).shortened
 
 
-def models(fit=AHEAD_TRUTH):
-    return {"fit": SimpleModel("the fit", fit), "least_squares": SimpleModel("without lag", WITHOUT_LAG)}
+MODELS = {
+    "fit": SimpleModel("the fit", AHEAD_TRUTH),
+    "least_squares": SimpleModel("without lag", {**AHEAD_TRUTH, "actuator_lag": 0.0, "delay": 0.0}),
+}
+
+
+def ahead(flight, *refused, models=MODELS):
+    return Rates().abilities.prediction.multi_step((flight,), models, frozenset(refused))
+
+
+def quantities(prediction):
+    return [item[0].quantity for item in prediction.by_quantity]
 
 
 def test_the_truth_predicts_and_numbers_without_a_lag_do_not(flight):
-    prediction = Rates().abilities.prediction.multi_step((flight,), models(), frozenset())
-    assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "pitch rate", "yaw rate"]
+    prediction = ahead(flight)
+    assert quantities(prediction) == ["roll rate", "pitch rate", "yaw rate"]
     assert [item.model for item in prediction.by_quantity[0]] == ["fit", "least_squares", "unchanged"]
     for entry, without, unchanged in prediction.by_quantity:
         assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
@@ -483,24 +474,16 @@ def test_the_truth_predicts_and_numbers_without_a_lag_do_not(flight):
 
 
 def test_axes_that_are_not_told_are_left_out_and_it_is_said(flight):
-    prediction = Rates().abilities.prediction.multi_step(
-        (flight,), models(), frozenset({"pitch_effectiveness"})
-    )
-    assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "yaw rate"]
+    prediction = ahead(flight, "pitch_effectiveness")
+    assert quantities(prediction) == ["roll rate", "yaw rate"]
     assert prediction.omitted == ("The pitch rate is not predicted: the pitch effectiveness is refused.",)
-    blind = Rates().abilities.prediction.multi_step((flight,), models(), frozenset({"effective_lag"}))
+    blind = ahead(flight, "effective_lag")
     assert not blind.errors
     assert len(blind.omitted) == 3
-    channels = {
-        name: channel for name, channel in flight.signals.channels.items() if name != "torque_setpoint_z"
-    }
-    two = replace(flight, signals=replace(flight.signals, channels=channels))
-    result = Rates().abilities.prediction.multi_step((two,), models(), frozenset())
-    assert [item[0].quantity for item in result.by_quantity] == ["roll rate", "pitch rate"]
+    channels = {name: item for name, item in flight.signals.channels.items() if name != "torque_setpoint_z"}
+    result = ahead(replace(flight, signals=replace(flight.signals, channels=channels)))
+    assert quantities(result) == ["roll rate", "pitch rate"]
     assert "not logged" in result.omitted[0]
     no_yaw = {name: item for name, item in AHEAD_TRUTH.items() if not name.startswith("yaw")}
-    lesser = {"fit": SimpleModel("the fit", no_yaw)}
-    assert (
-        "the fit has no yaw effectiveness"
-        in Rates().abilities.prediction.multi_step((flight,), lesser, frozenset()).omitted[0]
-    )
+    lesser = ahead(flight, models={"fit": SimpleModel("the fit", no_yaw)})
+    assert "the fit has no yaw effectiveness" in lesser.omitted[0]

@@ -14,28 +14,20 @@ from eivor.flights.motion import FIT, UNCHANGED
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Implied, SimpleModel
 from eivor.inference.verdict import Status
-from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
-from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.report.rows import bounded_numbers
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-
-SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=26.0, seed=5)
-ROTORS = SPEC.vehicle.rotors
-MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+from motions.turning_logs import BODY, body_flown
 
 
 @pytest.fixture(scope="module")
 def flight():
-    (made,) = simulate_rigid_body_flights([SPEC])
-    return made
+    return body_flown(duration=26.0, seed=5)
 
 
 @pytest.mark.thorough
 def test_gains_lie_within_their_intervals_and_predictions_are_as_good_as_any(flight):
     method = ev.methods.output_error(ev.methods.whitened_least_squares())
-    result = ev.identify_flight(flight.recording, model=MOTION, method=method)
+    result = ev.identify_flight(flight.recording, model=BODY, method=method)
     assert result.method == "whitened_least_squares+output_error"
     truth = flight.truth.parameters
     true = dict(zip(("roll_gain", "pitch_gain", "yaw_gain"), truth.torque_gains, strict=True))
@@ -92,7 +84,7 @@ def test_only_motions_that_predict_their_states_have_an_output_error(flight):
     rows = ev.regression(np.arange(9.0) ** 2, np.arange(9.0))
     with pytest.raises(UsageError, match="a flight of a motion whose states output_error predicts"):
         ev.identify(rows, ev.methods.output_error())
-    short = ev.identify_flight(flight.recording, model=MOTION, method="output_error", window=(3.0, 7.0))
+    short = ev.identify_flight(flight.recording, model=BODY, method="output_error", window=(3.0, 7.0))
     assert "30 windows of 0.5 s or more" in short.verdict.sentences[0]
 
 

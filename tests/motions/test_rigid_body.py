@@ -29,70 +29,36 @@ from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle
 from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document
-from eivor.signals.recording import Channel, Recording
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
-
-SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=16.0, seed=3)
-EXACT = Sensors(*[Sensor()] * 5)
-
-
-def known(spec: RigidBodyFlightSpec) -> KnownVehicle:
-    rotors = spec.vehicle.rotors
-    return KnownVehicle("simulated", tuple((x, y) for x, y, _ in rotors.positions), rotors.spins)
-
-
-#: The same with its delay, of which the search takes most of the time: where the delay is not the point.
-DELAY_KNOWN = replace(known(SPEC), delay=KnownNumber(0.0))
-
-
-def flown(spec: RigidBodyFlightSpec = SPEC) -> RigidBodyFlight:
-    return next(iter(simulate_rigid_body_flights([spec])))
+from eivor.simulation.rigid_body import RigidBodyFlight
+from eivor.simulation.rigid_body_spec import Sensors
+from flights.flight_logs import changed
+from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations, known
 
 
 def truth_of(flight: RigidBodyFlight) -> dict[str, float]:
     parameters = flight.truth.parameters
-    turning = ("roll", "pitch", "yaw")
-    return {
-        **{f"{axis}_gain": gain for axis, gain in zip(turning, parameters.torque_gains, strict=True)},
-        **{
-            f"{axis}_coupling": gyroscopic_ratio
-            for axis, gyroscopic_ratio in zip(turning, parameters.gyroscopic_ratios, strict=True)
-        },
-        **{f"drag_{axis}": drag for axis, drag in zip("xyz", parameters.drag, strict=True)},
-        "thrust_gain": parameters.thrust_gain,
-        "effective_lag": parameters.lag_up + parameters.delay,
-    }
-
-
-def changed(log: Recording, **channels: Channel | None) -> Recording:
-    merged = {**log.channels, **channels}
-    return replace(log, channels={name: channel for name, channel in merged.items() if channel is not None})
+    told = {name: value for name, value in combinations(parameters).items() if not name.endswith("damping")}
+    return told | {"effective_lag": parameters.lag_up + parameters.delay}
 
 
 @pytest.fixture(scope="module")
 def flight() -> RigidBodyFlight:
-    return flown()
+    return body_flown(duration=16.0, seed=3)
 
 
 @pytest.fixture(scope="module")
 def fit(flight) -> FlightEstimate:
     with coarse():
-        return identify_flight(flight.recording, model=RigidBody(known(SPEC)))
+        return identify_flight(flight.recording, model=BODY)
 
 
 @pytest.mark.thorough
 def test_commands_and_noisy_sensors_tell_every_axis(flight, fit):
     assert fit.verdict.status is Status.IDENTIFIED
     truth = truth_of(flight)
-    for name, allowed in {
-        "roll_gain": 5e-3,
-        "pitch_gain": 5e-3,
-        "yaw_gain": 5e-3,
-        "effective_lag": 5e-3,
-    }.items():
-        assert fit.quantities[name].value == pytest.approx(truth[name], rel=allowed)
+    for name in ("roll_gain", "pitch_gain", "yaw_gain", "effective_lag"):
+        assert fit.quantities[name].value == pytest.approx(truth[name], rel=5e-3)
     for name in ("roll_gain", "pitch_gain", "thrust_gain", "effective_lag", "drag_z", "pitch_coupling"):
         low, high = fit.quantities[name].interval
         margin = 0.3 * (high - low)  # an interval of 95 % is not asked to hold every time
@@ -101,8 +67,8 @@ def test_commands_and_noisy_sensors_tell_every_axis(flight, fit):
 
 @pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
-    flight = flown(replace(SPEC, sensors=EXACT, duration=30.0))
-    result = identify_flight(flight.recording, model=RigidBody(DELAY_KNOWN), method="whitened_least_squares")
+    flight = body_flown(sensors=Sensors(*[Sensor()] * 5), duration=30.0, seed=3)
+    result = identify_flight(flight.recording, model=DELAY_KNOWN, method="whitened_least_squares")
     for name, truth in truth_of(flight).items():
         expected = (
             pytest.approx(truth, abs=1e-3) if name == "yaw_coupling" else pytest.approx(truth, rel=1e-3)
@@ -113,16 +79,16 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_delay_is_told_from_the_lag():
-    rotors = replace(SPEC.vehicle.rotors, delay=0.004)
-    flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, rotors=rotors), duration=30.0))
-    result = identify_flight(flight.recording, model=RigidBody(known(SPEC)))
+    vehicle = replace(CRAZYFLIE.vehicle, rotors=replace(CRAZYFLIE.vehicle.rotors, delay=0.004))
+    flight = body_flown(vehicle=vehicle, duration=30.0, seed=3)
+    result = identify_flight(flight.recording, model=BODY)
     assert result.quantities["delay"].value == pytest.approx(0.004, abs=3e-4)
     assert result.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=5e-3)
 
 
 @pytest.mark.thorough
 def test_spins_that_contradict_the_data_are_named(flight):
-    turned = replace(DELAY_KNOWN, spins=tuple(-spin for spin in SPEC.vehicle.rotors.spins))
+    turned = replace(DELAY_KNOWN.vehicle, spins=tuple(-spin for spin in CRAZYFLIE.vehicle.rotors.spins))
     result = identify_flight(flight.recording, model=RigidBody(turned))
     (reason,) = [r for r in result.quantities["yaw_gain"].reasons if "spin" in r.sentence]
     assert reason.status is Status.REFUSED
@@ -131,8 +97,7 @@ def test_spins_that_contradict_the_data_are_named(flight):
 
 @pytest.mark.thorough
 def test_an_order_that_contradicts_the_data_is_named(flight):
-    positions = known(SPEC).positions
-    mirrored = replace(DELAY_KNOWN, positions=tuple((x, -y) for x, y in positions))
+    mirrored = replace(DELAY_KNOWN.vehicle, positions=tuple((x, -y) for x, y in BODY.vehicle.positions))
     result = identify_flight(flight.recording, model=RigidBody(mirrored))
     assert result.verdict.status is Status.REFUSED
     assert any("order about roll" in reason.sentence for reason in result.quantities["roll_gain"].reasons)
@@ -140,8 +105,8 @@ def test_an_order_that_contradicts_the_data_is_named(flight):
 
 @pytest.mark.thorough
 def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
-    blind = changed(flight.recording, **{f"velocity_{axis}": None for axis in "xyz"})
-    result = identify_flight(blind, model=RigidBody(DELAY_KNOWN))
+    blind = changed(flight.recording, *(f"velocity_{axis}" for axis in "xyz"))
+    result = identify_flight(blind, model=DELAY_KNOWN)
     assert [name for name in result.quantities if name.startswith("drag")] == ["drag_z"]
     (findings_kept,) = [finding for finding in result.findings if finding.name == "no_body_velocity"]
     assert "drag along x and y" in findings_kept.message
@@ -151,12 +116,11 @@ def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
 
 @pytest.mark.thorough
 def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flight, fit):
-    mass = SPEC.vehicle.mass
-    supplied = replace(known(SPEC), mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0))
-    motion = RigidBody(supplied)
+    mass = CRAZYFLIE.vehicle.mass
+    motion = RigidBody(known(mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0)))
     follows = {number.name: number for number in motion.abilities.implications(fit.fit.estimate).numbers}
-    for name, truth in zip(("inertia_xx", "inertia_yy", "inertia_zz"), SPEC.vehicle.inertia, strict=True):
-        low, high = follows[name].interval
+    for axes, truth in zip(("xx", "yy", "zz"), CRAZYFLIE.vehicle.inertia, strict=True):
+        low, high = follows[f"inertia_{axes}"].interval
         assert low - 0.01 * truth <= truth <= high + 0.01 * truth
         assert high - low >= 0.03 * truth  # the mass is known to two per cent and two of them make four
     # nobody said what a command is in rad/s, and of the first vehicle neither mass nor arms are known
@@ -181,38 +145,22 @@ def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, 
     assert friction.verdict is Status.IDENTIFIED
 
 
-@pytest.mark.thorough
-def test_a_vehicle_is_asked_for(flight):
-    with pytest.raises(UsageError, match="--vehicle"):
-        identify_flight(flight.recording, model="rigid-body")
-
-
-def test_a_vehicle_may_be_named_or_come_from_a_file(flight, tmp_path: Path):
-    named = of_vehicle(motion_by_name("rigid-body"), "crazyflie-2x")
+def test_a_vehicle_is_asked_for_and_a_log_must_be_its(flight, tmp_path: Path):
+    log, named = flight.recording, of_vehicle(motion_by_name("rigid-body"), "crazyflie-2x")
     assert named.vehicle is not None
     assert len(named.vehicle.spins) == 4
+    with pytest.raises(UsageError, match="--vehicle"):
+        identify_flight(log, model="rigid-body")
     with pytest.raises(UsageError, match="asks what flies"):
-        identify_flight(flight.recording, model="rates", vehicle="crazyflie-2x")
+        identify_flight(log, model="rates", vehicle="crazyflie-2x")
     with pytest.raises(InputError):
-        identify_flight(flight.recording, model="rigid-body", vehicle=tmp_path / "none.toml")
-
-
-def test_rotors_must_be_as_many_as_the_vehicle_has(flight):
-    three = changed(flight.recording, rotor_command_4=None)
+        identify_flight(log, model="rigid-body", vehicle=tmp_path / "none.toml")
     with pytest.raises(InputError, match="4 rotors"):
-        identify_flight(three, model=RigidBody(known(SPEC)))
-
-
-def test_a_quaternion_of_another_length_is_refused(flight):
-    log = flight.recording
-    longer = {
-        f"attitude_{part}": replace(
-            log.channels[f"attitude_{part}"], values=2.0 * log.channels[f"attitude_{part}"].values
-        )
-        for part in "wxyz"
-    }
+        identify_flight(changed(log, "rotor_command_4"), model=BODY)
+    parts = {name: log.channels[name] for name in log.channels if name.startswith("attitude_")}
+    longer = {name: replace(part, values=2.0 * part.values) for name, part in parts.items()}
     with pytest.raises(InputError, match="length 1"):
-        identify_flight(changed(log, **longer), model=RigidBody(known(SPEC)))
+        identify_flight(changed(log, **longer), model=BODY)
 
 
 #: Arm [m] and mass [kg] of that vehicle.
@@ -240,14 +188,13 @@ def test_roll_and_pitch_manoeuvres_tell_inertias_and_nothing_is_called_identifie
 # Physical parameters: back to a vehicle's own numbers, honest intervals, and what is said without them.
 
 AXES = "xyz"
-TURNING = ("roll", "pitch", "yaw")
 
 
 def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
     """What a flight shows: commands in units of so many rad/s, positions in units of so many metres."""
     parameters = effective_parameters(vehicle)
     alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in parameters.torque_gains)
-    return {
+    return combinations(parameters) | {
         "roll_gain": alpha_p * arm,
         "pitch_gain": alpha_q * arm,
         "yaw_gain": alpha_r,
@@ -257,12 +204,6 @@ def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
         "thrust_gain": parameters.thrust_gain * command**2,
         "rotor_reaction": parameters.rotor_reaction * command,
         "translational_lift": parameters.translational_lift,
-        **{
-            f"{name}_coupling": gyroscopic_ratio
-            for name, gyroscopic_ratio in zip(TURNING, parameters.gyroscopic_ratios, strict=True)
-        },
-        **{f"{name}_damping": item for name, item in zip(TURNING, parameters.rate_damping, strict=True)},
-        **{f"drag_{name}": item for name, item in zip(AXES, parameters.drag, strict=True)},
         **{
             f"quadratic_drag_{name}": item for name, item in zip(AXES, parameters.quadratic_drag, strict=True)
         },
@@ -284,14 +225,12 @@ def with_errors(values, relative=0.01, **specific):
 
 
 def known_of(vehicle, **given):
-    rotors = vehicle.rotors
-    positions = tuple((x, y) for x, y, _ in rotors.positions)
     usual = {
         "arm_scale": KnownNumber(1.0),
         "mass": KnownNumber(vehicle.mass),
         "speed_scale": KnownNumber(1.0),
     }
-    return KnownVehicle("it", positions, rotors.spins, **(usual | given))
+    return known(vehicle, **(usual | given))
 
 
 VEHICLES = {name: shipped_rigid_body_flight(name).vehicle for name in ("crazyflie", "quadrotor")}

@@ -18,10 +18,8 @@ from eivor.flights.quantity import Counts, QuantityEstimate, SimpleModel
 from eivor.flights.verdict import VerdictInputs, systematic_uncertainties
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band, refuse_other_turns
 from eivor.motions.rigid_body.regression import (
@@ -39,7 +37,7 @@ from eivor.motions.rigid_body.regression import (
     body_velocity,
     mean_over_step,
 )
-from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
+from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
 from eivor.motions.rigid_body.verdict import (
     FILTERS,
     RigidBodyChecks,
@@ -57,36 +55,42 @@ from eivor.signals.filters import low_passed
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
-from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import RigidBodyFlight
 from eivor.simulation.rigid_body_spec import Logged, Sensors, TorqueDisturbance
+from motions.turning_logs import BODY, CRAZYFLIE, DELAY_KNOWN, body_flown, combinations, known
 
-SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
-ROTORS = SPEC.vehicle.rotors
-VEHICLE = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
-MOTION = RigidBody(VEHICLE)
-TOLD = {
+ROTORS = CRAZYFLIE.vehicle.rotors
+DIRECT = "whitened_least_squares"
+RESULTS = {
     "roll_gain": QuantityEstimate(200.0, "rad/s^2/m", 1.0, (198.0, 202.0)),
     "drag_z": QuantityEstimate(0.3, "1/s", 0.01, (0.28, 0.32)),
     "effective_lag": QuantityEstimate(0.05, "s", 1e-4, (0.0498, 0.0502)),
 }
 
 
-def prepared(command_hz: float):
-    spec = replace(SPEC, logged=Logged(rotor_command_hz=command_hz))
-    (flight,) = simulate_rigid_body_flights([spec])
-    return prepare(flight.recording, MOTION, FlightOptions())
+def prepared(log, **options):
+    return prepare(log, BODY, FlightOptions(**options))
+
+
+def problem_of(log, motion=BODY):
+    """The equations of a flight."""
+    return motion.problem((prepare(log, motion, FlightOptions()).shortened,), NoInstruments())
+
+
+def logged_at(command_hz):
+    return prepared(body_flown(duration=4.0, seed=4, logged=Logged(rotor_command_hz=command_hz)).recording)
 
 
 def open_parts(flight, cutoff_hz=None):
     """Systematic parts of a flight with the filter of a gyroscope."""
     checks = RigidBodyChecks(filter_early_s=filter_early_s(cutoff_hz, flight.rates_hz["roll"]))
-    of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=TOLD)
+    of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=RESULTS)
     return systematic_uncertainties(TABLE, of_flight)
 
 
 def test_every_fourth_command_may_be_another_throughout():
     """How often commands were issued is not told: one millisecond is assumed of at most two."""
-    flight = prepared(125.0)
+    flight = logged_at(125.0)
     assert flight.unlogged_step_s == pytest.approx(0.001)
     allowances = open_parts(flight)
     (gain,) = allowances["roll_gain"]
@@ -100,7 +104,7 @@ def test_every_fourth_command_may_be_another_throughout():
 
 
 def test_where_stamps_tell_how_often_only_the_point_is_open():
-    reported = replace(prepared(125.0), command_slack_s=0.0)
+    reported = replace(logged_at(125.0), command_slack_s=0.0)
     (gain,) = open_parts(reported)["roll_gain"]
     assert gain.above == pytest.approx(200.0 * 0.5e-3 / 0.05)
     (late,) = open_parts(reported)["effective_lag"]
@@ -108,18 +112,15 @@ def test_where_stamps_tell_how_often_only_the_point_is_open():
 
 
 def test_a_log_of_every_command_leaves_nothing_open():
-    assert not open_parts(prepared(0.0))
+    assert not open_parts(logged_at(0.0))
 
 
-REFUSED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
-REFUSED_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
 PARTS = [f"attitude_{part}" for part in "wxyz"]
 
 
 @pytest.fixture(scope="module")
 def log() -> Recording:
-    (flight,) = simulate_rigid_body_flights([REFUSED_SPEC])
-    return flight.recording
+    return body_flown(duration=6.0, seed=8).recording
 
 
 def with_values(log: Recording, **values: np.ndarray) -> Recording:
@@ -129,10 +130,6 @@ def with_values(log: Recording, **values: np.ndarray) -> Recording:
 
 def attitude(log: Recording) -> np.ndarray:
     return np.stack([log.channel(name).values for name in PARTS])
-
-
-def prepared_refused(log: Recording):
-    return prepare(log, REFUSED_MOTION, FlightOptions())
 
 
 @pytest.mark.parametrize(
@@ -147,14 +144,14 @@ def test_another_order_is_named(log, order, signs, read_as):
     parts = attitude(log)
     wrong = {name: s * parts[item] for name, item, s in zip(PARTS, order, signs, strict=True)}
     with pytest.raises(InputError) as refused:
-        prepared_refused(with_values(log, **wrong))
+        prepared(with_values(log, **wrong))
     assert read_as in str(refused.value)
 
 
 def test_opposite_quaternions_are_the_same_attitude(log):
     signs = np.where(np.arange(attitude(log).shape[1]) % 7 < 3, 1.0, -1.0)
     flipped = with_values(log, **dict(zip(PARTS, signs * attitude(log), strict=True)))
-    result, expected = (body_velocity(prepared_refused(item).signals) for item in (flipped, log))
+    result, expected = (body_velocity(prepared(item).signals) for item in (flipped, log))
     np.testing.assert_allclose(result, expected, atol=1e-9)
 
 
@@ -172,15 +169,13 @@ def test_rotors_that_never_differ_are_refused_with_the_axes_that_they_do_not_tur
     values = np.stack([log.channel(name).values for name in names])
     equal = dict.fromkeys(names, values.mean(axis=0))
     with pytest.raises(InputError, match="never turn it about roll, pitch, yaw"):
-        prepared_refused(with_values(log, **equal))
+        prepared(with_values(log, **equal))
     spins = np.array(ROTORS.spins)[:, None]
     unturned = dict(zip(names, values - spins * (spins * values).mean(axis=0), strict=True))
     with pytest.raises(InputError, match="never turn it about yaw"):
-        prepared_refused(with_values(log, **unturned))
+        prepared(with_values(log, **unturned))
 
 
-WIND_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
-WIND_MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
 AT = {"actuator_lag": ROTORS.lag_up, "delay": ROTORS.delay}
 WIND = (2.0, -1.0, 0.0)
 
@@ -188,8 +183,7 @@ WIND = (2.0, -1.0, 0.0)
 @pytest.fixture(scope="module")
 def log_wind():
     """Of a flight in a steady wind."""
-    (flight,) = simulate_rigid_body_flights([replace(WIND_SPEC, wind=replace(WIND_SPEC.wind, steady=WIND))])
-    return flight.recording
+    return body_flown(duration=8.0, seed=0, wind=replace(CRAZYFLIE.wind, steady=WIND)).recording
 
 
 def through_the_air(log_wind):
@@ -201,26 +195,20 @@ def through_the_air(log_wind):
     return replace(log_wind, channels=channels)
 
 
-def told(log_wind):
-    flight = prepare(log_wind, WIND_MOTION, FlightOptions())
-    return steady_wind(WIND_MOTION.problem((flight,), NoInstruments()), AT, (flight,))
+def wind_of(log):
+    flight = prepared(log)
+    return steady_wind(BODY.problem((flight,), NoInstruments()), AT, (flight,))
 
 
 def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
-    assert told(through_the_air(log_wind)) is None
-    windy = told(log_wind)
-    assert list(windy.numbers.values()) == pytest.approx(WIND[:2], abs=0.5)
-
-
-def test_without_velocity_nothing_is_said_of_the_wind(log_wind):
-    kept = {name: channel for name, channel in log_wind.channels.items() if not name.startswith("velocity")}
-    assert told(replace(log_wind, channels=kept)) is None
+    assert wind_of(through_the_air(log_wind)) is None
+    assert wind_of(without(log_wind, *(f"velocity_{axis}" for axis in "xyz"))) is None
+    assert list(wind_of(log_wind).numbers.values()) == pytest.approx(WIND[:2], abs=0.5)
 
 
 @pytest.mark.thorough
 def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
-    delay_known = RigidBody(replace(WIND_MOTION.vehicle, delay=KnownNumber(0.0)))
-    flight = identify_flight(log_wind, model=delay_known)
+    flight = identify_flight(log_wind, model=DELAY_KNOWN)
     reasons = {
         name: [reason.sentence for reason in quantity.reasons] for name, quantity in flight.quantities.items()
     }
@@ -231,30 +219,18 @@ def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
     assert flight.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)
 
 
-BASE = shipped_rigid_body_flight("crazyflie")
-MEASURED_ROTORS = BASE.vehicle.rotors
-MEASURED_MOTION = RigidBody(
-    KnownVehicle("x", tuple((x, y) for x, y, _ in MEASURED_ROTORS.positions), MEASURED_ROTORS.spins)
-)
-SPEED_STD = 0.005 * BASE.vehicle.hover_speed
-NOISE = {"rotor_speed": SPEED_STD, "velocity_x": 0.05, "velocity_y": 0.05, "velocity_z": 0.05}
-NOISE |= {f"angular_rate_{axis}": 0.02 for axis in "xyz"}
-NAMES = ("roll_gain", "pitch_gain")
-NOISE |= {f"specific_force_body_{axis}": 0.5 for axis in "xyz"}
-
-
-def flown(seconds: float, seed: int):
-    sensors = replace(BASE.sensors, rotor_speed=Sensor(WhiteNoise(SPEED_STD)))
-    spec = replace(BASE, duration=seconds, seed=seed, sensors=sensors)
-    (flight,) = simulate_rigid_body_flights([spec])
-    return flight
+SPEED_STD = 0.005 * CRAZYFLIE.vehicle.hover_speed
+NOISE = {"rotor_speed": SPEED_STD}
+for axis in "xyz":
+    NOISE |= {f"velocity_{axis}": 0.05, f"angular_rate_{axis}": 0.02, f"specific_force_body_{axis}": 0.5}
+MEASURED_SPEEDS = replace(CRAZYFLIE.sensors, rotor_speed=Sensor(WhiteNoise(SPEED_STD)))
 
 
 @pytest.mark.thorough
 def test_noise_of_speeds_goes_through_the_map_of_thrust():
-    log = flown(5.0, 3).recording
-    flight = prepare(log, MEASURED_MOTION, FlightOptions(input="rotor_speed", noise=NOISE)).shortened
-    problem = MEASURED_MOTION.problem((flight,), NoInstruments())
+    log = body_flown(duration=5.0, seed=3, sensors=MEASURED_SPEEDS).recording
+    flight = prepared(log, input="rotor_speed", noise=NOISE).shortened
+    problem = BODY.problem((flight,), NoInstruments())
     names = [parameter.name for parameter in problem.parameters]
     rows = problem.rows({"actuator_lag": 0.0, "delay": 0.0})
     noise = rows.regressor_noise_covariance()
@@ -268,22 +244,18 @@ def test_noise_of_speeds_goes_through_the_map_of_thrust():
     assert abs(noise[arms]) < 0.2 * np.sqrt(noise[arms[0], arms[0]] * noise[arms[1], arms[1]])
     again = problem.rows({"actuator_lag": 0.0, "delay": 0.0}).regressor_noise_covariance()
     np.testing.assert_array_equal(noise, again)
-
-
-def test_without_declared_noises_nothing_is_known_of_columns():
-    log = flown(5.0, 3).recording
-    flight = prepare(log, MEASURED_MOTION, FlightOptions(input="rotor_speed")).shortened
-    assert MEASURED_MOTION.problem((flight,), NoInstruments()).noisier is None
+    undeclared = prepared(log, input="rotor_speed").shortened
+    assert BODY.problem((undeclared,), NoInstruments()).noisier is None
 
 
 @pytest.mark.thorough
 def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
-    flight = flown(20.0, 7)
-    log, truth = flight.recording, flight.truth.parameters.torque_gains
+    flight = body_flown(duration=20.0, seed=7, sensors=MEASURED_SPEEDS)
+    gains = zip(("roll_gain", "pitch_gain"), flight.truth.parameters.torque_gains, strict=False)
 
     def errors(method: str, **options):
-        result = identify_flight(log, model=MEASURED_MOTION, method=method, input="rotor_speed", **options)
-        return [result.quantities[name].value / true - 1.0 for name, true in zip(NAMES, truth, strict=False)]
+        result = identify_flight(flight.recording, model=BODY, method=method, input="rotor_speed", **options)
+        return [result.quantities[name].value / true - 1.0 for name, true in gains]
 
     plain = errors("whitened_least_squares")
     known = errors("total_least_squares", noise=NOISE)
@@ -293,7 +265,6 @@ def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
 
 # Logs that have not passed the filters of the vehicle file, and logs that have.
 
-FILTERED_BASE = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0, seed=2)
 CUTOFF_HZ = 80.0
 
 
@@ -314,18 +285,10 @@ def test_they_are_told_by_the_numbers_of_a_result(without, said):
 @pytest.mark.thorough
 @pytest.mark.parametrize("passed", [False, True])
 def test_a_filter_that_was_not_passed_is_told(passed):
-    filtered = replace(FILTERED_BASE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ)
-    spec = (
-        replace(FILTERED_BASE, sensors=replace(FILTERED_BASE.sensors, angular_rate=filtered))
-        if passed
-        else FILTERED_BASE
-    )
-    (flight,) = simulate_rigid_body_flights([spec])
-    rotors = FILTERED_BASE.vehicle.rotors
-    positions = tuple((x, y) for x, y, _ in rotors.positions)
-    options = {"gyro_cutoff_hz": CUTOFF_HZ, "delay": KnownNumber(0.0)}  # its search takes most of the time
-    vehicle = KnownVehicle("simulated", positions, rotors.spins, **options)
-    result = identify_flight(flight.recording, model=RigidBody(vehicle))
+    sensor = replace(CRAZYFLIE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ if passed else None)
+    log = body_flown(duration=12.0, seed=2, sensors=replace(CRAZYFLIE.sensors, angular_rate=sensor)).recording
+    motion = RigidBody(known(gyro_cutoff_hz=CUTOFF_HZ, delay=KnownNumber(0.0)))
+    result = identify_flight(log, model=motion)
     reasons = result.verdict.reasons
     reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
     assert len(reasons_kept) == (0 if passed else 1)
@@ -368,71 +331,40 @@ def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     np.testing.assert_allclose(as_logged(terms[THRUST], sine(5.0), None), sine(5.0))
 
 
-FILTERED_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=5.0, seed=2)
-FILTERED_ROTORS = FILTERED_SPEC.vehicle.rotors
-FILTERED_MOTION = RigidBody(
-    KnownVehicle("x", tuple((x, y) for x, y, _ in FILTERED_ROTORS.positions), FILTERED_ROTORS.spins)
-)
-DIRECT = "whitened_least_squares"
-
-
-def log_of(spec):
-    """The log of a flight."""
-    (flight,) = simulate_rigid_body_flights([spec])
-    return flight.recording
-
-
-def problem_of(log, motion=FILTERED_MOTION):
-    """The equations of a flight."""
-    return motion.problem((prepare(log, motion, FlightOptions()).shortened,), NoInstruments())
-
-
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():
-    problem = problem_of(log_of(FILTERED_SPEC))
+    problem = problem_of(body_flown(duration=5.0, seed=2).recording)
     whole = in_full_band(problem)
     assert [column.band_hz for column in whole.columns[:3]] == [(TURNING_BAND_HZ[0], FULL_BAND_HZ)] * 3
     assert {column.band_hz for column in whole.columns[3:]} == {FORCE_BAND_HZ}
     assert in_full_band(whole) is whole
-    index = {"actuator_lag": FILTERED_ROTORS.lag_up, "delay": 0.0}
+    index = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
     assert len(whole.bins(index).responses) > 1.5 * len(problem.bins(index).responses)
-
-
-def test_commands_that_the_log_does_not_hold_end_it():
-    slow = problem_of(log_of(replace(FILTERED_SPEC, logged=Logged(rotor_command_hz=125.0))))
+    # commands that the log does not hold end it
+    slow = problem_of(body_flown(duration=5.0, seed=2, logged=Logged(rotor_command_hz=125.0)).recording)
     assert in_full_band(slow) is slow
 
 
 @pytest.mark.thorough
 def test_what_comes_back_through_the_controller_cancels_in_it():
     """Torques of the air make the lag of the lower band too short, and that of the whole one hardly."""
-    air = OrnsteinUhlenbeck(4.0, 0.3)
-    spec = replace(FILTERED_SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0)
+    air = TorqueDisturbance(*[OrnsteinUhlenbeck(4.0, 0.3)] * 3)
     lower, whole = [], []
-    motion = RigidBody(replace(FILTERED_MOTION.vehicle, delay=KnownNumber(0.0)))  # the bias is one of the lag
-    for (flight,) in (simulate_rigid_body_flights([replace(spec, seed=seed)]) for seed in (10, 11, 12, 13)):
-        alone = identify(problem_of(flight.recording, motion), by_name(DIRECT))
+    for seed in (10, 11, 12, 13):
+        log = body_flown(torque_disturbance=air, duration=30.0, seed=seed).recording
+        alone = identify(problem_of(log, DELAY_KNOWN), by_name(DIRECT))  # the bias is one of the lag
         assert lag_consistency_test(alone) is not None
-        lower.append(alone.parameters["actuator_lag"] - FILTERED_ROTORS.lag_up)
-        result = identify_flight(flight.recording, model=motion, method=DIRECT)
+        lower.append(alone.parameters["actuator_lag"] - ROTORS.lag_up)
+        result = identify_flight(log, model=DELAY_KNOWN, method=DIRECT)
         assert result.fit.problem.band_hz(0)[1] == FULL_BAND_HZ
         assert "The axes disagree about the lag" in " ".join(result.verdict.sentences)
-        whole.append(result.quantities["effective_lag"].value - FILTERED_ROTORS.lag_up)
+        whole.append(result.quantities["effective_lag"].value - ROTORS.lag_up)
     assert np.mean(lower) < -0.001
     assert abs(np.mean(whole)) < 0.3 * abs(np.mean(lower))
 
 
-LAGS_SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
-KNOWN = KnownVehicle("x", tuple((x, y) for x, y, _ in FILTERED_ROTORS.positions), FILTERED_ROTORS.spins)
-
-
-@pytest.fixture(scope="module")
-def calm():
-    """What is told of a flight in calm air."""
-    return identify_flight(log_of(LAGS_SPEC), model=RigidBody(KNOWN), method=DIRECT)
-
-
 @pytest.mark.thorough
-def test_axes_agree_in_calm_air(calm, monkeypatch):
+def test_axes_agree_in_calm_air(monkeypatch):
+    calm = identify_flight(body_flown(duration=15.0, seed=2).recording, model=BODY, method=DIRECT)
     assert lag_consistency_test(calm.fit.estimate) is None
     assert calm.fit.motion_checks.lags is None
     monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
@@ -448,18 +380,14 @@ def test_axes_agree_in_calm_air(calm, monkeypatch):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_delay_that_was_given_wrong_is_said():
-    late = replace(
-        LAGS_SPEC,
-        vehicle=replace(LAGS_SPEC.vehicle, rotors=replace(FILTERED_ROTORS, delay=0.01)),
-        duration=30.0,
-    )
-    vehicle = replace(KNOWN, delay=KnownNumber(0.0))
-    flight = identify_flight(log_of(late), model=RigidBody(vehicle), method=DIRECT)
+    vehicle = replace(CRAZYFLIE.vehicle, rotors=replace(ROTORS, delay=0.01))
+    late = body_flown(vehicle=vehicle, duration=30.0, seed=2).recording
+    flight = identify_flight(late, model=DELAY_KNOWN, method=DIRECT)
     numbers = flight.fit.motion_checks.lags
     assert numbers.numbers["lag_agreement_p"] < 1e-3
     assert numbers.sentence in " ".join(flight.verdict.sentences)
     assert flight.verdict.status is Status.PROVISIONAL
-    flight = identify_flight(log_of(late), model=RigidBody(KNOWN), method=DIRECT)
+    flight = identify_flight(late, model=BODY, method=DIRECT)
     assert flight.fit.motion_checks.lags is None
 
 
@@ -473,56 +401,23 @@ def test_numbers_and_sentences():
 
 # Flights under torques from outside: what exogenous signals predict, and what instruments of it tell.
 
-EXACT_BASE = shipped_rigid_body_flight("crazyflie")
-#: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.
-GYRO_HZ, FORCE_HZ, DELAY_S = 80.0, 30.0, 0.004
-
-
-def motion(**known: float) -> RigidBody:
-    rotors = EXACT_BASE.vehicle.rotors
-    positions = tuple((x, y) for x, y, _ in rotors.positions)
-    return RigidBody(KnownVehicle("simulated", positions, rotors.spins, **known))
-
-
-EXACT_SPEC = replace(
-    shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5)
-)
-EXACT_ROTORS = EXACT_SPEC.vehicle.rotors
-EXACT_KNOWN = KnownVehicle(
-    "simulated", tuple((x, y) for x, y, _ in EXACT_ROTORS.positions), EXACT_ROTORS.spins
-)
-EXACT_MOTION = RigidBody(EXACT_KNOWN)
 QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "position"]
 
 
 @pytest.fixture(scope="module")
 def flown_ahead() -> RigidBodyFlight:
-    return next(iter(simulate_rigid_body_flights([EXACT_SPEC])))
+    return body_flown(duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))
 
 
 @pytest.fixture(scope="module")
 def flight(flown_ahead: RigidBodyFlight) -> PreparedFlight:
-    return prepare(flown_ahead.recording, EXACT_MOTION, FlightOptions()).shortened
+    return prepared(flown_ahead.recording).shortened
 
 
 @pytest.fixture(scope="module")
 def truth(flown_ahead: RigidBodyFlight) -> dict[str, float]:
     parameters = flown_ahead.truth.parameters
-    return {
-        **{
-            f"{axis.name}_gain": torque_gain
-            for axis, torque_gain in zip(AXES, parameters.torque_gains, strict=True)
-        },
-        **{
-            f"{axis.name}_coupling": gyroscopic_ratio
-            for axis, gyroscopic_ratio in zip(AXES, parameters.gyroscopic_ratios, strict=True)
-        },
-        **{f"{axis.name}_damping": item for axis, item in zip(AXES, parameters.rate_damping, strict=True)},
-        **{f"drag_{axis}": item for axis, item in zip("xyz", parameters.drag, strict=True)},
-        "thrust_gain": parameters.thrust_gain,
-        "actuator_lag": parameters.lag_up,
-        "delay": parameters.delay,
-    }
+    return combinations(parameters) | {"actuator_lag": parameters.lag_up, "delay": parameters.delay}
 
 
 def models(values: dict[str, float]) -> dict[str, SimpleModel]:
@@ -536,16 +431,18 @@ def without(log: Recording, *excluded: str) -> Recording:
     )
 
 
-def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
-    flight = prepare(log, motion, FlightOptions()).shortened
-    prediction = motion.abilities.prediction.multi_step((flight,), models(values), frozenset(refused))
+def ahead(flight: PreparedFlight, values: dict[str, float], *refused: str):
+    return BODY.abilities.prediction.multi_step((flight,), models(values), frozenset(refused))
+
+
+def quantities(prediction) -> list[str]:
     return [item[0].quantity for item in prediction.by_quantity]
 
 
 @pytest.mark.thorough
 def test_true_numbers_predict_every_quantity(flight, truth):
-    prediction = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset())
-    assert [item[0].quantity for item in prediction.by_quantity] == QUANTITIES
+    prediction = ahead(flight, truth)
+    assert quantities(prediction) == QUANTITIES
     # of a flight without noise next to nothing is left half a second ahead
     allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
     for entry, lagless, unchanged in prediction.by_quantity:
@@ -567,8 +464,8 @@ def test_true_numbers_predict_every_quantity(flight, truth):
     ],
 )
 def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
-    prediction = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset(refused))
-    assert [item[0].quantity for item in prediction.by_quantity] == left
+    prediction = ahead(flight, truth, *refused)
+    assert quantities(prediction) == left
     text = " ".join(prediction.omitted)
     assert ("Not predicted" in text) == (left != QUANTITIES)
     assert ("Counted as zero, since the fit does not identify it: roll coupling, drag x." in text) == (
@@ -578,24 +475,26 @@ def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
 
 def test_a_refused_drag_counts_as_zero(flight, truth):
     wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
-    result = EXACT_MOTION.abilities.prediction.multi_step((flight,), models(wild), frozenset({"drag_x"}))
-    velocity = {error.model: error for error in result.errors if error.quantity == "velocity"}
+    errors = ahead(flight, wild, "drag_x").errors
+    velocity = {error.model: error for error in errors if error.quantity == "velocity"}
     assert velocity["fit"].rms[-1] < 0.3
     assert velocity["least_squares"].rms[-1] > 1.0
 
 
 @pytest.mark.thorough
-def test_what_the_log_lacks_is_left_out(flown_ahead, truth):
-    log = flown_ahead.recording
-    assert (
-        quantities(EXACT_MOTION, without(log, "position_x", "position_y", "position_z"), truth)
-        == QUANTITIES[:5]
-    )
-    assert quantities(EXACT_MOTION, without(log, "position_x", "position_y"), truth)[-1] == "height"
-    assert quantities(EXACT_MOTION, without(log, "velocity_y"), truth) == QUANTITIES[:4]
-    assert quantities(EXACT_MOTION, without(log, "attitude_w"), truth) == QUANTITIES[:3]
-    no_force = without(log, *(f"specific_force_body_{axis}" for axis in "xyz"))
-    assert quantities(EXACT_MOTION, no_force, truth) == QUANTITIES
+@pytest.mark.parametrize(
+    ("lacking", "left"),
+    [
+        (("position_x", "position_y", "position_z"), QUANTITIES[:5]),
+        (("position_x", "position_y"), [*QUANTITIES[:5], "height"]),
+        (("velocity_y",), QUANTITIES[:4]),
+        (("attitude_w",), QUANTITIES[:3]),
+        (tuple(f"specific_force_body_{axis}" for axis in "xyz"), QUANTITIES),
+    ],
+)
+def test_what_the_log_lacks_is_left_out(flown_ahead, truth, lacking, left):
+    flight = prepared(without(flown_ahead.recording, *lacking)).shortened
+    assert quantities(ahead(flight, truth)) == left
 
 
 def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
@@ -623,7 +522,7 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
             "limits": {"max_tilt_deg": 25.8},
             "beside": {"least_squares": {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}},
             "input_level": 1700.0,
-            "vehicle": json.loads(json.dumps(asdict(EXACT_KNOWN))),
+            "vehicle": json.loads(json.dumps(asdict(BODY.vehicle))),
             **changed,
         },
         "provenance": {"logs": [{"name": "first.csv", "sha256": None}], "options": {}},
@@ -669,7 +568,7 @@ def test_what_cannot_be_validated_is_said(flown_ahead, truth, tmp_path):
 
 def test_a_vehicle_comes_back_from_a_result():
     vehicle = replace(
-        EXACT_KNOWN, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear"
+        BODY.vehicle, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear"
     )
     assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
     for wrong in (

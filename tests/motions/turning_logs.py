@@ -1,4 +1,4 @@
-"""Logs of simulated turning: rate loops at 400 Hz about three axes, with what loggers keep of them."""
+"""Logs of simulated turning: rate loops at 400 Hz about three axes, and rigid bodies with rotors."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 import eivor as ev
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from flights.flight_logs import channel as logged
 
 STEP_S = 0.0025
@@ -108,3 +112,33 @@ def _discrete(vehicle, axis):
     continuous[2, 1] = 1.0
     step = expm(continuous * STEP_S)
     return step[:3, :3], step[:3, 3:]
+
+
+CRAZYFLIE = shipped_rigid_body_flight("crazyflie")
+
+
+def known(vehicle=CRAZYFLIE.vehicle, **given):
+    """What the file of a simulated vehicle says: no heights, and not where its centre of mass lies."""
+    rotors = vehicle.rotors
+    return KnownVehicle("simulated", tuple((x, y) for x, y, _ in rotors.positions), rotors.spins, **given)
+
+
+#: The rigid body of that vehicle; of one whose delay is known, the search takes a fraction of the time.
+BODY, DELAY_KNOWN = RigidBody(known()), RigidBody(known(delay=KnownNumber(0.0)))
+
+
+def combinations(parameters):
+    """What a flight shows of a rigid body, by the names of quantities."""
+    turning = {"gain": parameters.torque_gains, "coupling": parameters.gyroscopic_ratios}
+    turning["damping"] = parameters.rate_damping
+    return {
+        **{f"{a}_{n}": v for n, values in turning.items() for a, v in zip(AXES, values, strict=True)},
+        **{f"drag_{letter}": drag for letter, drag in zip(LETTERS, parameters.drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain,
+    }
+
+
+def body_flown(spec=CRAZYFLIE, **changes):
+    """A simulated flight of a rigid body."""
+    (flight,) = simulate_rigid_body_flights([replace(spec, **changes)])
+    return flight

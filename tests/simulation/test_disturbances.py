@@ -187,7 +187,8 @@ def test_bilinear_is_uncorrelated_with_heavy_tails():
 
 def test_a_series_of_ones_own_is_taken_as_it_is():
     values = tuple(rng().standard_normal(20).tolist())
-    np.testing.assert_array_equal(GivenDisturbance(values).sample(15, STEP_S, rng()), values[:15])
+    for kind in (GivenDisturbance, GivenSeries):
+        np.testing.assert_array_equal(kind(values).sample(15, STEP_S, rng()), values[:15])
     with pytest.raises(ParameterError, match="a series of 21 values or more"):
         GivenDisturbance(values).sample(21, STEP_S, rng())
 
@@ -329,9 +330,19 @@ def test_ornstein_uhlenbeck_forgets_exponentially():
         (lambda: BoundedAdversary(1.0, 2.0, 1.0, 1.1), "a high_share from 0 to 1"),
         (lambda: SumOfDisturbances(()), "one or more parts"),
         (lambda: DrydenGust(1.0, 0.0, 1.0), "a finite length_m above zero"),
+        (lambda: WhiteExcitation(float("nan")), "a finite std"),
+        (lambda: sampled(FilteredWhite(1.0, 0.1, 2.5)), "below half the rate; received high_hz=2.5 at 5 Hz"),
+        (lambda: sampled(Chirp(1.0, 0.1, 3.0)), "ends below half the rate"),
+        (lambda: sampled(Multisine(1.0, 0.1001, 0.1002), 50), "holds a multiple of 0.1 Hz"),
+        (lambda: PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
+        (lambda: RandomSteps(0.2, 2.0, 1.0), "a shortest_s up to longest_s"),
+        (lambda: SteppedExcitation((1.0,), 0.0), "a finite dwell_s above zero"),
+        (lambda: GivenSeries((1.0, float("inf"))), "a finite value"),
+        (lambda: ScaledExcitation(PaperInput(), -1.0), "a finite std of zero or more"),
+        (lambda: sampled(GivenSeries((1.0, 2.0, 3.0)), 4), r"a series of 4 values or more.*received 3"),
     ],
 )
-def test_impossible_disturbances_are_refused(make, said):
+def test_impossible_disturbances_and_excitations_are_refused(make, said):
     with pytest.raises(ParameterError, match=f"Expected .*{said}"):
         make()
 
@@ -388,37 +399,6 @@ def test_binary_sequence_is_maximal(register):
     assert correlation[0] == pytest.approx(period.size)
     np.testing.assert_allclose(correlation[1:], -1.0, atol=1e-6)
 
-
-def test_given_series_is_the_users():
-    np.testing.assert_array_equal(sampled(GivenSeries((1.0, 2.0, 3.0)), 2), [1.0, 2.0])
-    with pytest.raises(ParameterError, match=r"a series of 4 values or more.*received 3"):
-        sampled(GivenSeries((1.0, 2.0, 3.0)), 4)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: WhiteExcitation(float("nan")), "a finite std"),
-        (
-            lambda: sampled(FilteredWhite(1.0, 0.1, 2.5)),
-            "ends below half the rate; received high_hz=2.5 at 5 Hz",
-        ),
-        (lambda: sampled(Chirp(1.0, 0.1, 3.0)), "ends below half the rate"),
-        (lambda: sampled(Multisine(1.0, 0.1001, 0.1002), 50), "holds a multiple of 0.1 Hz"),
-        (lambda: PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
-        (lambda: RandomSteps(0.2, 2.0, 1.0), "a shortest_s up to longest_s"),
-        (lambda: SteppedExcitation((1.0,), 0.0), "a finite dwell_s above zero"),
-        (lambda: GivenSeries((1.0, float("inf"))), "a finite value"),
-        (lambda: ScaledExcitation(PaperInput(), -1.0), "a finite std of zero or more"),
-    ],
-)
-def test_impossible_excitations_are_refused(make, said):
-    with pytest.raises(ParameterError, match=f"Expected .*{said}"):
-        make()
-
-
-#: Relative tolerance of K and of K_u.
-EXACT, SPECTRAL = 1e-6, 0.015
 
 # Controlled vehicles against plain loops, a matrix exponential, an integrator, and each other.
 
@@ -546,27 +526,14 @@ def environment(count=300):
     )
 
 
-def single(index):
-    """One of the flights alone."""
-    met = environment()
-    return (
-        VerticalVehicles(*(getattr(VEHICLES, f.name)[[index]] for f in fields(VEHICLES))),
-        VerticalEnvironment(*(getattr(met, f.name)[:, [index]] for f in fields(met))),
-        AltitudeController(*(float(getattr(CONTROLLER, f.name)[index]) for f in fields(CONTROLLER))),
-    )
-
-
-def fly_all():
-    return simulate_vertical(VEHICLES, environment(), step_s=FLIGHT_STEP_S, controller=CONTROLLER)
-
-
 @pytest.mark.parametrize("index", range(4))
 def test_flight_is_that_of_an_independent_integration(index):
     """The closed loop once more: one flight, the equations as they are written, a general integrator."""
     vehicle, met, gains = (
-        {f.name: np.squeeze(getattr(part, f.name)) for f in fields(part)} for part in single(index)
+        {f.name: getattr(part, f.name)[..., index] for f in fields(part)}
+        for part in (VEHICLES, environment(), CONTROLLER)
     )
-    motion = fly_all()
+    motion = simulate_vertical(VEHICLES, environment(), step_s=FLIGHT_STEP_S, controller=CONTROLLER)
     K, K_u, lag = vehicle["viscous_friction"], vehicle["input_gain"], vehicle["lag_s"]
     hover = np.sqrt(GRAVITY / K_u)
     state = np.array([hover, met["reference_position"][0], met["reference_velocity"][0]])
@@ -609,12 +576,7 @@ def test_flight_is_that_of_an_independent_integration(index):
 
 def test_thrust_stays_in_its_range():
     wild = environment()
-    hard = VerticalEnvironment(
-        *(
-            getattr(wild, f.name) * (300.0 if f.name == "reference_acceleration" else 1.0)
-            for f in fields(wild)
-        )
-    )
+    hard = replace(wild, reference_acceleration=300.0 * wild.reference_acceleration)
     command = simulate_vertical(VEHICLES, hard, step_s=FLIGHT_STEP_S, controller=CONTROLLER).command
     share = command**2 * VEHICLES.input_gain / GRAVITY
     assert share.min() == pytest.approx(THRUST_RANGE[0, 0])
