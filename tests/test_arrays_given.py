@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pandas as pd
 import polars as pl
@@ -11,20 +9,14 @@ import pytest
 from linearmodels.iv import IV2SLS
 
 import eivor as ev
-from eivor.errors import CorruptLogError, EivorError, did_you_mean
+from eivor.errors import EivorError, did_you_mean
 
 RNG = np.random.default_rng(0)
-
 PHI = RNG.standard_normal((60, 2))
-
 Y = PHI @ [1.0, 2.0] + 0.1 * RNG.standard_normal(60)
-
 PSI = PHI + 0.1 * RNG.standard_normal((60, 2))
-
 ROWS = ev.regression(response=Y, regressors=PHI, instruments=PSI)
-
 PARAMETERS = ROWS.parameters
-
 REGION = ev.anderson_rubin_set(ROWS, ev.methods.extended_iv()).region
 
 
@@ -155,10 +147,3 @@ def test_the_nearest_name_is_proposed():
         ("drag", "quadratic-drag"),
     ):
         assert did_you_mean(short, methods, "Name one.") == f"Did you mean '{meant}'?"
-
-
-def test_errors_come_back_from_another_process():
-    """Workers raise them too."""
-    error = CorruptLogError("a log", "a cut one", "Copy it again.")
-    back = pickle.loads(pickle.dumps(error))  # noqa: S301 - made here
-    assert (type(back), str(back)) == (CorruptLogError, "Expected a log; received a cut one. Copy it again.")

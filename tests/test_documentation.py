@@ -22,9 +22,7 @@ from eivor.motions.vertical.regression import VerticalFlights
 from eivor.strict_toml import toml_table
 
 ROOT = Path(__file__).resolve().parents[1]
-
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -172,7 +170,6 @@ def test_every_channel_and_every_unit_is_documented():
 
 
 DOCS = Path(__file__).parents[1] / "docs"
-
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 

@@ -14,15 +14,8 @@ import shape_checks
 
 #: Each of these costs a tenth of a second or more.
 HEAVY = (
-    "jaxtyping",
-    "matplotlib",
-    "polars",
-    "pyulog",
-    "scipy.optimize",
-    "scipy.signal",
-    "scipy.stats",
-    "rotorpy",
-    "pandas",
+    *("jaxtyping", "matplotlib", "polars", "pyulog", "scipy.optimize", "scipy.signal", "scipy.stats"),
+    *("rotorpy", "pandas"),
 )
 
 

@@ -280,7 +280,6 @@ def test_what_is_needed_decides_the_exit_code(eivor, needs, code):
 
 
 @pytest.mark.usefixtures("coarse_search")
-@pytest.mark.usefixtures("coarse_search")
 def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
     """A motion is chosen where one serves; where several do, it is to be named."""
     result = ev.identify_log(ev.read_log(log))

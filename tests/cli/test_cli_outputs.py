@@ -55,34 +55,10 @@ values = { file = "drive.csv", column = "u" }
 #: Parameters with a text that names no file. Every other text declares which files it names.
 WORDS = frozenset(
     (
-        "--window",
-        "--axis",
-        "--reference",
-        "--input",
-        "--input-map",
-        "--instruments",
-        "--model",
-        "--method",
-        "--lag",
-        "--order",
-        "--parameter",
-        "--pool-friction",
-        "--term",
-        "--noise",
-        "--for",
-        "--accept",
-        "--like",
-        "--height",
-        "--shape",
-        "--home",
-        "--to",
-        "--mass",
-        "--prior",
-        "--dask",
-        "--readings",
-        "--vehicle-from",
-        "[WHAT]",
-        "NAME",
+        *("--window", "--axis", "--reference", "--input", "--input-map", "--instruments", "--model"),
+        *("--method", "--lag", "--order", "--parameter", "--pool-friction", "--term", "--noise", "--for"),
+        *("--accept", "--like", "--height", "--shape", "--home", "--to", "--mass", "--prior", "--dask"),
+        *("--readings", "--vehicle-from", "[WHAT]", "NAME"),
     )
 )
 #: What the installation of completions brings.

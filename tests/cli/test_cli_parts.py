@@ -329,7 +329,6 @@ def test_list_path_and_sources(eivor):
         assert len(log.sha256) == 64
 
 
-@pytest.mark.recordings
 def test_the_hashes_are_those_of_the_files(recordings):
     hashes = {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest()

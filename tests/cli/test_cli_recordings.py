@@ -26,7 +26,6 @@ def _document(run):
     return document
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
@@ -41,7 +40,6 @@ def test_of_a_hover_the_hover_input_alone_is_identified(eivor, recordings):
     assert "SDLOG_PROFILE" in card.out
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
     """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
@@ -58,7 +56,6 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
     assert high - low > 0.2
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_time_after_a_crash_is_no_flight(eivor, recordings):
     """The motors idle on the ground while the land detector says that the vehicle flies."""
@@ -67,7 +64,6 @@ def test_time_after_a_crash_is_no_flight(eivor, recordings):
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_s(eivor, recordings):
     path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
@@ -92,7 +88,6 @@ def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_
     assert "land detector" in inspected.out
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_the_hover_input_is_the_autopilot_s_own(eivor, recordings):
     document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
@@ -101,7 +96,6 @@ def test_the_hover_input_is_the_autopilot_s_own(eivor, recordings):
     assert document["derived"]["hover_input"]["value"] == pytest.approx(0.524, rel=0.03)
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor, recordings):
     with coarse():
@@ -114,7 +108,6 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor, recordings):
     assert not any("feedback" in reason for reason in document["reasons"])
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_flight_that_never_takes_off(eivor, recordings, tmp_path):
     run = eivor(
@@ -124,7 +117,6 @@ def test_a_flight_that_never_takes_off(eivor, recordings, tmp_path):
     assert "never takes off" in run.out
 
 
-@pytest.mark.recordings
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(
     "name",
@@ -139,7 +131,6 @@ def test_overflow_is_reported(eivor, recordings, name):
     assert "overflowed" in run.out
 
 
-@pytest.mark.recordings
 def test_vehicles_of_different_maps_are_not_pooled(eivor, recordings):
     run = eivor(
         "identify", recordings / "px4" / "ekf_failure.ulg", recordings / "nanobench" / f"{CLEAN[0]}.csv"
@@ -148,7 +139,6 @@ def test_vehicles_of_different_maps_are_not_pooled(eivor, recordings):
     assert "one vehicle" in run.err
 
 
-@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_log_of_ardupilot(eivor, recordings):
     log = recordings / "ardupilot" / "log_0036_mechanical_failure.bin"
@@ -162,7 +152,6 @@ def test_a_log_of_ardupilot(eivor, recordings):
     assert "log command and acceleration at 50 Hz or more" in output
 
 
-@pytest.mark.recordings
 def test_a_log_without_flight_is_inspected(eivor, recordings):
     run = eivor("inspect", recordings / "px4" / "sample_appended_multiple.ulg")
     assert run.code == 0

@@ -17,15 +17,11 @@ from eivor.errors import InstrumentError, NoUniqueSolutionError, UsageError
 from inference import instrument_data as data
 from reference import constants as truth
 
-SEVEN = (
-    "least_squares",
-    "total_least_squares",
-    "bias_compensated_least_squares",
-    "extended_iv",
-    "extended_iv_tls",
-    "generalized_iv",
-    "generalized_iv_tls",
+UNIT_FREE = (
+    *("least_squares", "total_least_squares", "bias_compensated_least_squares"),
+    *("extended_iv", "generalized_iv"),
 )
+SEVEN = (*UNIT_FREE, "extended_iv_tls", "generalized_iv_tls")
 K, K_U, STEP, COUNT = 0.293, 0.021, 0.2, 2000
 MOTION = ev.VerticalMotion(intercept=False)
 
@@ -72,15 +68,6 @@ def test_recovery_without_noise(name, seed, friction, gain):
     tolerance = max(1e-9, 1e-12 * fit.condition)
     assert fit.parameters["viscous_friction"] == pytest.approx(friction, rel=tolerance)
     assert fit.parameters["input_gain"] == pytest.approx(gain, rel=tolerance)
-
-
-UNIT_FREE = (
-    "least_squares",
-    "total_least_squares",
-    "bias_compensated_least_squares",
-    "extended_iv",
-    "generalized_iv",
-)
 
 
 @pytest.mark.parametrize("name", UNIT_FREE)

@@ -23,7 +23,6 @@ NUMBERS = {
 }
 
 JOINT = ("viscous_friction", "input_gain", "actuator_lag")
-
 CORRELATIONS = np.array([[1.0, 0.3, 0.1], [0.3, 1.0, 0.85], [0.1, 0.85, 1.0]])
 
 
@@ -162,7 +161,6 @@ PRIORS = {
 
 #: What the flight of `of_speeds` tells.
 GAIN, LAG, FRICTION, GRAVITY = 3.068e-6, 0.072, 0.3, 9.80665
-
 HOVER = (GRAVITY / GAIN) ** 0.5
 
 

@@ -19,9 +19,7 @@ from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identifie
 Document = dict[str, Any]
 
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
-
 HOSTILE = "a\n1\t1\tMPC_THR_HOVER\t0.9\t9\r\u2028b\x1b[2J\udcff.ulg"
-
 FITTED = {"input": "actuator_output", "input_map": "fit"}
 
 
@@ -228,7 +226,6 @@ def test_no_name_of_a_log_becomes_a_parameter(to, format_name, setpoint, tmp_pat
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
-
 COMMANDS = re.findall(r"^\$ eivor (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 #: Those of autopilots, which need the two logs alone.
@@ -258,7 +255,6 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
 
 
 @pytest.mark.thorough
-@pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])
 def test_real_flights(log, recordings, tmp_path, monkeypatch, command_line):
@@ -279,7 +275,6 @@ def test_real_flights(log, recordings, tmp_path, monkeypatch, command_line):
     assert ardupilot(of_ardupilot) == {}
 
 
-@pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_curve_that_is_refused_proposes_nothing(recordings):
     log = (recordings / "px4" / "battery_brownout.ulg").read_bytes()

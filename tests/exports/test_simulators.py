@@ -94,7 +94,6 @@ TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
 
 #: Files whose parsers are those of another target, or which hold less.
 OTHERS = ("px4-gazebo", "sitl")
-
 XML = ("mujoco", "pybullet", "gazebo", "px4-gazebo")
 
 #: Ends comments and strings in every format.

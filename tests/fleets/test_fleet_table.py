@@ -76,7 +76,6 @@ def test_queries(tmp_path, command_line):
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
-
 BLOCK = re.compile(r"^```sql\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 

@@ -25,12 +25,8 @@ STEP_S = 0.01
 FRICTION, GAIN, LAG_S = 0.4, 40.0, 0.05
 HOVER = float(np.sqrt(9.80665 / GAIN))
 HELD = (
-    "rotor_command_1",
-    "input",
-    "reference_position_z",
-    "reference_velocity_z",
-    "landed",
-    "ground_contact",
+    *("rotor_command_1", "input", "reference_position_z", "reference_velocity_z", "landed"),
+    *("ground_contact"),
 )
 
 

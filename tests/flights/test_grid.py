@@ -176,6 +176,9 @@ def test_clocks_that_do_not_overlap_are_refused():
 
 
 def test_stamps_in_another_unit_are_refused_before_memory_runs_out():
+    time = np.arange(0.0, 7 * 3600.0, 1.0)
+    with pytest.raises(InputError, match=r"7\.0 hours"):
+        common_grid([channel(time, np.zeros(time.size))] * 2, [])
     microseconds = channel([0.0, 6e7], [0.0, 0.0])
     with pytest.raises(InputError, match=r"at most 6 hours; received stamps that cover 16666\.7 hours.*unit"):
         common_grid([microseconds], [])
@@ -205,12 +208,6 @@ def test_a_jump_of_the_clock_costs_no_samples():
         assert good.sum() == 2000
         np.testing.assert_allclose(series[good], np.arange(2000.0), atol=1e-4)
         assert not good[np.flatnonzero(np.diff(grid.steps) > 1)].any()
-
-
-def test_more_than_six_hours_of_samples_are_refused():
-    time = np.arange(0.0, 7 * 3600.0, 1.0)
-    with pytest.raises(InputError, match=r"7\.0 hours"):
-        gridded(channel(time, np.zeros(time.size)))
 
 
 STEP_S = 0.01
@@ -350,8 +347,7 @@ def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_search")
-@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("coarse_search", "unchecked_shapes")
 def test_z_down_log_gives_the_answers_of_the_z_up_log():
     (log,) = flown(seconds=12.0)
     _, turns, _ = tilted(count=1200)
@@ -417,14 +413,9 @@ def tilting(log, *excursions):
     return changed(log, cos_tilt=cosine)
 
 
-@pytest.fixture(scope="module")
-def log():
-    return flown(seconds=20.0, seed=3)[0]
-
-
-def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
+def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(still_log):
     flight = prepare_vertical(
-        tilting(log, (0.0, 0.5), (4.0, 4.6), (6.0, 7.0), (11.0, 12.1), (13.5, 14.0)), ev.FlightOptions()
+        tilting(still_log, (0.0, 0.5), (4.0, 4.6), (6.0, 7.0), (11.0, 12.1), (13.5, 14.0)), ev.FlightOptions()
     )
     time = flight.grid.time_s
     spans = [(time[run.start], time[run.stop - 1] + FLOWN_STEP_S) for run in flight.runs]
@@ -438,8 +429,8 @@ def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", ["reference_iv", pytest.param("extended_iv", marks=pytest.mark.thorough)])
 @pytest.mark.usefixtures("coarse_search")
-def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
-    tilted = tilting(log, (4.0, 4.6), (9.0, 9.8))
+def test_what_is_measured_beyond_a_limit_counts_for_nothing(still_log, method):
+    tilted = tilting(still_log, (4.0, 4.6), (9.0, 9.8))
     force = tilted.channel("specific_force_z").values.copy()
     spoilt = changed(tilted, specific_force_z=np.where(tilted.channel("cos_tilt").values < 0.9, 1e3, force))
     options = ev.FlightOptions(method=method)
@@ -459,21 +450,17 @@ def still_log():
 
 def bounds(prepared):
     """First and last second of each run."""
+    start = prepared.signals.start_s
     return [
-        (
-            prepared.signals.start_s + run.start * FLOWN_STEP_S,
-            prepared.signals.start_s + (run.stop - 1) * FLOWN_STEP_S,
-        )
-        for run in prepared.runs
+        (start + run.start * FLOWN_STEP_S, start + (run.stop - 1) * FLOWN_STEP_S) for run in prepared.runs
     ]
 
 
 def with_command_gap(log, start, end):
     command = log.channels["rotor_command_1"]
     keep = (command.time_s < start) | (command.time_s >= end)
-    return changed(
-        log, rotor_command_1=replace(command, time_s=command.time_s[keep], values=command.values[keep])
-    )
+    kept = replace(command, time_s=command.time_s[keep], values=command.values[keep])
+    return changed(log, rotor_command_1=kept)
 
 
 def test_window_cuts_the_run(still_log):
@@ -529,13 +516,8 @@ def test_a_gap_of_the_command_breaks_the_run_and_is_waited_for(still_log):
 def test_acceleration_may_be_logged_without_gravity(still_log):
     force = still_log.channels["specific_force_z"].values
     coordinate = changed(still_log, "specific_force_z", acceleration_z=force - GRAVITY)
-    vertical, other = (
-        prepare_vertical(still_log, FlightOptions()),
-        prepare_vertical(coordinate, FlightOptions()),
-    )
-    np.testing.assert_allclose(
-        other.signals.channel("specific_force_z"), vertical.signals.channel("specific_force_z")
-    )
+    made = (prepare_vertical(log, FlightOptions()).signals for log in (still_log, coordinate))
+    np.testing.assert_allclose(*(signals.channel("specific_force_z") for signals in made))
 
 
 @pytest.mark.parametrize(
@@ -563,11 +545,9 @@ def test_commands_come_before_measured_speeds_before_inputs(still_log):
 
 
 def test_map_is_the_users_then_the_logs(still_log):
-    assert (
-        prepare_vertical(replace(still_log, input_map="mixed:0.3"), FlightOptions()).input_map == "mixed:0.3"
-    )
-    options = FlightOptions(input_map="power:1.5")
-    assert prepare_vertical(replace(still_log, input_map="mixed:0.3"), options).input_map == "power:1.5"
+    mixed = replace(still_log, input_map="mixed:0.3")
+    assert prepare_vertical(mixed, FlightOptions()).input_map == "mixed:0.3"
+    assert prepare_vertical(mixed, FlightOptions(input_map="power:1.5")).input_map == "power:1.5"
 
 
 @pytest.mark.parametrize(
@@ -595,23 +575,16 @@ def empty(name, kept):
 
 
 @pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
-def test_an_empty_accelerometer_is_done_without(still_log, kept):
-    prepared = prepare_vertical(
-        changed(still_log, specific_force_z=empty("specific_force_z", kept)), FlightOptions()
-    )
+def test_an_empty_accelerometer_is_done_without_and_others_without_values_are_named(still_log, kept):
+    blind = changed(still_log, specific_force_z=empty("specific_force_z", kept))
+    prepared = prepare_vertical(blind, FlightOptions())
     assert "empty_channel" in [finding.name for finding in prepared.findings]
     assert vertical_flight(prepared).acceleration is None
     assert prepared.runs
-
-
-@pytest.mark.parametrize("name", ["velocity_z", "rotor_command_1"])
-@pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
-def test_channels_without_values_are_named(still_log, name, kept):
-    broken = empty(name, kept)
-    with pytest.raises(
-        MissingChannelError, match=rf"values in the channel '{name}' of flight 0; received \d samples"
-    ):
-        prepare_vertical(changed(still_log, **{name: broken}), FlightOptions())
+    for name in ("velocity_z", "rotor_command_1"):
+        said = rf"values in the channel '{name}' of flight 0; received \d samples"
+        with pytest.raises(MissingChannelError, match=said):
+            prepare_vertical(changed(still_log, **{name: empty(name, kept)}), FlightOptions())
 
 
 def test_clocks_without_overlap_are_refused(still_log):

@@ -155,30 +155,27 @@ def test_a_measured_state_has_no_lag_to_know(log):
         ev.identify_flight(measured, lag=ev.Prior(0.05, 0.01))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("lag", [70, "70:15", (0.07, 0.015)])
 def test_a_lag_of_another_type_is_refused(log, lag):
     with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"):
         ev.identify_flight(log, lag=lag)
 
 
-@pytest.mark.thorough
-def test_a_lag_below_zero_is_refused():
-    with pytest.raises(UsageError, match="a lag above zero"):
-        ev.FlightOptions(lag=ev.Prior(-0.02, 0.01))
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("ends", [(50.0, 90.0), (-0.01, 0.05)])
-def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
-    with pytest.raises(UsageError, match="between 0 and 1 s"):
-        ev.FlightOptions(lag=ev.Bounds(*ends))
-
-
-@pytest.mark.thorough
-def test_bounds_in_the_wrong_order_are_refused():
-    with pytest.raises(ParameterError, match="the lower one first"):
-        ev.Bounds(0.09, 0.05)
+@pytest.mark.parametrize(
+    ("make", "error", "said"),
+    [
+        (lambda: ev.FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
+        (lambda: ev.FlightOptions(lag=ev.Bounds(50.0, 90.0)), UsageError, "between 0 and 1 s"),
+        (lambda: ev.FlightOptions(lag=ev.Bounds(-0.01, 0.05)), UsageError, "between 0 and 1 s"),
+        (lambda: ev.Bounds(0.09, 0.05), ParameterError, "the lower one first"),
+        (lambda: ev.FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
+        (lambda: ev.FlightOptions(accelerometer_bias=-0.1), UsageError, "bias above zero"),
+        (lambda: ev.FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
+    ],
+)
+def test_lags_and_biases_that_are_none_are_refused(make, error, said):
+    with pytest.raises(error, match=said):
+        make()
 
 
 ROTORS = Vehicle(lag_s=LAG_S - 2 * STEP_S)
@@ -188,12 +185,6 @@ ROTORS = Vehicle(lag_s=LAG_S - 2 * STEP_S)
 def turning() -> Recording:
     """What a flight that turns logs of that."""
     return turned(3, vehicle=ROTORS, seconds=26.0)
-
-
-@pytest.fixture(scope="module")
-def slow() -> Recording:
-    """A flight whose climbs hardly tell the lag."""
-    return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
 
 
 def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagPrior:
@@ -210,9 +201,8 @@ def estimate(log: Recording, *lag_measurement: LagPrior, options: FlightOptions 
 
 
 @pytest.mark.thorough
-@pytest.mark.thorough
-def test_the_lag_by_turning_is_used_and_said(slow, turning):
-    log = changed(slow, **turning.channels)
+def test_the_lag_by_turning_is_used_and_said(log, turning):
+    log = changed(log, **turning.channels)
     alone, known = estimate(log), ev.identify_flight(log)
     for name in ("effective_lag", "viscous_friction"):
         assert known.quantities[name].half_width < alone.quantities[name].half_width
@@ -228,13 +218,13 @@ def test_the_lag_by_turning_is_used_and_said(slow, turning):
 
 
 @pytest.mark.thorough
-def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
+def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(log):
     def asked() -> tuple[LagPrior, ...]:
         raise AssertionError("asked")
 
     for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
         options = FlightOptions(lag=lag)
-        flights = (prepare_vertical(slow, options),)
+        flights = (prepare_vertical(log, options),)
         given = estimated(FlightState(Vertical(), flights, options, asked)).fit.lag_prior
         assert given.measured is None
         assert given.known == lag
@@ -305,7 +295,6 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eivor.flights.estimate.STAGES", (not_to_be_made, diagnose_fit))
 
 
-@pytest.mark.thorough
 @pytest.mark.thorough
 def test_turning_that_is_not_trusted_says_nothing(turning):
     assert lags_from_rates((Rates(),), turning, (5.0, 18.0), {}) == ()  # too short to be identified
@@ -383,12 +372,6 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(square_log):
     curve = identify_flight.quantities["thrust_curve"]
     assert curve.verdict is Status.REFUSED
     assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
-
-
-@pytest.mark.parametrize("bias", [0.0, -0.1, math.nan])
-def test_a_bias_that_is_none_is_refused(bias):
-    with pytest.raises(UsageError, match="accelerometer's bias above zero"):
-        ev.FlightOptions(accelerometer_bias=bias)
 
 
 @pytest.mark.parametrize(("share", "hover"), [(0.3, 0.4), (0.7, 0.6), (-0.2, 0.5)])
@@ -483,7 +466,6 @@ def test_a_reference_of_one_frequency_is_told():
 
 
 LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
-
 INFINITY = float("inf")
 
 

@@ -337,8 +337,7 @@ def test_slow_telemetry_and_what_does_not_follow_tell_nothing(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.usefixtures("coarse_search")
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_lag_by_telemetry_is_used_and_said(log):
     alone, known = ev.identify_flight(log), ev.identify_flight(with_telemetry(log))
     for name in ("effective_lag", "viscous_friction"):
@@ -356,8 +355,7 @@ def test_the_lag_by_telemetry_is_used_and_said(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.usefixtures("coarse_search")
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_telemetry_that_contradicts_the_flight_is_told_and_not_used():
     good = flown(seconds=15.0)[0]
     alone, late = ev.identify_flight(good), ev.identify_flight(with_telemetry(good, late_s=0.12))

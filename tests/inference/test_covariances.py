@@ -48,11 +48,7 @@ from eivor.inference.kernel import (
     newey_west_bandwidth,
 )
 from eivor.inference.products import Products, block_edges, products_of_rows
-from eivor.inference.random_effects import (
-    Grouped,
-    Groups,
-    one_group,
-)
+from eivor.inference.random_effects import Grouped, Groups, one_group
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
 from inference import instrument_data as data

@@ -39,7 +39,7 @@ from eivor.linalg import (
     TotalLeastSquares,
 )
 from eivor.linalg.system import triangular_root
-from eivor.linalg.total_least_squares import solve_augmented, weighted_total_least_squares
+from eivor.linalg.total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 LEAST = (LeastSquares(), AugmentedLeastSquares())
@@ -298,11 +298,11 @@ def error(theta, exact):
 
 def full_augmented(A, b, *, total):
     """The paper's (N + n)-square system, as printed."""
-    if total:
-        s = np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1]
-        return solve_augmented(A, b, s, s)
-    s = np.linalg.svd(A, compute_uv=False)[-1] / np.sqrt(2.0)
-    return solve_augmented(A, b, s, 0.0)
+    m, n = A.shape
+    columns, root = (np.column_stack([A, b]), 1.0) if total else (A, np.sqrt(2.0))
+    s = np.linalg.svd(columns, compute_uv=False)[-1] / root
+    full = np.block([[s * np.eye(m), A], [A.T, total * s * np.eye(n)]])
+    return np.linalg.solve(full, np.append(b, np.zeros(n)))[m:]
 
 
 def normal_equations(A, b, *, total):

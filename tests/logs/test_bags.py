@@ -19,7 +19,7 @@ from bag_writer import (
     write_ros1,
     write_ros2,
 )
-from dataflash_writer import simulated
+from dataflash_writer import simulated, told
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
@@ -42,10 +42,6 @@ def ulog(flight, tmp_path_factory):
     path = tmp_path_factory.mktemp("ulog") / "flight.ulg"
     path.write_bytes(bag_writer.ulog(flight))
     return read_log(path)
-
-
-def told(recording, name):
-    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def same(recording, expected, *, sign=1.0, but=()):

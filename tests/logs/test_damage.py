@@ -18,8 +18,7 @@ import pytest
 from backports import zstd
 from bag_writer import blank, header, mavros_messages, px4_messages, stores, vector, write_ros1, write_ros2
 from damage import damaged, seeds
-from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
-from dataflash_writer import told as told_dataflash
+from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated, told
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lz4 import frame as lz4_frame
@@ -354,10 +353,6 @@ def read(tmp_path):
     return read
 
 
-def told(recording, name):
-    return " ".join(finding.message for finding in recording.findings if finding.name == name)
-
-
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("ending", "remedy"), [("bag", "rosbag reindex"), ("mcap", "mcap recover"), ("db3", "-wal")]
@@ -577,12 +572,12 @@ def read_dataflash(tmp_path):
 
 def test_layouts_that_cannot_be(read_dataflash, sound_dataflash):
     index = sound_dataflash.index(b"XKF1") - 5
-    assert "left out: 1" in told_dataflash(
+    assert "left out: 1" in told(
         read_dataflash(sound_dataflash[: index + 4] + b"\0" + sound_dataflash[index + 5 :]), "message_formats"
     )
     names = sound_dataflash.index(b"C,VN,VD")
     r = read_dataflash(sound_dataflash[:names] + b"C,VN;VD" + sound_dataflash[names + 7 :])
-    assert "disagree: XKF1" in told_dataflash(r, "message_formats")
+    assert "disagree: XKF1" in told(r, "message_formats")
     assert "velocity_z" not in r.channels
     assert r.channels["input"].values.size == 60
 
@@ -593,7 +588,7 @@ def test_bytes_that_look_like_a_layout_by_chance_are_no_damage(read_dataflash):
     time, row = item.messages[position]
     item.messages[position] = (time, row[:-4] + b"\xa3\x95\x80\x41")
     r = read_dataflash(item.bytes())
-    assert not told_dataflash(r, "message_formats")
+    assert not told(r, "message_formats")
     assert r.channels["specific_force_body_z"].values.size == 60
 
 
@@ -604,7 +599,7 @@ def test_a_log_whose_beginning_is_lost(read_dataflash, sound_dataflash, before):
     assert list(lost.channels) == list(whole.channels)
     for name, channel in whole.channels.items():
         np.testing.assert_array_equal(lost.channels[name].values, channel.values, err_msg=name)
-    assert f"left out: {len(before) + 52} bytes" in told_dataflash(lost, "corrupt_parts")
+    assert f"left out: {len(before) + 52} bytes" in told(lost, "corrupt_parts")
 
 
 def test_a_log_without_descriptions_says_what_is_missing(read_dataflash, sound_dataflash):
@@ -648,7 +643,7 @@ def test_texts_and_lists_where_numbers_belong(read_dataflash, name, codes, chang
             ]
             r = read_dataflash(entry.bytes())
             if not (code == "Z" and name == "PARM"):
-                assert f"{name}.{columns[item]}" in told_dataflash(r, "message_formats"), (name, item, code)
+                assert f"{name}.{columns[item]}" in told(r, "message_formats"), (name, item, code)
 
 
 def test_a_layout_is_said_again(read_dataflash):
@@ -658,14 +653,14 @@ def test_a_layout_is_said_again(read_dataflash):
     item.messages.append((100.5, again))
     r = read_dataflash(item.bytes())
     assert r.channels["velocity_z"].values.size == 60
-    assert not told_dataflash(r, "message_formats")
+    assert not told(r, "message_formats")
     item.messages[-1] = (100.5, fmt(number, 20, "XKF1", "QBd", "TimeUS,C,VD"))
     r = read_dataflash(item.bytes())
     assert r.channels["velocity_z"].values.size == 60
-    assert "the first counts: XKF1" in told_dataflash(r, "message_formats")
+    assert "the first counts: XKF1" in told(r, "message_formats")
 
 
 def test_many_breaks_end_the_search(read_dataflash, sound_dataflash, monkeypatch):
     monkeypatch.setattr(messages, "MAX_BREAKS", 20)
     r = read_dataflash(sound_dataflash + b"\xa3\x95\x80" * 2000)
-    assert told_dataflash(r, "corrupt_parts") or told_dataflash(r, "truncated")
+    assert told(r, "corrupt_parts") or told(r, "truncated")

@@ -12,7 +12,7 @@ import bag_writer
 import numpy as np
 import polars as pl
 import pytest
-from dataflash_writer import simulated
+from dataflash_writer import simulated, told
 from pyulog.ulog2csv import convert_ulog2csv
 
 import eivor as ev
@@ -326,10 +326,6 @@ def folder(tmp_path):
     made.mkdir()
     convert_ulog2csv(str(tmp_path / "flight_1.ulg"), "", str(made), ",", None, None)
     return made
-
-
-def told(recording, name):
-    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def test_the_same_channels(folder):

@@ -15,7 +15,6 @@ from ulog_writer import UlogWriter, flight, flight_log, message
 
 import eivor as ev
 from eivor.errors import CorruptLogError, EmptyLogError, UsageError
-from logs.ulog_writer import UlogWriter as UlogWriter_pulse
 
 
 def read(tmp_path, writer):
@@ -46,9 +45,7 @@ def test_new_topic_names(tmp_path):
     assert "never_valid" in names(r)
     assert r.channels["attitude_w"].values.size == 200  # padding is cut
     made = {name for name, channel in r.channels.items() if channel.estimated}
-    assert made == {
-        name for name in r.channels if r.channels[name].source.startswith("vehicle_local_position.")
-    }
+    assert made == {name for name, c in r.channels.items() if c.source.startswith("vehicle_local_position.")}
     assert "velocity_z" in made
     with pytest.raises(Exception, match=r"battery_status\.voltage_v \[SDLOG_PROFILE bit 0\]"):
         r.channel("battery_voltage")
@@ -231,8 +228,6 @@ def test_truncated(tmp_path):
 
 
 def test_appended_data(tmp_path):
-    import struct
-
     writer = flight()
     cut = len(writer.bytes())
     writer.definitions = (
@@ -248,8 +243,6 @@ def test_damage_between_sync_marks(tmp_path):
     t = np.arange(4, 6, 0.02)
     writer.raw(b"\xff" * 100 + message("S", b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"))
     number = 16 + 0
-    import struct
-
     for time in t:
         body = struct.pack("<HQ", number, 1_000_000 + round(time * 1e6)) + struct.pack(
             "<5f3?", -1, 0, 0, 0, 0, 1, 1, 1
@@ -429,17 +422,14 @@ def test_a_log_is_read_with_them(tmp_path):
     np.testing.assert_allclose(channel.time_s, time - late, atol=1e-9)
     assert channel.delay_s == pytest.approx(late)
     np.testing.assert_allclose(r.channels["input"].time_s, time, atol=1e-9)
-    (messages,) = [finding.message for finding in r.findings if finding.name == "sensor_delay"]
-    assert (
-        messages
-        == "Taken off the stamps of vehicle_acceleration: 7.5 ms (low-pass of 30 Hz, IMU_ACCEL_CUTOFF)."
-    )
+    (message,) = [finding.message for finding in r.findings if finding.name == "sensor_delay"]
+    assert message.endswith("of vehicle_acceleration: 7.5 ms (low-pass of 30 Hz, IMU_ACCEL_CUTOFF).")
 
 
 def test_a_log_of_pulses_has_shares_for_an_input(tmp_path):
     t = np.arange(100) * 0.1
     widths = np.stack([1100 + t * 10, 1200 + t * 10, 1500 + t], 1)
-    writer = UlogWriter_pulse(flags=False).topic("actuator_outputs", t, output=widths)
+    writer = UlogWriter(flags=False).topic("actuator_outputs", t, output=widths)
     for name, value in (
         ("PWM_MAIN_FUNC1", 102),
         ("PWM_MAIN_FUNC2", 101),
@@ -448,10 +438,8 @@ def test_a_log_of_pulses_has_shares_for_an_input(tmp_path):
     ):
         writer = writer.parameter(name, value)
     r = read(tmp_path, writer)
-    assert [channel.source for channel in r.family("actuator_output")] == [
-        "actuator_outputs.output[1]",
-        "actuator_outputs.output[0]",
-    ]
+    sources = [channel.source for channel in r.family("actuator_output")]
+    assert sources == ["actuator_outputs.output[1]", "actuator_outputs.output[0]"]
     np.testing.assert_allclose(r.channels["actuator_output_1"].values, (100 + t * 10) / 800)
     (finding,) = [item for item in r.findings if item.name == "pulse_widths"]
     assert finding.message.endswith("shares of the range 1100 to 1900 (PWM_MAIN_MIN2 and PWM_MAIN_MAX2).")

@@ -327,7 +327,6 @@ def test_declared_machine_has_a_response():
         response_paths("roll", cart)
 
 
-@pytest.mark.recordings
 def test_a_crazyflie_has_a_lag_of_58_ms(recordings):
     log = ev.read_log(recordings / "arpl-crazyflie" / "log15")
     rotors = np.stack([log.channel(f"rotor_command_{k}").values for k in (1, 2, 3, 4)])

@@ -67,14 +67,8 @@ def test_impossible_lags_are_refused(first, last):
 def test_rows_are_those_of_a_loop_over_valid_histories(mask, lag, gain, seed):
     signals = make_signals(len(mask), seed, valid=mask)
     term = Column("input", lag, gain, "cos_tilt")
-    equation = Equation(
-        Column("specific_force_z"),
-        (
-            (Parameter("a"), Column("velocity_z", gain=-1.0)),
-            (Parameter("b"), term),
-            (Parameter("c"), Column("")),
-        ),
-    )
+    terms = zip("abc", (Column("velocity_z", gain=-1.0), term, Column("")), strict=True)
+    equation = Equation(Column("specific_force_z"), tuple((Parameter(n), column) for n, column in terms))
     instruments = (Column("input", 2), Column(""))
     longest = max(lag, 2)
     u, v, s, r = (signals.channels[name] for name in ("input", "velocity_z", "specific_force_z", "cos_tilt"))
@@ -118,21 +112,11 @@ def test_records_shorter_than_the_lags_are_too_short_whatever_is_asked_first(cou
     noise = {name: WhiteNoise(0.1) for name in NAMES}
     signals = make_signals(count, valid=mask, noise=noise)
     motion = VerticalMotion(intercept=False)
-    for ask in (
-        "rows",
-        "instrument_noise_covariance",
-        "regressor_noise_covariance",
-        "instruments_share_noise",
-    ):
+    asked = "rows", "instrument_noise_covariance", "regressor_noise_covariance", "instruments_share_noise"
+    for ask in asked:
         problem = motion.regression(signals, lags("input", 0, 5))
         with pytest.raises(TooFewSamplesError, match=r"Expected .*; received"):
             getattr(problem, ask)()
-
-
-def test_a_channel_that_is_not_there_is_named():
-    signals = Signals(5.0, {"velocity_z": np.zeros(4), "input": np.zeros(4)})
-    with pytest.raises(MissingChannelError, match="'specific_force_z'"):
-        VerticalMotion().regression(signals).rows()
 
 
 def test_the_response_is_the_specific_force_and_else_the_acceleration():
@@ -196,15 +180,10 @@ def test_shared_noise_is_the_mean_over_the_rows_that_are_used(order, offset, mas
     }
     mask[-5:] = [True] * 5
     signals = make_signals(len(mask), seed, valid=mask, noise=noise, offset=offset)
-    equation = Equation(
-        Column("specific_force_z"),
-        (
-            (Parameter("a"), Column("velocity_z", gain=-1.0, gain_channel="cos_tilt")),
-            (Parameter("b"), Column("input", 1, 2.0)),
-            (Parameter("c"), Column("input", gain_channel="cos_tilt")),
-            (Parameter("d"), Column("")),
-        ),
-    )
+    terms = (Column("velocity_z", gain=-1.0, gain_channel="cos_tilt"), Column("input", 1, 2.0))
+    terms += (Column("input", gain_channel="cos_tilt"), Column(""))
+    named = tuple((Parameter(name), column) for name, column in zip("abcd", terms, strict=True))
+    equation = Equation(Column("specific_force_z"), named)
     instruments = (*lags("input", 0, 3), Column("velocity_z", gain_channel="cos_tilt"), Column(""))
     problem = SignalRegression(signals, equation, instruments)
     columns = (*problem.regressor_columns, equation.response)
@@ -265,6 +244,7 @@ def test_a_layout_of_another_length_is_no_single_flight(count):
         ({"response": Y[:, None]}, ShapeError, r"response of shape \(rows,\)"),
         ({"regressors": PHI[None]}, ShapeError, "regressors with two dimensions"),
         ({"response": Y[:5]}, ShapeError, "equally many rows"),
+        ({"instruments": PHI[:5]}, ShapeError, "equally many rows"),
         ({"names": ["K"]}, ShapeError, "one name for each of 2 regressors"),
         ({"response": Y[:1], "regressors": PHI[:1]}, TooFewSamplesError, "at least 2 rows"),
         ({"noise_covariance": np.eye(2)}, ShapeError, "a 3 x 3 covariance"),
@@ -562,19 +542,13 @@ def test_scores_of_one_time_are_added_over_the_axes():
         ((columns(1, runs=()),), TooFewSamplesError, "at least one usable run"),
         ((columns(1), columns(2, instruments=3, flight=1)), InstrumentError, r"\[4, 3\] columns"),
         ((columns(1, candidates=3),), ShapeError, "one or two candidates.*received 3"),
+        ((columns(1),), ShapeError, "a fixed or moving column for each of 3 parameters; received 1 and 1"),
     ],
 )
 def test_columns_that_make_no_problem_are_refused(which, error, said):
+    parameters = (*PAIR, Parameter("c")) if "parameters" in said else PAIR
     with pytest.raises(error, match=said):
-        LaggedRuns(which, PAIR, (LAG,))
-
-
-def test_every_parameter_has_a_column():
-    problem = LaggedRuns((columns(1),), (*PAIR, Parameter("c")), (LAG,))
-    with pytest.raises(
-        ShapeError, match="a fixed or moving column for each of 3 parameters; received 1 and 1"
-    ):
-        problem.rows(RUN_AT)
+        LaggedRuns(which, parameters, (LAG,)).rows(RUN_AT)
 
 
 @pytest.mark.parametrize(("seconds", "degree"), [(14.9, 0), (15.0, 1), (40.0, 1)])
@@ -677,69 +651,76 @@ def test_growing_modes_of_a_relaxation(gain, order, growing):
     assert Side(((1.0, 0.0, 0), (gain, order, 0)), ev.FractionalDifference(), 1.0).growing_modes == growing
 
 
-def test_an_unstable_equation_is_not_simulated():
-    with pytest.raises(ParameterError, match="a stable equation; received one with 1 growing mode"):
-        relaxation().simulate({"output_coefficient_2": -3.0, "input_coefficient_1": 1.0}, np.ones(9))
-
-
-def test_an_equation_without_the_newest_output_is_not_simulated():
-    with pytest.raises(ParameterError, match="solved for the newest output"):
-        relaxation().impulse_response({"output_coefficient_2": -1.0, "input_coefficient_1": 1.0}, 9)
-
-
-def bad(call, error, text):
-    return pytest.param(call, error, text, id=text)
+MODEL = ev.FractionalDifferenceModel
+ENDLESS = {"output_coefficient_2": -1.0, "input_coefficient_1": 1.0}
+NINE = {"output": np.ones(9), "input": np.ones(9)}
 
 
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
-        bad(lambda: ev.FractionalTerm(3.5), ParameterError, "an order between -3 and 3"),
-        bad(lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
-        bad(lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
-        bad(lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
-        bad(
-            lambda: ev.FractionalDifferenceModel((ORDER, 0.0), (0.0,)),
-            ParameterError,
-            "a known order of the first",
-        ),
-        bad(
-            lambda: ev.FractionalDifferenceModel((0.0, ORDER, ev.UnknownOrder("second", 1.1, 1.9)), (0.0,)),
+        (lambda: ev.FractionalTerm(3.5), ParameterError, "an order between -3 and 3"),
+        (lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
+        (lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
+        (lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
+        (lambda: MODEL((ORDER, 0.0), (0.0,)), ParameterError, "a known order of the first"),
+        (
+            lambda: MODEL((0.0, ORDER, ev.UnknownOrder("second", 1.1, 1.9)), (0.0,)),
             ParameterError,
             "orders 0.2 to 1.2 and 1.1 to 1.9",
         ),
-        bad(
-            lambda: ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("order", 0.1, 0.3),)),
+        (
+            lambda: MODEL((0.0, ORDER), (ev.UnknownOrder("order", 0.1, 0.3),)),
             ParameterError,
             "one range of the order 'order'",
         ),
-        bad(
-            lambda: ev.FractionalDifferenceModel(
-                (0.0, ev.UnknownOrder("input_coefficient_1", 0.1, 0.3)), (0.0,)
-            ),
+        (
+            lambda: MODEL((0.0, ev.UnknownOrder("input_coefficient_1", 0.1, 0.3)), (0.0,)),
             ParameterError,
             "names of their own",
         ),
-        bad(
-            lambda: LAGGED.simulate({"order": 0.5}, np.ones(9)),
-            ParameterError,
-            "none of output_coefficient_2",
-        ),
-        bad(lambda: LAGGED.simulate(LAGGED_TRUTH, np.ones((9, 2))), ShapeError, "an input of shape"),
-        bad(lambda: LAGGED.simulate(LAGGED_TRUTH, np.array([1.0, np.nan])), NonFiniteError, "a finite input"),
-        bad(lambda: LAGGED.impulse_response(LAGGED_TRUTH, 0), ParameterError, "one sample or more"),
-        bad(lambda: LAGGED.impulse_response(LAGGED_TRUTH, 5, rate_hz=0.0), ParameterError, "a positive rate"),
-        bad(lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array([0.7])), ParameterError, "up to 0.5 Hz"),
-        bad(
-            lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"
-        ),
-        bad(lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
-        bad(
-            lambda: LAGGED.problem(
-                ev.Signals(1.0, {"output": np.ones(9), "input": np.ones(9)}, valid=np.arange(9) > 1)
-            ),
+        (lambda: LAGGED.simulate({"order": 0.5}, np.ones(9)), ParameterError, "none of output_coefficient_2"),
+        (lambda: LAGGED.simulate(LAGGED_TRUTH, np.ones((9, 2))), ShapeError, "an input of shape"),
+        (lambda: LAGGED.simulate(LAGGED_TRUTH, np.array([1.0, np.nan])), NonFiniteError, "a finite input"),
+        (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 0), ParameterError, "one sample or more"),
+        (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 5, rate_hz=0.0), ParameterError, "a positive rate"),
+        (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array([0.7])), ParameterError, "up to 0.5 Hz"),
+        (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"),
+        (lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
+        (
+            lambda: LAGGED.problem(ev.Signals(1.0, NINE, valid=np.arange(9) > 1)),
             DataError,
-            "every sample of which is valid",
+            "every sample of which is valid; received samples that are not",
+        ),
+        (
+            lambda: FilteredSignals(ev.Signals(1.0, NINE, offset=4), ev.FractionalDifference()),
+            DataError,
+            r"a whole record, .*; received one that begins at sample 4",
+        ),
+        (
+            lambda: relaxation().simulate(ENDLESS | {"output_coefficient_2": -3.0}, np.ones(9)),
+            ParameterError,
+            "a stable equation; received one with 1 growing mode",
+        ),
+        (lambda: relaxation().impulse_response(ENDLESS, 9), ParameterError, "solved for the newest output"),
+        (
+            lambda: of_noise(ev.WhiteNoise(0.5)).noise_covariance(((FractionalPart("z", 0.5),),), 0),
+            MissingNoiseError,
+            "a declared noise of channel 'z'",
+        ),
+        (
+            lambda: of_noise(ev.WhiteNoise(0.5)).shared_noise(
+                [ev.Column("z", 1)], [(FractionalPart("z", 0.5),)], 1
+            ),
+            MissingNoiseError,
+            "a declared noise of channel 'z'",
+        ),
+        (
+            lambda: of_noise(ev.WhiteNoise(1.0)).shared_noise(
+                [ev.Column("x", gain_channel="z")], [(FractionalPart("x", 0.5),)], 0
+            ),
+            UsageError,
+            "without a gain of another channel",
         ),
     ],
 )
@@ -806,27 +787,3 @@ def test_shared_noise_is_the_mean_over_the_rows(operator, noise):
     shared_noise = record.shared_noise(plain, columns, first)
     assert shared_noise[0] == pytest.approx(np.array(shared), abs=1e-12)
     assert not shared_noise[1:].any()
-
-
-def test_a_noise_that_is_not_declared_is_never_taken_for_none():
-    record = of_noise(ev.WhiteNoise(0.5))
-    with pytest.raises(MissingNoiseError, match="a declared noise of channel 'z'"):
-        record.noise_covariance(((FractionalPart("z", 0.5),),), 0)
-    with pytest.raises(MissingNoiseError, match="a declared noise of channel 'z'"):
-        record.shared_noise([ev.Column("z", 1)], [(FractionalPart("z", 0.5),)], 1)
-
-
-def test_instruments_with_a_gain_of_another_channel_are_refused():
-    with pytest.raises(UsageError, match="without a gain of another channel"):
-        of_noise(ev.WhiteNoise(1.0)).shared_noise(
-            [ev.Column("x", gain_channel="z")], [(FractionalPart("x", 0.5),)], 0
-        )
-
-
-def test_parts_of_records_are_refused():
-    signals = ev.Signals(1.0, {"x": np.zeros(9)}, offset=4)
-    with pytest.raises(DataError, match=r"a whole record, .*; received one that begins at sample 4"):
-        FilteredSignals(signals, ev.FractionalDifference())
-    gap = ev.Signals(1.0, {"x": np.zeros(9)}, valid=np.arange(9) != 4)
-    with pytest.raises(DataError, match="every sample of which is valid; received samples that are not"):
-        FilteredSignals(gap, ev.FractionalDifference())

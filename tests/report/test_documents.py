@@ -134,7 +134,6 @@ def _options() -> object:
 
 
 NAN, INFINITY = float("nan"), float("inf")
-
 PLAIN = QuantitySpec("x", "x", "")
 
 

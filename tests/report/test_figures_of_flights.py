@@ -94,7 +94,6 @@ def test_a_hostile_name_is_drawn_as_it_is(fit, tmp_path, ending):
 
 
 FLIGHT = ("fit", "residual", "autocorrelation", "profile of actuator_lag", "profile of delay", "excitation")
-
 NOISE = np.random.default_rng(0).normal(size=400)
 
 
@@ -117,23 +116,10 @@ def replicates():
     return ev.bootstrap(rows, least_squares(), runs=40)
 
 
-ONE_PANEL: dict[str, Callable[[Any, ev.FlightEstimate, Path], Figure]] = {
-    "pair": lambda ax, fit, _folder: pair_figure(
-        estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
-    )
-}
-
-
-def estimated(fit):
-    assert fit.estimate is not None
-    return fit.estimate
-
-
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ONE_PANEL)
-def test_a_single_panel_is_drawn_where_it_is_told(name, fit, tmp_path):
+def test_a_single_panel_is_drawn_where_it_is_told(fit):
     figure, (left, right) = page(1, 2)
-    assert ONE_PANEL[name](right, fit, tmp_path) is figure
+    assert pair_figure(fit.estimate, "viscous_friction", "input_gain", title="noise", ax=right) is figure
     assert drawn(right)
     assert not drawn(left)
     assert right.get_title() == "noise"
@@ -153,34 +139,31 @@ def signals():
     return ev.Signals(5.0, {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z")})
 
 
-SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, ev.FlightEstimate, Path], Figure]]] = {
-    "flight": (FLIGHT, lambda axes, fit, _folder: flight_figure(fit, axes)),
-    "plot": (FLIGHT, lambda axes, fit, _folder: fit.plot(axes=axes)),
+SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, ev.FlightEstimate], Figure]]] = {
+    "flight": (FLIGHT, lambda axes, fit: flight_figure(fit, axes)),
+    "plot": (FLIGHT, lambda axes, fit: fit.plot(axes=axes)),
     "residual": (
         ("time", "autocorrelation", "spectrum"),
-        lambda axes, _fit, _folder: residual_figure(NOISE, rate_hz=5.0, axes=axes),
+        lambda axes, _fit: residual_figure(NOISE, rate_hz=5.0, axes=axes),
     ),
-    "signals": (("input", "velocity_z"), lambda axes, _fit, _folder: signals_figure(signals(), axes=axes)),
-    "estimates": (
-        ("a", "b"),
-        lambda axes, _fit, _folder: estimates_figure({"by bootstrap": replicates()}, axes=axes),
-    ),
+    "signals": (("input", "velocity_z"), lambda axes, _fit: signals_figure(signals(), axes=axes)),
+    "estimates": (("a", "b"), lambda axes, _fit: estimates_figure({"by bootstrap": replicates()}, axes=axes)),
 }
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SEVERAL)
-def test_panels_are_drawn_in_order_or_by_name(name, fit, tmp_path):
+def test_panels_are_drawn_in_order_or_by_name(name, fit):
     names, draw = SEVERAL[name]
     figure, axes = page(len(names))
-    assert draw(np.array(axes), fit, tmp_path) is figure
+    assert draw(np.array(axes), fit) is figure
     assert all(drawn(axis) for axis in axes)
     # every panel stands by itself: it says what both of its axes are
     assert all(axis.get_ylabel() or axis.get_yticklabels() for axis in axes)
     assert all(axis.get_xlabel() and axis.xaxis.label.get_visible() for axis in axes)
     assert inside(figure)
     neighbours, (left, right) = page(1, 2)
-    assert draw({names[-1]: right}, fit, tmp_path) is neighbours
+    assert draw({names[-1]: right}, fit) is neighbours
     assert drawn(right)
     assert not drawn(left)
     assert right.get_xlabel() == axes[-1].get_xlabel()
@@ -342,10 +325,6 @@ def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path):
     assert inside(alone)
 
 
-def labels(figure):
-    return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
-
-
 def test_each_channel_has_a_panel_with_its_unit():
     channels = {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z", "specific_force_z")}
     figure = signals_figure(ev.Signals(5.0, channels, start_s=3.0), title="$a_b")
@@ -371,7 +350,7 @@ def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
     values = np.linspace(1.0, 2.0, 20)
     for mean, drawn in ((2.5, True), (187.2, False)):
         figure = nrmse_figure({"a": {"together": values}}, printed={"a": {"together": Spread(mean, 0.5)}})
-        assert any("off this axis" in label for label in labels(figure)) is not drawn
+        assert any("off this axis" in label for label in words(figure)) is not drawn
         low, high = figure.axes[0].get_xlim()
         assert bool(low < mean < high) is drawn
 

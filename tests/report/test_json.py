@@ -12,120 +12,69 @@ import pytest
 import eivor as ev
 
 DOCS = Path(__file__).parents[2] / "docs"
-
 VERDICTS = {"identified", "weak", "provisional", "refused"}
-
 NUMBER = (float, int, type(None))
-
 PAIR = "pair"
+
+TYPES = (
+    {"text": str, "count": int, "number": NUMBER, "real": float, "flag": bool, "object": dict, "pair": PAIR}
+    | {"verdict": VERDICTS, "texts": [str], "list?": (list, type(None)), "object?": (dict, type(None))}
+    | {"text?": (str, type(None)), "number?": (float, type(None)), "order?": (int, type(None))}
+    | {"noise?": (dict, str, type(None))}
+)
+
+
+def keys(row, **others):
+    """Keys of a row "key:type ..." and of others with their types, in order."""
+    return {key: TYPES[kind] for key, kind in (pair.split(":") for pair in row.split())} | others
+
 
 #: Key to type; a dict is an object with exactly these keys, a list the type of every element.
 QUANTITY: dict[str, Any] = {
-    "value": NUMBER,
-    "unit": str,
-    "std_error": NUMBER,
-    "interval": PAIR,
-    "verdict": VERDICTS,
-    "reasons": [str],
+    **keys("value:number unit:text std_error:number interval:pair verdict:verdict reasons:texts"),
     "systematic": [
         {
             "counts": {"added", "at least", "independent", "factor"},
-            "below": NUMBER,
-            "above": NUMBER,
-            "sentence": str,
+            **keys("below:number above:number sentence:text"),
         }
     ],
     "lowest": NUMBER,
 }
-
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
-
-ROW: dict[str, Any] = {
-    "verdict": VERDICTS,
-    "reasons": [str],
-    "parameters": {"viscous_friction": QUANTITY, "input_gain": QUANTITY},
-    "derived": {"hover_input": QUANTITY, "effective_lag": QUANTITY},
-}
-
+ROW: dict[str, Any] = keys(
+    "verdict:verdict reasons:texts",
+    parameters={"viscous_friction": QUANTITY, "input_gain": QUANTITY},
+    derived={"hover_input": QUANTITY, "effective_lag": QUANTITY},
+)
 SCHEMA: dict[str, Any] = {
     "schema": {"eivor.identify/1"},
-    "logs": [
-        {
-            "name": str,
-            "format": str,
-            "span": PAIR,
-            "window": (list, type(None)),
-            "runs": int,
-            "samples": int,
-            "rate_hz": NUMBER,
-        }
-    ],
-    "model": {
-        "name": str,
-        "equation": str,
-        "input": str,
-        "input_map": str,
-        "input_measured": bool,
-        "autopilot_curve": {"side": (str, type(None)), "in_force": {}, "logged": {}},
-    },
-    "method": str,
-    "instruments": str,
-    "window": (list, type(None)),
-    "samples": int,
-    "rate_hz": NUMBER,
-    "verdict": VERDICTS,
-    "summary": str,
-    "reasons": [str],
-    "parameters": {
-        "viscous_friction": SETS,
-        "input_gain": QUANTITY,
-        "actuator_lag": QUANTITY,
-        "delay": QUANTITY,
-        "intercept": {**QUANTITY, "by_segment": [NUMBER]},
-    },
+    "logs": [keys("name:text format:text span:pair window:list? runs:count samples:count rate_hz:number")],
+    "model": keys(
+        "name:text equation:text input:text input_map:text input_measured:flag",
+        autopilot_curve={"side": (str, type(None)), "in_force": {}, "logged": {}},
+    ),
+    **keys("method:text instruments:text window:list? samples:count rate_hz:number"),
+    **keys("verdict:verdict summary:text reasons:texts"),
+    "parameters": dict.fromkeys(("viscous_friction", "input_gain", "actuator_lag", "delay"), QUANTITY)
+    | {"viscous_friction": SETS, "intercept": {**QUANTITY, "by_segment": [NUMBER]}},
     "derived": {"time_constant": QUANTITY, "hover_input": QUANTITY, "effective_lag": QUANTITY},
     "implied": [],
-    "figures": [
-        {
-            "name": str,
-            "words": str,
-            "value": NUMBER,
-            "unit": str,
-            "interval": (list, type(None)),
-            "sentence": str,
-        }
-    ],
+    "figures": [keys("name:text words:text value:number unit:text interval:list? sentence:text")],
     "contradictions": [],
-    "covariance": (dict, type(None)),
-    "prediction": (dict, type(None)),
-    "ahead": (dict, type(None)),
-    "given_lag": (dict, type(None)),
-    "diagnostics": dict,
-    "findings": [{"name": str, "message": str}],
+    **keys("covariance:object? prediction:object? ahead:object? given_lag:object? diagnostics:object"),
+    "findings": [keys("name:text message:text")],
     "flights": [{"log": str, **ROW}],
-    "by_flight": [{"log": str, "verdict": VERDICTS, "reasons": [str], "parameters": dict, "derived": dict}],
+    "by_flight": [keys("log:text verdict:verdict reasons:texts parameters:object derived:object")],
     "comparisons": [{"method": str, **ROW}],
     "provenance": {
         "version": str,
-        "logs": [{"name": str, "sha256": (str, type(None))}],
+        "logs": [keys("name:text sha256:text?")],
         "options": {
-            "window": (list, type(None)),
-            "max_tilt_deg": float,
-            "input": str,
-            "input_map": str,
-            "instruments": [str],
-            "method": str,
-            "compare": bool,
-            "lag": (dict, type(None)),
-            "align": bool,
-            "accelerometer_bias": float,
+            **keys("window:list? max_tilt_deg:real input:text input_map:text instruments:texts method:text"),
+            **keys("compare:flag lag:object? align:flag accelerometer_bias:real"),
             "pool_friction": {"auto", "common", "separate"},
-            "pool_anyway": bool,
-            "terms": [str],
-            "rotor_radius": (float, type(None)),
-            "controller_rate_hz": (float, type(None)),
-            "order": (int, type(None)),
-            "noise": (dict, str, type(None)),
+            **keys("pool_anyway:flag terms:texts rotor_radius:number? controller_rate_hz:number?"),
+            **keys("order:order? noise:noise?"),
         },
     },
 }

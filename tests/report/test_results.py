@@ -274,20 +274,8 @@ def test_choices_are_named_one_by_one(fit):
 DOCS = Path(__file__).parents[2] / "docs"
 
 KEYS = {
-    "schema",
-    "log",
-    "fit",
-    "predicts",
-    "sentence",
-    "runs",
-    "samples",
-    "rate_hz",
-    "band",
-    "predictions",
-    "ahead",
-    "comparisons",
-    "contradicted",
-    "provenance",
+    *("schema", "log", "fit", "predicts", "sentence", "runs", "samples", "rate_hz", "band", "predictions"),
+    *("ahead", "comparisons", "contradicted", "provenance"),
 }
 
 
@@ -406,9 +394,7 @@ def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monke
 
 
 ROOT = Path(__file__).resolve().parents[2]
-
 SCRIPT = ROOT / "examples" / "draw_example.py"
-
 PICTURE = ROOT / "docs" / "images" / "example.png"
 
 #: Squares whose mean grey is compared [pixels], and how far it may be off, of 255. Letters that are drawn

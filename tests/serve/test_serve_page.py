@@ -24,15 +24,8 @@ from report.parsed_page import parsed
 
 #: What would make HTML or code of a string.
 NEVER = (
-    "innerHTML",
-    "outerHTML",
-    "insertAdjacentHTML",
-    "document.write",
-    "DOMParser",
-    "srcdoc",
-    "eval(",
-    "new Function",
-    'setTimeout("',
+    *("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "DOMParser", "srcdoc", "eval("),
+    *("new Function", 'setTimeout("'),
 )
 
 

@@ -91,10 +91,16 @@ def test_growth_across_the_border_of_real_blocks():
         (lambda: ev.FractionalNoise(float("inf"), 0.1), "std=inf"),
         (lambda: ev.FractionalNoise(1.0, 0.51), "order=0.51"),
         (lambda: ev.FractionalNoise(1.0, float("nan")), "order=nan"),
+        (lambda: ev.AutoregressiveNoise(1.0, 1.0), "coefficient"),
+        (lambda: ev.AutoregressiveNoise(1.0, -1.2), "coefficient"),
+        (lambda: ev.AutoregressiveNoise(1.0, np.nan), "coefficient"),
+        (lambda: ev.HeavyTailedNoise(1.0, 2.0), "degrees"),
+        (lambda: ev.HeavyTailedNoise(1.0, -3.0), "degrees"),
+        (lambda: ev.HeavyTailedNoise(1.0, np.inf), "degrees"),
     ],
 )
 def test_impossible_noises_are_refused(make, said):
-    with pytest.raises(NonFiniteError, match=f"Expected .*; received {said}"):
+    with pytest.raises((ParameterError, NonFiniteError), match=f"Expected .*; received {said}"):
         make()
 
 
@@ -170,18 +176,6 @@ def test_tails_are_heavy_and_rounding_has_none():
     assert np.abs(rounding.sample(COUNT, np.random.default_rng(2))).max() <= 0.5 * rounding.step
 
 
-@pytest.mark.parametrize("coefficient", [1.0, -1.2, np.nan])
-def test_a_coefficient_that_is_not_stationary(coefficient):
-    with pytest.raises((ParameterError, NonFiniteError), match="coefficient"):
-        ev.AutoregressiveNoise(1.0, coefficient)
-
-
-@pytest.mark.parametrize("degrees", [2.0, -3.0, np.inf])
-def test_tails_without_a_standard_deviation(degrees):
-    with pytest.raises((ParameterError, NonFiniteError), match="degrees"):
-        ev.HeavyTailedNoise(1.0, degrees)
-
-
 def test_density_over_a_bandwidth_and_the_rounding_of_a_step_add_up():
     assert DataSheet(density=0.002, bandwidth_hz=50.0).std(200.0) == pytest.approx(0.002 * 50.0**0.5)
     assert DataSheet(density=0.002).std(200.0) == pytest.approx(0.02)
@@ -252,26 +246,13 @@ def test_a_million_samples_take_as_long_as_a_few_transforms():
         (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
         (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
         (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
-        (
-            np.arange(100.0),
-            {"bandwidth": 50},
-            ParameterError,
-            "from 8 to 49 frequencies; received bandwidth=50",
-        ),
-        (
-            np.arange(100.0),
-            {"bandwidth": 3},
-            ParameterError,
-            "from 8 to 49 frequencies; received bandwidth=3",
-        ),
+        (np.arange(100.0), {"bandwidth": 50}, ParameterError, "8 to 49 frequencies; received bandwidth=50"),
+        (np.arange(100.0), {"bandwidth": 3}, ParameterError, "8 to 49 frequencies; received bandwidth=3"),
     ],
 )
 def test_records_that_tell_nothing(values, options, error, said):
     with pytest.raises(error, match=said):
         ev.estimate_long_memory(values, **options)
-
-
-def test_level_is_a_probability():
     with pytest.raises(ParameterError, match=r"a level between 0 and 1; received level=95"):
         ev.estimate_long_memory(np.arange(100.0) % 7).order_interval(95.0)
 
@@ -335,13 +316,13 @@ def declared(table):
 
 def test_rotors_have_numbers():
     assert canonical_channel("rotor_command_12") == canonical_channels()["rotor_command_*"]
-    for name in ("rotor_command_*", "rotor_command_", "rotor_command_01", "rotor_command_1234", "speed", ""):
+    for name in ("rotor_command_*", "rotor_command_", "rotor_command_01", "rotor_command_1234", "no_channel", ""):
         assert canonical_channel(name) is None
         assert not held_by_default(name)
     assert (unit_of("rotor_speed_3"), unit_of("velocity_z")) == ("", "m/s")
     assert (held_by_default("landed"), held_by_default("velocity_z")) == (True, False)
-    with pytest.raises(UsageError, match=r"name of a canonical channel; received 'speed'.*velocity_z"):
-        unit_of("speed")
+    with pytest.raises(UsageError, match=r"name of a canonical channel; received 'no_channel'.*velocity_z"):
+        unit_of("no_channel")
 
 
 def test_declared_channels_in_maps(declared, tmp_path):
@@ -611,11 +592,7 @@ def test_errors_survive_other_processes_and_copies():
     for again in (pickle.loads(pickle.dumps(error)), copy.deepcopy(error)):  # noqa: S301 - our own bytes
         assert isinstance(again, MissingChannelError)
         assert str(again) == "Expected the channel 'a'; received a log without it. Log it."
-        assert (again.expected, again.received, again.remedy) == (
-            error.expected,
-            error.received,
-            error.remedy,
-        )
+        assert vars(again) == vars(error)
     assert issubclass(MissingChannelError, EivorError)
 
 

@@ -50,7 +50,6 @@ def content(folder):
 
 #: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
 PATIENCE_S = 600.0
-
 ROOT = Path(__file__).parents[2]
 
 #: Where processes that are begun here find this checkout and the parts of its tests.

@@ -25,7 +25,6 @@ from validation.flight_recipe.rotorpy_flight import (
 pytest.importorskip("rotorpy")
 
 ROOT = Path(__file__).resolve().parents[2]
-
 DATA = ROOT / "src" / "eivor" / "data"
 
 

@@ -116,13 +116,7 @@ CASES = [
     (GAIN, {}, {"direct": True}, PROVISIONAL, "direct method is biased"),
     (FRICTION, {}, {"exogenous": False}, WEAK, "answer the vehicle's own disturbances"),
     (LAG, {}, {"past_inputs": True, "exogenous": False}, PROVISIONAL, "Past inputs"),
-    (
-        FRICTION,
-        {},
-        {**strength((9.9, 50.0, 50.0))},
-        REFUSED,
-        "about the viscous friction: first-st",
-    ),
+    (FRICTION, {}, {**strength((9.9, 50.0, 50.0))}, REFUSED, "about the viscous friction: first-st"),
     (FRICTION, {}, {**strength((50.0, np.nan, 50.0))}, REFUSED, "about the input gain"),
     (
         FRICTION,

@@ -51,11 +51,6 @@ def shifted(log, name, late_s):
     return with_channels(log, replace(channel, time_s=channel.time_s + late_s))
 
 
-def scaled(log, name, factor):
-    channel = log.channels[name]
-    return with_channels(log, replace(channel, values=factor * channel.values))
-
-
 def with_channels(log, *channels):
     return replace(log, channels={**log.channels, **{channel.name: channel for channel in channels}})
 
@@ -205,7 +200,8 @@ def test_aligned_sensors_give_what_right_ones_give(log):
 @pytest.mark.parametrize(("channel", "factor"), [("specific_force_z", 1.06), ("velocity_z", 1.06)])
 def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     """An accelerometer whose scale is wrong shows another gravity."""
-    flight = prepare(scaled(log, channel, factor), VERTICAL, FlightOptions())
+    scaled = with_channels(log, replace(log.channels[channel], values=factor * log.channels[channel].values))
+    flight = prepare(scaled, VERTICAL, FlightOptions())
     right = prepare(log, VERTICAL, FlightOptions())
     sensors = SensorAgreement(
         {"scale": Difference(0.06 if channel == "velocity_z" else -0.06 / 1.06, 1e-3)}, AGREE
@@ -239,26 +235,20 @@ def terms_of(log_left, method=None):
 def commanded(log_left, change):
     """The log of a vehicle that needed another thrust: its mapped command is changed by what is given."""
     command = log_left.channels["rotor_command_1"]
-    values = np.sqrt(change(command.values**2))
-    return replace(log_left, channels={**log_left.channels, command.name: replace(command, values=values)})
+    return with_channels(log_left, replace(command, values=np.sqrt(change(command.values**2))))
 
 
 def with_channel(log, name, values, time_s=None):
     like = log.channels["velocity_z"]
-    channel = replace(like, name=name, values=values, time_s=like.time_s if time_s is None else time_s)
-    return replace(log, channels={**log.channels, name: channel})
+    stamps = like.time_s if time_s is None else time_s
+    return with_channels(log, replace(like, name=name, values=values, time_s=stamps))
 
 
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log_left):
     terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
     assert list(terms) == [
-        "quadratic_drag",
-        "ground_effect",
-        "thrust_curvature",
-        "supply",
-        "clock_drift",
-        "slew_limit",
+        *("quadratic_drag", "ground_effect", "thrust_curvature", "supply", "clock_drift", "slew_limit")
     ]
     assert min(term.p_value for term in terms.values()) > 0.005
     ((title, sentence),) = OmittedTerms(terms).report
@@ -329,10 +319,8 @@ def test_without_instruments_nothing_is_tested(log_left):
 
 def test_what_is_missed_has_a_name_and_a_size():
     sure, unsure = Difference(-0.1, 0.01), Difference(-0.1, 0.1)
-    by_supply, by_ground = (
-        OmittedTerms({"supply": sure, "ground_effect": unsure}),
-        OmittedTerms({"supply": unsure, "ground_effect": sure}),
-    )
+    by_supply = OmittedTerms({"supply": sure, "ground_effect": unsure})
+    by_ground = OmittedTerms({"supply": unsure, "ground_effect": sure})
     assert by_supply.missed("supply")
     assert by_supply.supply_sentence.startswith("The thrust of one command fell by 10% (± 2%)")
     assert not by_supply.missed("ground_effect")
@@ -346,21 +334,16 @@ def test_what_is_missed_has_a_name_and_a_size():
 RADIUS = 0.2
 
 
-@pytest.fixture(scope="module")
-def driven_log():
-    return flown(seconds=30.0, seed=5)[0]
-
-
 def near(quantity, truth):
     """Whether the truth lies within four standard errors or so."""
     return abs(quantity.value - truth) < 2.0 * quantity.half_width
 
 
-def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(driven_log):
+def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(log_left):
     """Real flights lose 1 to 5 per cent of the thrust of one command in half a minute."""
-    time = driven_log.channels["rotor_command_1"].time_s
-    falling = commanded(driven_log, lambda mapped: mapped * (1.0 + 0.04 * (time - time[0]) / np.ptp(time)))
-    still, fit = (ev.identify_flight(item) for item in (driven_log, falling))
+    time = log_left.channels["rotor_command_1"].time_s
+    falling = commanded(log_left, lambda mapped: mapped * (1.0 + 0.04 * (time - time[0]) / np.ptp(time)))
+    still, fit = (ev.identify_flight(item) for item in (log_left, falling))
     for name in ("viscous_friction", "effective_lag"):
         moved = fit.quantities[name].value - still.quantities[name].value
         assert abs(moved) < 0.25 * still.quantities[name].half_width
@@ -371,7 +354,7 @@ def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(driven_log
     assert numbers["hover_drift"] == pytest.approx(share, abs=numbers["hover_drift_half_width"])
     assert numbers["hover_drift_half_width"] < 0.4 * share
     assert "thrust of one command fell by 0.3" in dict(fit.fit.motion_checks.report)["drift"]
-    short = ev.identify_flight(driven_log, ev.FlightOptions(window=(5.0, 18.0)))
+    short = ev.identify_flight(log_left, ev.FlightOptions(window=(5.0, 18.0)))
     assert "thrust_drift" not in short.diagnostics
 
 
@@ -392,9 +375,9 @@ def sagging(log):
 
 
 @pytest.mark.thorough
-def test_quadratic_drag_is_told_apart_from_friction(driven_log):
-    velocity = driven_log.channels["reference_velocity_z"].values
-    draggy = commanded(driven_log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
+def test_quadratic_drag_is_told_apart_from_friction(log_left):
+    velocity = log_left.channels["reference_velocity_z"].values
+    draggy = commanded(log_left, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
     biased = ev.identify_flight(draggy).quantities["viscous_friction"]
     assert biased.interval[0] > FRICTION
     quantities = ev.identify_flight(draggy, terms=("quadratic-drag",)).quantities
@@ -422,8 +405,8 @@ def test_climbs_with_drag_are_predicted_of_the_input_alone():
 
 
 @pytest.mark.thorough
-def test_thrust_near_the_ground_is_told_apart_from_the_gain(driven_log):
-    over, near_ground = with_height(driven_log, 0.5)
+def test_thrust_near_the_ground_is_told_apart_from_the_gain(log_left):
+    over, near_ground = with_height(log_left, 0.5)
     near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
     plain = ev.identify_flight(near_ground, rotor_radius=RADIUS)
     for name in ("input_gain", "hover_input"):
@@ -440,9 +423,9 @@ def test_thrust_near_the_ground_is_told_apart_from_the_gain(driven_log):
 
 
 @pytest.mark.thorough
-def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(driven_log):
-    voltage = sagging(driven_log)
-    sags = commanded(with_channel(driven_log, "battery_voltage", 16.0 * voltage), lambda U: U / voltage**2)
+def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log_left):
+    voltage = sagging(log_left)
+    sags = commanded(with_channel(log_left, "battery_voltage", 16.0 * voltage), lambda U: U / voltage**2)
     fit = ev.identify_flight(sags, terms=("voltage",))
     assert near(fit.quantities["voltage_exponent"], 2.0)
     assert fit.quantities["voltage_exponent"].interval[0] > 1.0
@@ -471,8 +454,8 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(driven_log)
 
 
 @pytest.mark.thorough
-def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(driven_log):
-    _, high_up = with_height(with_channel(driven_log, "battery_voltage", 16.0 * sagging(driven_log)), 0.5)
+def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(log_left):
+    _, high_up = with_height(with_channel(log_left, "battery_voltage", 16.0 * sagging(log_left)), 0.5)
     every = ("quadratic-drag", "ground-effect", "voltage")
     fit = ev.identify_flight(high_up, terms=every, rotor_radius=RADIUS)
     for name in ("quadratic_drag", "ground_effect", "voltage_exponent"):
@@ -489,7 +472,7 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         "z'' + g = K_u U - K z' + b - K_2 z'|z'| + k g (U/mean U) (R/h)² + n g (U/mean U) (V/V_0 - 1); "
     )
     with pytest.raises(InputError, match="begins or ends on the ground"):
-        ev.validate(fit, driven_log)
+        ev.validate(fit, log_left)
     reported = json.loads(json_text(json_document(fit)))
     assert reported["prediction"]["vehicle"] == {
         "rotor_radius": RADIUS,
@@ -503,33 +486,29 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         ev.validate(fit_of(reported), high_up)
 
 
-def test_without_instruments_terms_are_provisional(driven_log):
-    fit = ev.identify_flight(driven_log, terms=("quadratic-drag",), method="least_squares")
+def test_without_instruments_terms_are_provisional(log_left):
+    fit = ev.identify_flight(log_left, terms=("quadratic-drag",), method="least_squares")
     assert fit.quantities["quadratic_drag"].verdict.value == "provisional"
 
 
-def test_what_a_term_needs_is_asked_for(driven_log):
+def test_what_a_term_needs_is_asked_for(log_left):
     with pytest.raises(UsageError, match="quadratic-drag, ground-effect, voltage; received 'qudratic-drag'"):
-        ev.identify_flight(driven_log, terms=("qudratic-drag",))
+        ev.identify_flight(log_left, terms=("qudratic-drag",))
     with pytest.raises(UsageError, match="each term once; received voltage twice"):
-        ev.identify_flight(driven_log, terms=("voltage", "voltage"))
+        ev.identify_flight(log_left, terms=("voltage", "voltage"))
     with pytest.raises(UsageError, match="the radius of a rotor with the term ground-effect"):
-        ev.identify_flight(driven_log, terms=("ground-effect",))
+        ev.identify_flight(log_left, terms=("ground-effect",))
     with pytest.raises(UsageError, match="between 0 and 5 m; received -1 m"):
-        ev.identify_flight(driven_log, rotor_radius=-1.0)
+        ev.identify_flight(log_left, rotor_radius=-1.0)
     with pytest.raises(MissingChannelError, match="battery_voltage for the term voltage"):
-        ev.identify_flight(driven_log, terms=("voltage",))
+        ev.identify_flight(log_left, terms=("voltage",))
     with pytest.raises(MissingChannelError, match="position_z for the term ground-effect"):
-        ev.identify_flight(changed(driven_log, "position_z"), terms=("ground-effect",), rotor_radius=RADIUS)
+        ev.identify_flight(changed(log_left, "position_z"), terms=("ground-effect",), rotor_radius=RADIUS)
     with pytest.raises(InputError, match="begins or ends on the ground"):
-        ev.identify_flight(driven_log, terms=("ground-effect",), rotor_radius=RADIUS)
-    measured = with_channel(driven_log, "battery_voltage", 16.0 * sagging(driven_log))
-    command = measured.channels["rotor_command_1"]
-    measured = replace(
-        measured,
-        channels={name: channel for name, channel in measured.channels.items() if name != command.name}
-        | {"rotor_speed_1": replace(command, name="rotor_speed_1", held=False)},
-    )
+        ev.identify_flight(log_left, terms=("ground-effect",), rotor_radius=RADIUS)
+    measured = with_channel(log_left, "battery_voltage", 16.0 * sagging(log_left))
+    speed = replace(measured.channels["rotor_command_1"], name="rotor_speed_1", held=False)
+    measured = changed(measured, "rotor_command_1", rotor_speed_1=speed)
     with pytest.raises(InputError, match="commands for the term voltage"):
         ev.identify_flight(measured, terms=("voltage",))
 
