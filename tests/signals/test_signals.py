@@ -316,13 +316,13 @@ def declared(table):
 
 def test_rotors_have_numbers():
     assert canonical_channel("rotor_command_12") == canonical_channels()["rotor_command_*"]
-    for name in ("rotor_command_*", "rotor_command_", "rotor_command_01", "rotor_command_1234", "no_channel", ""):
+    for name in ("rotor_command_*", "rotor_command_", "rotor_command_01", "rotor_command_1234", "absent", ""):
         assert canonical_channel(name) is None
         assert not held_by_default(name)
     assert (unit_of("rotor_speed_3"), unit_of("velocity_z")) == ("", "m/s")
     assert (held_by_default("landed"), held_by_default("velocity_z")) == (True, False)
-    with pytest.raises(UsageError, match=r"name of a canonical channel; received 'no_channel'.*velocity_z"):
-        unit_of("no_channel")
+    with pytest.raises(UsageError, match=r"name of a canonical channel; received 'absent'.*velocity_z"):
+        unit_of("absent")
 
 
 def test_declared_channels_in_maps(declared, tmp_path):
