@@ -589,7 +589,7 @@ def test_checks_are_said_in_words(example):
     assert sentence["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
     push = {
         "parameters": result.periodicity.parameters,
-        "left_over": (replace(swing, name="acceleration", unit="m/s²", size=0.3),),
+        "left_over": (replace(swing, of="acceleration", unit="m/s²", amplitude=0.3),),
     }
     assert said_of(changed(worse, periodicity=push))["periods"] == (
         "what the model leaves over of the acceleration swings by ±0.3 m/s² with a period of 6 s "
