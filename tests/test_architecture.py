@@ -88,7 +88,7 @@ def test_contracts_hold(copy):
         ("flights/identify.py", "import eivor.report", 0),
         ("new_room.py", "x = 1", 0),
         ("flights/identify.py", "import matplotlib.pyplot", 1),
-        ("logs/read.py", "def f():\n    import pyulog", 2),
+        ("logs/read.py", "def f():\n    import h5py", 2),
         ("logs/read.py", "def f():\n    import rosbags", 3),
         ("flights/grid.py", "import uvicorn", 4),
         ("flights/grid.py", "import polars", 5),

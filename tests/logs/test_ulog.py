@@ -6,7 +6,6 @@ import contextlib
 import io
 import re
 import struct
-import sys
 
 import numpy as np
 import pytest
@@ -342,19 +341,6 @@ def test_damaged_messages_are_counted_by_topic(tmp_path):
     r = read(tmp_path, flight().raw(message("D", struct.pack("<H", 16) + bytes(3)) * 5))
     (lost,) = [finding.message for finding in r.findings if finding.name == "lost_messages"]
     assert re.search(r"read: \w+ 5 of 205\.", lost)
-
-
-def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):
-    from pyulog import core
-
-    class Chatty(core.ULog):
-        def __init__(self, *arguments, **options):
-            sys.stdout.write("unexpected format\n")
-            super().__init__(*arguments, **options)
-
-    monkeypatch.setattr(core, "ULog", Chatty)
-    assert "corrupt_parts" in names(read(tmp_path, flight()))
-    assert capfd.readouterr().out == ""
 
 
 def test_a_nested_format(tmp_path):

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import mmap
 import re
 import struct
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from mmap import mmap as memory_map
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -161,17 +157,18 @@ _KNOWN_TYPES = frozenset(b"FDIMPQARSOLCB")
 _CANDIDATE = re.compile(rb"(?s)(?:[^\x00].|.[^\x00])[FDIMPQARSOLCB]")
 #: The type of a field, with a number in brackets when there are several of it.
 _FIELD_TYPE = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,5})\])?")
-_FIELD_BYTES = {
-    **{f"{sign}int{8 * size}_t": size for sign in ("", "u") for size in (1, 2, 4, 8)},
-    "float": 4,
-    "double": 8,
-    "bool": 1,
-    "char": 1,
+_FIELD_CODES = {
+    **{f"{u}int{8 * size}_t": f"<{u or 'i'}{size}" for u in ("", "u") for size in (1, 2, 4, 8)},
+    "float": "<f4",
+    "double": "<f8",
+    "bool": "<i1",
+    "char": "<i1",
 }
+_PARAMETER_CODES = {"int32_t": "<i", "float": "<f"}
 
 #: What is kept of what a log says of itself, and the type of each: a text, or a number of four bytes.
 ABOUT = {"sys_name": "char", "sys_uuid": "char", "ver_sw_release": "uint32_t"}
-#: Bounds that no real log comes near; they keep the decoder's memory in hand.
+#: Bounds that no real log comes near; they keep the memory in hand.
 MAX_FIELDS = 2048
 MAX_SUBSCRIPTIONS = 256
 MAX_NESTING = 8
@@ -180,23 +177,38 @@ MAX_SEARCH_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
-class CleanLog:
+class Subscription:
+    """Messages of one instance of a topic."""
+
+    name: str
+    instance: int
+    layout: np.dtype[np.void]  # Of a message, without padding at its end
+    least: int  # Length of that layout [bytes]
+    most: int  # Length with the padding [bytes]
+    rows: list[bytes] = field(default_factory=list)
+    rejected: int = 0  # Messages of another length
+
+    def topic(self) -> px4.Topic:
+        """Return the messages as columns."""
+        table = np.frombuffer(b"".join(self.rows), dtype=self.layout)
+        return px4.Topic(self.name, self.instance, {name: table[name] for name in self.layout.names or ()})
+
+
+@dataclass(slots=True)
+class UlogContent:
     """What the walk found."""
 
-    definitions: bytearray
-    data: bytearray = field(default_factory=bytearray)
-    rows: dict[int, list[bytes]] = field(default_factory=dict)
+    start_us: int  # Stamp of the file's start
+    subscriptions: dict[int, Subscription] = field(default_factory=dict)  # Of needed topics, by their number
+    parameters: dict[str, float] = field(default_factory=dict)
+    about: dict[str, bytes] = field(default_factory=dict)
+    dropouts_ms: list[int] = field(default_factory=list)
     skipped_bytes: int = 0  # Bytes that belong to no plausible message
-    rejected_messages: int = 0  # Messages with an impossible content
-    rejected: Counter[int] = field(default_factory=Counter)  # Those of topics, by their number
-    names: dict[int, str] = field(default_factory=dict)  # Topics that are kept, by their number
+    rejected_messages: int = 0  # Messages with an impossible content, besides those of topics
     cut_bytes: int = 0  # Bytes of an incomplete last message
     lost_topics: list[str] = field(default_factory=list)
-    about: dict[str, bytes] = field(default_factory=dict)
     _formats: dict[str, bytes] = field(default_factory=dict)
-    _kept_formats: set[str] = field(default_factory=set)
-    _unsound: set[str] = field(default_factory=set)
-    _sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
+    _layouts: dict[str, tuple[np.dtype[np.void], int, int] | None] = field(default_factory=dict)
     _subscribed: set[int] = field(default_factory=set)
     _others: dict[int, int] = field(default_factory=dict)  # Messages of numbers that are not kept
     _searched_bytes: int = 0
@@ -207,29 +219,19 @@ class CleanLog:
         """Messages of topics whose subscription is not there."""
         return sum(count for number, count in self._others.items() if number not in self._subscribed)
 
-    @property
-    def content(self) -> bytes:
-        """The clean file, with the first message of each topic."""
-        first = [
-            _message(_DATA, struct.pack("<H", number) + rows[0]) for number, rows in self.rows.items() if rows
-        ]
-        return b"".join((self.definitions, self.data, *first))
 
-
-def clean_log(data: memory_map | bytes, topics: Collection[str], name: str) -> CleanLog:
+def read_content(data: memory_map | bytes, topics: Collection[str], name: str) -> UlogContent:
     """Walk the messages of `data` and keep those that the `topics` need."""
     if len(data) < _HEADER_BYTES:
         expected = f"a ULog header of {_HEADER_BYTES} bytes"
         received = f"'{name}' with {len(data)} bytes"
         raise CorruptLogError(expected, received, "The file is cut right at its start; copy it again.")
-    # The version byte is set to the newest known one: the layout has been the same since.
-    log = CleanLog(bytearray(data[:7]) + b"\x01" + bytes(data[8:_HEADER_BYTES]))
+    log = UlogContent(int.from_bytes(data[8:_HEADER_BYTES], "little"))
     bounds = [*_appended_offsets(data, name), len(data)]
     start, in_definitions = _HEADER_BYTES, True
     for end in bounds:
         for kind, payload in _messages(data, start, end, log):
-            if in_definitions and kind in b"ALC":
-                in_definitions = False
+            in_definitions = in_definitions and kind not in b"ALC"
             take = _take_definition if in_definitions else partial(_take_other, topics=topics)
             log.rejected_messages += not take(log, kind, payload)
         start = end
@@ -256,24 +258,25 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
     return sorted({offset for offset in offsets if lowest < offset < len(data)})
 
 
-def _messages(data: memory_map | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
+def _messages(
+    data: memory_map | bytes, start: int, end: int, log: UlogContent
+) -> Iterator[tuple[int, bytes]]:
     """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
     head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
-    sizes, rows, others = log._sizes, log.rows, log._others
+    subscriptions, others = log.subscriptions, log._others
     position = start
     while position + 3 <= end:
         size, kind = head(data, position)
         after = position + 3 + size
         if kind == _DATA and size > 1 and after <= end:
             number = subscription(data, position + 3)[0]
-            if number in sizes:
-                least, most = sizes[number]
-                if least <= size - 2 <= most:
-                    rows[number].append(data[position + 5 : position + 5 + least])
-                else:
-                    log.rejected[number] += 1
-            else:
+            known = subscriptions.get(number)
+            if known is None:
                 others[number] = others.get(number, 0) + 1
+            elif known.least <= size - 2 <= known.most:
+                known.rows.append(data[position + 5 : position + 5 + known.least])
+            else:
+                known.rejected += 1
             position = after
             continue
         plausible = kind in _KNOWN_TYPES and size > 0
@@ -302,7 +305,7 @@ def _starts_message(data: memory_map | bytes, position: int, end: int) -> bool:
     return kind in _KNOWN_TYPES and size > 0 and position + 3 + size <= end
 
 
-def _resume(data: memory_map | bytes, position: int, end: int, log: CleanLog) -> int:
+def _resume(data: memory_map | bytes, position: int, end: int, log: UlogContent) -> int:
     """Offset at which the chain of messages goes on after a break; `end` when it does not."""
     if log._markless_end != end:
         mark = data.find(SYNC_MARK, position, end)
@@ -322,99 +325,93 @@ def _resume(data: memory_map | bytes, position: int, end: int, log: CleanLog) ->
     return end
 
 
-def _text(payload: bytes) -> str | None:
-    """Text of a message; None when it is none, as then a byte of it is damaged and any other may be."""
+def _text(payload: bytes) -> str:
+    """Text of a message; none where it is damaged, as then any other byte of it may be."""
     try:
         return payload.decode("utf-8")
     except UnicodeDecodeError:
-        return None
+        return ""
 
 
-def _message(kind: int, payload: bytes) -> bytes:
-    return struct.pack("<HB", len(payload), kind) + payload
-
-
-def _take_definition(log: CleanLog, kind: int, payload: bytes) -> bool:
-    """Remember a format, keep a parameter; the decoder needs no other definitions. False for unsound ones."""
+def _take_definition(log: UlogContent, kind: int, payload: bytes) -> bool:
+    """Remember formats, parameters and what the log says of itself. False for unsound ones."""
     if kind == ord("F"):
-        name, colon, _ = (_text(payload) or "").partition(":")
-        sound = bool(colon) and name not in log._formats
+        name, colon, _ = _text(payload).partition(":")
+        sound = bool(name and colon) and name not in log._formats
         if sound:
             log._formats[name] = payload
         return sound
-    if kind == ord("P"):
-        size = payload[0]
-        words = (_text(payload[1 : 1 + size]) or "").split(" ")
-        known = len(words) == 2 and words[0] in ("int32_t", "float") and words[1] != ""
-        sound = known and len(payload) == 5 + size
-        if sound:
-            log.definitions += _message(kind, payload)
-        return sound
+    if kind not in b"PI":
+        return True
+    size = payload[0]
+    type_name, _, key = _text(payload[1 : 1 + size]).partition(" ")
+    value = payload[1 + size :]
     if kind == ord("I"):
-        size = payload[0]
-        words = (_text(payload[1 : 1 + size]) or "").split(" ")
-        if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
-            log.about.setdefault(words[1], payload[1 + size :])
-    return True
-
-
-def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> bool:
-    """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
-    if kind == ord("A"):
-        return _take_subscription(log, payload, topics)
-    sound = kind != ord("O") or len(payload) == 2
-    if kind == ord("O") and sound:
-        log.data += _message(kind, payload)
+        if key in ABOUT and type_name.partition("[")[0] == ABOUT[key]:
+            log.about.setdefault(key, value)
+        return True
+    sound = type_name in _PARAMETER_CODES and key != "" and " " not in key and len(value) == 4
+    if sound:
+        log.parameters[key] = float(struct.unpack(_PARAMETER_CODES[type_name], value)[0])
     return sound
 
 
-def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -> bool:
+def _take_other(log: UlogContent, kind: int, payload: bytes, topics: Collection[str]) -> bool:
+    """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
+    if kind == ord("A"):
+        return _take_subscription(log, payload, topics)
+    is_dropout, sound = kind == ord("O"), kind != ord("O") or len(payload) == 2
+    if is_dropout and sound:
+        log.dropouts_ms.append(int.from_bytes(payload, "little"))
+    return sound
+
+
+def _take_subscription(log: UlogContent, payload: bytes, topics: Collection[str]) -> bool:
     """Keep a subscription whose format is sound; a number is never given to a second topic."""
     name = _text(payload[3:])
-    if name is None or name not in log._formats:  # damaged, or its format is
-        if name is not None and name in topics:
-            log.lost_topics.append(name)
-        return False
+    is_known = name in log._formats  # else it is damaged, or its format is
     number = int.from_bytes(payload[1:3], "little")
-    log._subscribed.add(number)
-    if name not in topics:
-        return True
-    if name in log._unsound or number in log._sizes or len(log._sizes) >= MAX_SUBSCRIPTIONS:
-        return False
-    used: set[str] = set()
-    flat = _flatten(log, name, "", MAX_NESTING, used) or []
-    if ("timestamp", "uint64_t") not in flat or len({label for label, _ in flat}) != len(flat):
-        log._unsound.add(name)
+    if is_known:
+        log._subscribed.add(number)
+        if name not in topics:
+            return True
+        if number in log.subscriptions or len(log.subscriptions) >= MAX_SUBSCRIPTIONS:
+            return False
+    if name not in log._layouts:
+        log._layouts[name] = _layout(log, name)
+    layout = log._layouts[name]
+    if layout is not None:
+        log.subscriptions[number] = Subscription(name, payload[0], *layout)
+    elif name in topics:
         log.lost_topics.append(name)
-        return False
-    for needed in sorted(used - log._kept_formats):
-        log.definitions += _message(ord("F"), log._formats[needed])
-    log._kept_formats |= used
-    full = sum(_FIELD_BYTES[kind] for _, kind in flat)
+    return layout is not None
+
+
+def _layout(log: UlogContent, name: str) -> tuple[np.dtype[np.void], int, int] | None:
+    """Layout of a topic, its length, and that with padding [bytes]; None of an unsound format."""
+    flat = _flatten(log, name, "", MAX_NESTING) or []
+    if ("timestamp", _FIELD_CODES["uint64_t"]) not in flat or len(dict(flat)) != len(flat):
+        return None
+    most = np.dtype(flat).itemsize
     while flat[-1][0].startswith("_padding"):
         flat.pop()
-    log._sizes[number] = (sum(_FIELD_BYTES[kind] for _, kind in flat), full)
-    log.rows[number], log.names[number] = [], name
-    log.data += _message(ord("A"), payload)
-    return True
+    layout = np.dtype(flat)
+    return layout, layout.itemsize, most
 
 
-def _flatten(
-    log: CleanLog, name: str, prefix: str, depth: int, used: set[str]
-) -> list[tuple[str, str]] | None:
-    """Flat fields (name, type) of a format; None when it is unknown, malformed, too deep or too long."""
+def _flatten(log: UlogContent, name: str, prefix: str, depth: int) -> list[tuple[str, str]] | None:
+    """Flat fields (name, code) of a format; None when it is unknown, malformed, too deep or too long."""
     fields = _fields(log._formats.get(name, b"")) if depth else None
     if fields is None:
         return None
-    used.add(name)
     flat: list[tuple[str, str]] = []
     for kind, count, field_name in fields:
         labels = [f"{prefix}{field_name}[{i}]" for i in range(min(count, MAX_FIELDS + 1))]
         for label in labels or [f"{prefix}{field_name}"]:
-            if kind in _FIELD_BYTES:
-                flat.append((label, kind))
+            if kind in _FIELD_CODES:
+                flat.append((label, _FIELD_CODES[kind]))
             else:
-                nested = _flatten(log, kind, f"{label}.", depth - 1, used)
+                nested = _flatten(log, kind, f"{label}.", depth - 1)
                 if nested is None:
                     return None
                 flat += nested
@@ -425,7 +422,7 @@ def _flatten(
 
 def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
     """Fields (type, number, name) of a format; None when one is malformed. A plain field has number 0."""
-    texts = [text for text in (_text(payload) or "").partition(":")[2].split(";") if text]
+    texts = [text for text in _text(payload).partition(":")[2].split(";") if text]
     fields: list[tuple[str, int, str]] = []
     for text in texts[: MAX_FIELDS + 1]:
         words = text.split(" ")
@@ -444,13 +441,12 @@ PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic no
 def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        clean = clean_log(data, PARSED, file.name)
-    ulog, printed = _decode(clean, file)
-    findings = _file_findings(clean, ulog, printed)
-    parameters = _parameters(ulog)
-    topics = _topics(ulog, clean.rows, findings)
+        content = read_content(data, PARSED, file.name)
+    findings = _file_findings(content)
+    parameters = {key: value for key, value in sorted(content.parameters.items()) if np.isfinite(value)}
+    topics = _topics(content, findings)
     neighbours = {name: topics.pop(name) for name in px4.ORIGIN_TOPICS if name in topics}
-    start = np.uint64(ulog.start_timestamp)
+    start = np.uint64(content.start_us)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
         expected = f"a ULog with flight data (one of the topics {', '.join(px4.NEEDED_TOPICS)})"
@@ -466,69 +462,39 @@ def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
         looked_for=px4.LOOKED_FOR,
         findings=(*findings, *common.channel_findings(channels)),
         vehicle=px4.vehicle_of(topics, parameters),
-        origin=px4.ulog_origin(clean.about, neighbours, start, parameters),
+        origin=px4.ulog_origin(content.about, neighbours, start, parameters),
     )
 
 
-def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
-    """Decode the clean messages; what still goes wrong is a damaged file, as is what the decoder prints."""
-    from pyulog.core import ULog, ULogException
-
-    printed = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(printed):
-            ulog = ULog(io.BytesIO(clean.content), list(PARSED), disable_str_exceptions=True)
-    except (ULogException, *common.DECODER_ERRORS) as error:
-        received = f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})"
-        remedy = "The file is damaged; copy it from the vehicle again."
-        raise CorruptLogError("a readable ULog", received, remedy) from error
-    return ulog, bool(printed.getvalue())
-
-
-def _parameters(ulog: Any) -> dict[str, float]:
-    values = {str(key): float(value) for key, value in ulog.initial_parameters.items()}
-    return {key: value for key, value in sorted(values.items()) if np.isfinite(value)}
-
-
-def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
+def _file_findings(content: UlogContent) -> list[Finding]:
     sentence = "The log ends within a message ({} bytes of it are there)."
-    findings = common.noted("truncated", sentence, clean.cut_bytes)
-    messages = clean.rejected_messages + clean.rejected.total()
-    if clean.skipped_bytes or messages or ulog.file_corruption or printed:
-        lost = (
-            f", with them all of {', '.join(dict.fromkeys(clean.lost_topics))}" if clean.lost_topics else ""
-        )
-        damage = f"{clean.skipped_bytes} bytes and {messages} messages{lost}"
+    findings = common.noted("truncated", sentence, content.cut_bytes)
+    rejecting = [item for item in content.subscriptions.values() if item.rejected]
+    messages = content.rejected_messages + sum(item.rejected for item in rejecting)
+    if content.skipped_bytes or messages:
+        lost = ", ".join(dict.fromkeys(content.lost_topics))
+        damage = f"{content.skipped_bytes} bytes and {messages} messages"
+        damage += f", with them all of {lost}" if lost else ""
         findings.append(Finding("corrupt_parts", f"Damaged parts were left out: {damage}."))
-    rejected = (
-        (clean.names[number], lost, len(clean.rows[number])) for number, lost in clean.rejected.items()
-    )
-    texts = [f"{name} {lost} of {lost + kept}" for name, lost, kept in rejected]
-    nameless = clean.nameless_messages
+    texts = [f"{item.name} {item.rejected} of {item.rejected + len(item.rows)}" for item in rejecting]
+    nameless = content.nameless_messages
     texts += [f"{nameless} of topics whose names are damaged"] if nameless else []
     sentence = "Messages that are there and cannot be read: {}."
     findings += common.noted("lost_messages", sentence, texts)
-    total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
+    total = sum(content.dropouts_ms) * 1e-3
     sentence = f"The logger lost data {{}} times, {total:.3g} s in total."
-    return findings + common.noted("dropouts", sentence, len(ulog.dropouts))
+    return findings + common.noted("dropouts", sentence, len(content.dropouts_ms))
 
 
-def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, px4.Topic]:
+def _topics(content: UlogContent, findings: list[Finding]) -> dict[str, px4.Topic]:
     instances: dict[str, list[px4.Topic]] = {}
-    for data in ulog.data_list:
-        fields = _table(data.data, rows[data.msg_id])
-        instances.setdefault(data.name, []).append(px4.Topic(data.name, int(data.multi_id), fields))
+    for item in content.subscriptions.values():
+        if item.rows:
+            instances.setdefault(item.name, []).append(item.topic())
     return {
         name: px4.choose_instance(candidates, findings if name in px4.NEEDED_TOPICS else [])
         for name, candidates in instances.items()
     }
-
-
-def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.ndarray]:
-    """Fields of all messages of a topic, of the decoder's fields of the first."""
-    layout = np.dtype([(name, values.dtype) for name, values in first.items()])
-    table = np.frombuffer(b"".join(rows), dtype=layout)
-    return {name: table[name] for name in first}
 
 
 # -- Formats --
