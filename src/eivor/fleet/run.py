@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -77,15 +77,10 @@ class Shard:
         except SupersededError:
             return 0
         finally:  # an interrupt keeps what was done, too
-            self._write(rows)
+            with suppress(SupersededError):
+                if rows and not self.only_reports:
+                    self.folder.write(rows)
         return len(rows)
-
-    def _write(self, rows: list[dict[str, Any]]) -> None:
-        if rows and not self.only_reports:
-            try:
-                self.folder.write(rows)
-            except SupersededError:
-                rows.clear()
 
     def _row(self, log: Log) -> dict[str, Any]:
         """Row of a log, whose report is written here: what fails at that is not the log's fault."""

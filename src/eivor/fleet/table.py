@@ -131,47 +131,36 @@ NUMBERS, VERDICT = ("value", "std_error", "low", "high"), "verdict"
 #: Before the name of a diagnostic.
 DIAGNOSTIC = "diagnostic."
 
-#: Columns before those of the quantities, and after them.
-LEADING: Mapping[str, Any] = {
-    **dict.fromkeys(("sha256", "name", "copy_of", "vehicle", "type", "motion", "firmware"), pl.String()),
-    "start": pl.Datetime("us", "UTC"),
-    "duration_s": pl.Float64(),
-    "verdict": pl.String(),
-    "reason": pl.String(),
+_TEXT, _NUMBER, _TIME = pl.String(), pl.Float64(), pl.Datetime("us", "UTC")
+#: Columns before those of the quantities, and after them: type, what it is, and in which unit.
+LEADING: Mapping[str, tuple[Any, str, str]] = {
+    "sha256": (_TEXT, "hash of the log's bytes; null when it could not be opened", ""),
+    "name": (_TEXT, "path of the log from the given folder", ""),
+    "copy_of": (_TEXT, "hash of the log that this one repeats", ""),
+    "vehicle": (_TEXT, "what flew", ""),
+    "type": (_TEXT, "kind of vehicle", ""),
+    "motion": (_TEXT, "what was identified", ""),
+    "firmware": (_TEXT, "name and version", ""),
+    "start": (_TIME, "first second of the log, UTC", ""),
+    "duration_s": (_NUMBER, "from the first stamp to the last", "s"),
+    "verdict": (_TEXT, "identified, weak, provisional, refused, failed or copy", ""),
+    "reason": (_TEXT, "sentences", ""),
 }
-TRAILING: Mapping[str, Any] = {
-    "covariance": pl.List(pl.Float64()),
-    "covariance_names": pl.List(pl.String()),
-    **dict.fromkeys(("battery_voltage", "temperature", "air_density"), pl.Float64()),
-    "eivor_version": pl.String(),
-    "options_hash": pl.String(),
+TRAILING: Mapping[str, tuple[Any, str, str]] = {
+    "covariance": (pl.List(_NUMBER), "joint covariance, row by row", ""),
+    "covariance_names": (pl.List(_TEXT), "names of its rows", ""),
+    "battery_voltage": (_NUMBER, "mean over the log", "V"),
+    "temperature": (_NUMBER, "mean of the air over the log", "°C"),
+    "air_density": (_NUMBER, "mean over the log", "kg/m^3"),
+    "eivor_version": (_TEXT, "version that made the row", ""),
+    "options_hash": (_TEXT, "hash of the options that made the row", ""),
 }
 #: By which rows are sorted: a log has one row for each motion.
 ORDER = ("motion", "name", "sha256")
 
 Row = Mapping[str, Any]
 
-#: What columns are, and in which unit; of a quantity, by the part after its name.
-WORDS: Mapping[str, tuple[str, str]] = {
-    "sha256": ("hash of the log's bytes; null when it could not be opened", ""),
-    "name": ("path of the log from the given folder", ""),
-    "copy_of": ("hash of the log that this one repeats", ""),
-    "vehicle": ("what flew", ""),
-    "type": ("kind of vehicle", ""),
-    "motion": ("what was identified", ""),
-    "firmware": ("name and version", ""),
-    "start": ("first second of the log, UTC", ""),
-    "duration_s": ("from the first stamp to the last", "s"),
-    "verdict": ("identified, weak, provisional, refused, failed or copy", ""),
-    "reason": ("sentences", ""),
-    "covariance": ("joint covariance, row by row", ""),
-    "covariance_names": ("names of its rows", ""),
-    "battery_voltage": ("mean over the log", "V"),
-    "temperature": ("mean of the air over the log", "°C"),
-    "air_density": ("mean over the log", "kg/m^3"),
-    "eivor_version": ("version that made the row", ""),
-    "options_hash": ("hash of the options that made the row", ""),
-}
+#: What the columns of a quantity are, by the part after its name.
 PART_WORDS = {
     "value": "estimate",
     "std_error": "standard error",
@@ -186,12 +175,12 @@ def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[
     results: dict[str, dict[str, Any]] = {}
     for name, kind in types.items():
         quantity, _, part = name.rpartition(".")
-        text = "string" if kind in (pl.String(), pl.Datetime("us", "UTC")) else "number"
+        text = "string" if kind in (_TEXT, _TIME) else "number"
         about: dict[str, Any] = {"type": [text, "null"]}
         if isinstance(kind, pl.List):
-            item = {"type": "string" if kind.inner == pl.String() else "number"}
+            item = {"type": "string" if kind.inner == _TEXT else "number"}
             about = {"type": ["array", "null"], "items": item}
-        words, unit = WORDS.get(name, (PART_WORDS.get(part, ""), ""))
+        _, words, unit = {**LEADING, **TRAILING}.get(name, (kind, PART_WORDS.get(part, ""), ""))
         if name.startswith(DIAGNOSTIC):
             words = f"diagnostic {part}"
         spec = None if motion is None else motion.quantities.get(quantity)
@@ -211,8 +200,8 @@ def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
 
 def _types(names: Set[str]) -> dict[str, Any]:
     """Columns of a table in order, each with its type."""
-    known = {**LEADING, **TRAILING}
-    of_quantity = {name: pl.String() if name.endswith(f".{VERDICT}") else pl.Float64() for name in names}
+    known = {name: kind for name, (kind, _, _) in {**LEADING, **TRAILING}.items()}
+    of_quantity = {name: _TEXT if name.endswith(f".{VERDICT}") else _NUMBER for name in names}
     return {name: {**of_quantity, **known}[name] for name in _in_order(set(names) - known.keys())}
 
 
@@ -311,8 +300,8 @@ PACKAGES = ("eivor", "numpy", "scipy", "polars")
 DAMAGED = "damaged-"
 #: Digits of a pending part's name.
 NAME_DIGITS = 24
-#: Part of a motion's logs that could not be opened, written anew by every run; a pattern of its earlier ones.
-UNOPENED, SHARES = "part-unopened-{motion}.parquet", "part-unopened-{motion}-??.parquet"
+#: Part of a motion's logs that could not be opened, written anew by every run.
+UNOPENED = "part-unopened-{motion}.parquet"
 #: What every column is, as a JSON Schema of a row.
 COLUMNS = "schema.json"
 #: Columns that say what is there.
@@ -440,20 +429,18 @@ class FleetFolder:
 
     def replace_unopened(self, logs: pl.DataFrame, options: FleetOptions) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones of these logs."""
-        named, path = NamedRow(options), self._of_motion(UNOPENED, options.motion)
-        shares = sorted(path.parent.glob(SHARES.format(motion=options.motion)))
-        with report_fleet_errors(self.folder):
-            before = [_part(file, None) for file in (path, *shares) if file.exists()]
+        named, path = NamedRow(options), self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
         now = LogList(logs.filter(pl.col("sha256").is_null())).pages()
         frames = [flight_frame([failed_row(named(log), log.problem) for log in page]) for page in now]
-        frames += [part.join(logs, on="name", how="anti") for part in before]
-        table = pl.concat([flight_frame([]), *frames], how="diagonal")
-        self.check_run()
         with report_fleet_errors(self.folder):
+            if path.exists():
+                frames.append(_part(path, None).join(logs, on="name", how="anti"))
+            table = pl.concat([flight_frame([]), *frames], how="diagonal")
+            self.check_run()
             if table.height:
                 self._put(path, table, _types(set(table.columns)))
-            for file in shares if table.height else (path, *shares):
-                file.unlink(missing_ok=True)
+            else:
+                path.unlink(missing_ok=True)
 
     def merge(self, motion: Motion[Any] | None = None) -> None:
         """Take pending and earlier parts into the table's, which all get the same columns.
@@ -468,7 +455,11 @@ class FleetFolder:
                 path.unlink()
             there = {path: list(pl.read_parquet_schema(_parquet(path))) for path in files}
             types = _types({name for names in there.values() for name in names})
-            kept = [path for path in files if _is_kept(path)]
+            by_name = (
+                _NUMBERED.pattern,
+                UNOPENED.format(motion=".*"),
+            )  # any other is taken into one of these
+            kept = [path for path in files if any(re.fullmatch(known, path.name) for known in by_name)]
             for path in kept:
                 if there[path] != list(types):
                     self._put(path, _part(path, None), types, _merged(path))
@@ -526,12 +517,8 @@ class FleetFolder:
             "type": "object",
             "properties": {name: about[name] for name in types},
         }
-        text = json.dumps(document, indent=2) + "\n"
         if about != known:
-            _write(path, text)
-
-    def _of_motion(self, pattern: str, motion: str) -> Path:
-        return self.folder / FLIGHTS / pattern.format(motion=motion)
+            _write(path, json.dumps(document, indent=2) + "\n")
 
 
 def _write(path: Path, content: bytes | str) -> None:
@@ -549,12 +536,6 @@ def _parquet(path: Path) -> Path | io.BytesIO:
 
 def _part_bytes(table: pl.DataFrame, facts: Mapping[str, str] | None = None) -> bytes:
     return sealed(table, {"eivor.fleet": SCHEMA, **(facts or {})})
-
-
-def _is_kept(path: Path) -> bool:
-    """Whether a part stays under its name; any other is taken into one that does."""
-    of_unopened = UNOPENED.partition("{")[0]
-    return _NUMBERED.fullmatch(path.name) is not None or path.name.startswith(of_unopened)
 
 
 def _versions_text(versions: Mapping[str, Any]) -> str:

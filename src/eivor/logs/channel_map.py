@@ -366,11 +366,6 @@ class ChannelMap:
     origin: str  # File of the map, for messages
     airframe: str = ""
 
-    @property
-    def required_columns(self) -> tuple[str, ...]:
-        """Columns without which the map does not fit a table."""
-        return self.needed_by(rule for rule in self.rules if not rule.optional)
-
     def needed_by(self, rules: Iterable[ChannelRule]) -> tuple[str, ...]:
         """Columns of some rules, behind that of the time."""
         return tuple(dict.fromkeys((self.time_column, *columns_of(rules))))

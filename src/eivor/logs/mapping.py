@@ -140,7 +140,7 @@ def fitting_map(
         return canonical, None
     for name in shipped_maps():
         shipped = load_channel_map(name)
-        if set(shipped.required_columns) <= set(names):
+        if set(shipped.needed_by(rule for rule in shipped.rules if not rule.optional)) <= set(names):
             message = f"The shipped channel map '{name}' fits the table's columns and is used."
             return shipped, Finding("channel_map", message)
     lines = suggested_map(names, units)

@@ -355,23 +355,13 @@ class Event:
         return common.Columns({name: self.values(name) for name in names}, seconds=clocks)
 
 
-@dataclass(slots=True)
-class _RecordWalk:
-    """Where records begin, by id, and the bytes that belong to none."""
-
-    offsets: dict[int, array[int]]
-    skipped: int = 0
-    left: int = 0
-    searched: int = 0
-
-
 def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]]:
     """Return the events of a log that have a record, on one clock, and what is wrong with the file."""
     body = memoryview(data)[:-CHECKSUM_BYTES]
     sound = len(data) >= header.length + CHECKSUM_BYTES and (
         zlib.crc32(body) == struct.unpack_from("<I", data, len(data) - CHECKSUM_BYTES)[0]
     )
-    walk = _walk(data, header, len(body) if sound else len(data))
+    walk = _RecordWalk(data, header, len(body) if sound else len(data))
     findings = _damage(walk, sound)
     results = {}
     for item in header.types:
@@ -397,86 +387,80 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     return events, findings
 
 
-def _walk(data: bytes, header: Header, end: int) -> _RecordWalk:
-    sizes = {item.number: item.record.itemsize for item in header.types}
-    walk = _RecordWalk({number: array("q") for number in sizes})
-    unpack = struct.Struct("<H").unpack_from
-    position, run, last = header.length, 0, -1
-    while position + 2 <= end:
-        number = unpack(data, position)[0]
-        size = sizes.get(number)
-        if size is None:
-            resumed = _resumed(data, position + 1, end, header, walk)
-            if resumed is None:
+_id_at = struct.Struct("<H").unpack_from
+
+
+class _RecordWalk:
+    """Where records begin, by id, and the bytes that belong to none."""
+
+    def __init__(self, data: bytes, header: Header, end: int) -> None:
+        self.data, self.header, self.end = data, header, end
+        self.sizes = sizes = {item.number: item.record.itemsize for item in header.types}
+        self.offsets = offsets = {number: array("q") for number in sizes}
+        self.skipped = self.searched = 0
+        position, run, last = header.length, 0, -1
+        while position + 2 <= end:
+            number = _id_at(data, position)[0]
+            size = sizes.get(number)
+            if size is None:
+                resumed = self._resumed(position + 1)
+                if resumed is None:
+                    break
+                self.skipped += resumed - position
+                position, run = resumed, 0
+                continue
+            if position + size > end:
                 break
-            walk.skipped += resumed - position
-            position, run = resumed, 0
-            continue
-        if position + size > end:
-            break
-        walk.offsets[number].append(position)
-        position += size
-        run = run + 1 if number == last else 0
-        last = number
-        if run >= RUN:
-            more = _run_length(data, position, end, number, size)
-            walk.offsets[number].extend(range(position, position + more * size, size))
-            position, run = position + more * size, 0
-    walk.left = max(end - position, 0)
-    return walk
+            offsets[number].append(position)
+            position += size
+            run = run + 1 if number == last else 0
+            last = number
+            if run >= RUN:  # whole records of this type, many at a time
+                count = min((end - position) // size, BLOCK)
+                others = np.flatnonzero(self._anywhere("<u2", position, count, size) != number)
+                after = position + (int(others[0]) if others.size else count) * size
+                offsets[number].extend(range(position, after, size))
+                position, run = after, 0
+        self.left = max(end - position, 0)
 
+    def _anywhere(self, kind: str | np.dtype[Any], position: int, count: int, step: int) -> np.ndarray:
+        """What stands at so many places, from one on."""
+        return np.ndarray((count,), kind, self.data, position, (step,))
 
-def _run_length(data: bytes, position: int, end: int, number: int, size: int) -> int:
-    """How many whole records of one type stand at a place in a row, at most `BLOCK`."""
-    count = min((end - position) // size, BLOCK)
-    if count == 0:
-        return 0
-    ids = np.ndarray((count,), dtype="<u2", buffer=data, offset=position, strides=(size,))
-    other = np.flatnonzero(ids != number)
-    return int(other[0]) if other.size else count
-
-
-def _resumed(data: bytes, position: int, end: int, header: Header, walk: _RecordWalk) -> int | None:
-    """Where the next records begin that follow each other; None when they are not found."""
-    sizes = {item.number: item.record.itemsize for item in header.types}
-    if not sizes:
+    def _resumed(self, position: int) -> int | None:
+        """Where the next records begin that follow each other; None when they are not found."""
+        while self.sizes and self.searched < MAX_SEARCH_BYTES and position < self.end:
+            self.searched += SEARCH_BLOCK
+            for candidate in self._candidates(position):
+                if self._chained(candidate):
+                    return candidate
+            position += SEARCH_BLOCK
         return None
-    while walk.searched < MAX_SEARCH_BYTES and position < end:
-        walk.searched += SEARCH_BLOCK
-        for _candidate in _candidates(data, position, end, header, walk):
-            if _follow(data, _candidate, end, sizes):
-                return _candidate
-        position += SEARCH_BLOCK
-    return None
 
+    def _candidates(self, position: int) -> list[int]:
+        """Places in a block at which an id stands that is known, before a stamp that can be of this log."""
+        stamp = self.header.types[0].record["stamp"]
+        count = min(SEARCH_BLOCK, self.end - position - 1 - stamp.itemsize)
+        if count <= 0:
+            return []
+        plausible = np.isin(self._anywhere("<u2", position, count, 1), list(self.sizes))
+        started = [item[0] for item in self.offsets.values() if item]
+        if started:
+            first = int(self._anywhere(stamp, min(started) + 2, 1, 1)[0])
+            time_s = _seconds(self._anywhere(stamp, position + 2, count, 1), first, self.header.tick_s)
+            plausible &= (time_s >= 0.0) & (time_s <= LONGEST_LOG_S)
+        return (position + np.flatnonzero(plausible)).tolist()
 
-def _candidates(data: bytes, position: int, end: int, header: Header, walk: _RecordWalk) -> list[int]:
-    """Places in a block at which an id stands that is known, before a stamp that can be of this log."""
-    stamp = header.types[0].record["stamp"]
-    count = min(SEARCH_BLOCK, end - position - 1 - stamp.itemsize)
-    if count <= 0:
-        return []
-    ids = np.ndarray((count,), dtype="<u2", buffer=data, offset=position, strides=(1,))
-    plausible = np.isin(ids, [item.number for item in header.types])
-    started = [item[0] for item in walk.offsets.values() if item]
-    if started:
-        stamps = np.ndarray((count,), dtype=stamp, buffer=data, offset=position + 2, strides=(1,))
-        first = int(np.ndarray((1,), dtype=stamp, buffer=data, offset=min(started) + 2)[0])
-        time_s = _seconds(stamps, first, header.tick_s)
-        plausible &= (time_s >= 0.0) & (time_s <= LONGEST_LOG_S)
-    return [position + int(offset) for offset in np.flatnonzero(plausible)]
-
-
-def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> bool:
-    """Say whether several records follow each other from a place on, or up to the end."""
-    for _ in range(CHAIN):
-        if position + 2 > end:
-            return position == end
-        size = sizes.get(struct.unpack_from("<H", data, position)[0])
-        if size is None or position + size > end:
-            return False
-        position += size
-    return True
+    def _chained(self, position: int) -> bool:
+        """Say whether several records follow each other from a place on, or up to the end."""
+        for _ in range(CHAIN):
+            if position + 2 > self.end:
+                return position == self.end
+            size = self.sizes.get(_id_at(self.data, position)[0])
+            if size is None or position + size > self.end:
+                return False
+            position += size
+        return True
 
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:

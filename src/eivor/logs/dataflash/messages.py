@@ -49,11 +49,6 @@ class Field:
     offset: int
     factor: float
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether it is a whole number that stands for itself."""
-        return self.kind.kind in "iu" and self.factor == 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class MessageType:

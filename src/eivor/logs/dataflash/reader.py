@@ -5,7 +5,6 @@ from __future__ import annotations
 import mmap
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +81,7 @@ def read_dataflash(file: Path, _options: ReadOptions) -> Recording:
     )
 
 
-def _add_all(reading: ardupilot.MessageReading) -> None:
+def _add_all(reading: ardupilot.MessageReading) -> KeptChannels:
     counts = {name: table.count for name, table in reading.tables.items()}
     sources = ardupilot.CHANNEL_SOURCES, ardupilot.CHOSEN_BY_RATE
     for name, source in in_preference(*sources, lambda source: counts.get(source.message, 0)):
@@ -96,16 +95,8 @@ def _add_all(reading: ardupilot.MessageReading) -> None:
     channels.add_outputs(reading)
     channels.add_rotor_speeds(reading)
     reading.forget_clocks()
-    reading.channels.cut = partial(_channels_of_part, reading)
-
-
-def _channels_of_part(
-    reading: ardupilot.MessageReading, start_s: float, end_s: float, step_s: float
-) -> KeptChannels:
-    """Channels of the messages from one second to another, so far apart."""
-    part = reading.part(start_s, end_s, step_s)
-    _add_all(part)
-    return part.channels
+    reading.channels.cut = lambda *part: _add_all(reading.part(*part))
+    return reading.channels
 
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:

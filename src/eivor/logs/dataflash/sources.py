@@ -88,7 +88,8 @@ class MessageSource:
 
     def factor_in(self, table: Messages) -> float:
         """Return what one of the column's unit is in the channel's, by the firmware that wrote a log."""
-        is_old = table.clock == "TimeMS" or table.layout.fields[self.column].is_whole
+        stored = table.layout.fields[self.column]
+        is_old = table.clock == "TimeMS" or (stored.kind.kind in "iu" and stored.factor == 1.0)
         if self.old_factor == THOUSANDTH and not is_old:
             is_old = bool(np.nanmax(table.values(self.column), initial=0.0) > LARGEST_SHARE)
         return self.factor * (self.old_factor if is_old else 1.0)

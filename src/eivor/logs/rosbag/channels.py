@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import EmptyLogError, InputError
-from eivor.logs.channel_map import load_channel_map
+from eivor.logs.channel_map import columns_of, load_channel_map
 from eivor.logs.common import (
     FolderParts,
     LogFormat,
@@ -328,7 +328,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
     return LogFormat(
         name,
         label,
-        lambda head, file: head.startswith(magic) or (folders and containers.is_bag_folder(file)),
+        lambda head, file: head.startswith(magic) or (folders and bool(containers.bag_candidates(file))),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
         advice=advised(_TABLES["advice"]["all"], _advice),
@@ -360,7 +360,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     looked: Mapping[str, tuple[str, ...]]
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
-        named = ros.mapped_topics(chosen)
+        named = set(map(ros.topic_of, columns_of(chosen.rules)))
         contents = ros.read_contents(files, lambda topic, _kind: topic in named, findings, options.max_bytes)
         channels = ros.map_channels(chosen, contents, path.name, findings)
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)

@@ -123,14 +123,9 @@ _PART = re.compile(r"(.*?)(?:_(\d+))?\.(bag|db3|mcap)(?:\.zstd)?")
 MAX_PARTS = 10_000
 
 
-def is_bag_folder(folder: Path) -> bool:
-    """Say whether a folder holds files of a bag."""
-    return folder.is_dir() and bool(_candidates(folder))
-
-
 def bag_parts(folder: Path) -> FolderParts:
     """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it."""
-    candidates = _candidates(folder)
+    candidates = bag_candidates(folder)
     names = {match[1] for file in candidates if (match := _PART.fullmatch(file.name)) is not None}
     has_metadata = (folder / METADATA).is_file()
     if not candidates or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
@@ -143,7 +138,7 @@ def bag_files(path: Path) -> list[Path]:
     """Return the files of a bag, in their order."""
     if not path.is_dir():
         return [path]
-    candidates = _candidates(path)
+    candidates = bag_candidates(path)
     parts = {file: _PART.fullmatch(file.name) for file in candidates}
     names = {(match[1], match[3]) for match in parts.values() if match is not None}
     if len(names) > 1:
@@ -154,7 +149,10 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(candidates, key=lambda file: int((parts[file] or [0, 0, 0])[2] or 0))
 
 
-def _candidates(folder: Path) -> list[Path]:
+def bag_candidates(folder: Path) -> list[Path]:
+    """Return the files of a folder that are called like those of bags; none of what is no folder."""
+    if not folder.is_dir():
+        return []
     names = (name for name in file_names(folder) if name.endswith(ENDINGS))
     return [folder / name for name in nsmallest(MAX_PARTS, names)]
 

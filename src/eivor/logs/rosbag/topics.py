@@ -349,11 +349,6 @@ def topic_of(column: str) -> str:
     return column.partition(".")[0]
 
 
-def mapped_topics(chosen: ChannelMap) -> set[str]:
-    """Return the topics that a map names."""
-    return set(map(topic_of, columns_of(chosen.rules)))
-
-
 def map_channels(
     chosen: ChannelMap, contents: Contents, name: str, findings: list[Finding]
 ) -> dict[str, Channel]:

@@ -7,7 +7,6 @@ import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from mmap import mmap as memory_map
 from pathlib import Path
 
@@ -194,48 +193,189 @@ class Subscription:
         return px4.Topic(self.name, self.instance, {name: table[name] for name in self.layout.names or ()})
 
 
-@dataclass(slots=True)
 class UlogContent:
-    """What the walk found."""
+    """What a walk through the messages finds of those that some topics need."""
 
-    start_us: int  # Stamp of the file's start
-    subscriptions: dict[int, Subscription] = field(default_factory=dict)  # Of needed topics, by their number
-    parameters: dict[str, float] = field(default_factory=dict)
-    about: dict[str, bytes] = field(default_factory=dict)
-    dropouts_ms: list[int] = field(default_factory=list)
-    skipped_bytes: int = 0  # Bytes that belong to no plausible message
-    rejected_messages: int = 0  # Messages with an impossible content, besides those of topics
-    cut_bytes: int = 0  # Bytes of an incomplete last message
-    lost_topics: list[str] = field(default_factory=list)
-    _formats: dict[str, bytes] = field(default_factory=dict)
-    _layouts: dict[str, tuple[np.dtype[np.void], int, int] | None] = field(default_factory=dict)
-    _subscribed: set[int] = field(default_factory=set)
-    _others: dict[int, int] = field(default_factory=dict)  # Messages of numbers that are not kept
-    _searched_bytes: int = 0
-    _markless_end: int = -1
+    def __init__(self, data: memory_map | bytes, topics: Collection[str], name: str) -> None:
+        if len(data) < _HEADER_BYTES:
+            expected = f"a ULog header of {_HEADER_BYTES} bytes"
+            received = f"'{name}' with {len(data)} bytes"
+            raise CorruptLogError(expected, received, "The file is cut right at its start; copy it again.")
+        self.start_us = int.from_bytes(data[8:_HEADER_BYTES], "little")
+        self.subscriptions: dict[int, Subscription] = {}  # Of needed topics, by their number
+        self.parameters: dict[str, float] = {}
+        self.about: dict[str, bytes] = {}
+        self.dropouts_ms: list[int] = []
+        self.skipped_bytes = 0  # Bytes that belong to no plausible message
+        self.rejected_messages = 0  # Messages with an impossible content, besides those of topics
+        self.cut_bytes = 0  # Bytes of an incomplete last message
+        self.lost_topics: list[str] = []
+        self._data, self._topics = data, topics
+        self._formats: dict[str, bytes] = {}
+        self._layouts: dict[str, tuple[np.dtype[np.void], int, int] | None] = {}
+        self._subscribed: set[int] = set()
+        self._others: dict[int, int] = {}  # Messages of numbers that are not kept
+        self._searched_bytes, self._markless_end = 0, -1
+        start, in_definitions = _HEADER_BYTES, True
+        for end in (*_appended_offsets(data, name), len(data)):
+            for kind, payload in self._messages(start, end):
+                in_definitions = in_definitions and kind not in b"ALC"
+                take = self._take_definition if in_definitions else self._take_other
+                self.rejected_messages += not take(kind, payload)
+            start = end
 
     @property
     def nameless_messages(self) -> int:
         """Messages of topics whose subscription is not there."""
         return sum(count for number, count in self._others.items() if number not in self._subscribed)
 
+    def _messages(self, start: int, end: int) -> Iterator[tuple[int, bytes]]:
+        """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
+        head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
+        data, subscriptions, others = self._data, self.subscriptions, self._others
+        position = start
+        while position + 3 <= end:
+            size, kind = head(data, position)
+            after = position + 3 + size
+            if kind == _DATA and size > 1 and after <= end:
+                number = subscription(data, position + 3)[0]
+                known = subscriptions.get(number)
+                if known is None:
+                    others[number] = others.get(number, 0) + 1
+                elif known.least <= size - 2 <= known.most:
+                    known.rows.append(data[position + 5 : position + 5 + known.least])
+                else:
+                    known.rejected += 1
+                position = after
+                continue
+            plausible = kind in _KNOWN_TYPES and size > 0
+            if plausible and after <= end:
+                yield kind, data[position + 3 : after]
+                position = after
+            elif not plausible and 0 < size <= 10_000 and self._starts_message(after, end):
+                position = after  # a type that this release does not know, in an unbroken chain
+            else:
+                resumed = self._resumed(position + 1, end)
+                if plausible and resumed >= end:
+                    self.cut_bytes += end - position
+                    return
+                self.skipped_bytes += resumed - position
+                position = resumed
+        self.cut_bytes += max(end - position, 0)
 
-def read_content(data: memory_map | bytes, topics: Collection[str], name: str) -> UlogContent:
-    """Walk the messages of `data` and keep those that the `topics` need."""
-    if len(data) < _HEADER_BYTES:
-        expected = f"a ULog header of {_HEADER_BYTES} bytes"
-        received = f"'{name}' with {len(data)} bytes"
-        raise CorruptLogError(expected, received, "The file is cut right at its start; copy it again.")
-    log = UlogContent(int.from_bytes(data[8:_HEADER_BYTES], "little"))
-    bounds = [*_appended_offsets(data, name), len(data)]
-    start, in_definitions = _HEADER_BYTES, True
-    for end in bounds:
-        for kind, payload in _messages(data, start, end, log):
-            in_definitions = in_definitions and kind not in b"ALC"
-            take = _take_definition if in_definitions else partial(_take_other, topics=topics)
-            log.rejected_messages += not take(log, kind, payload)
-        start = end
-    return log
+    def _starts_message(self, position: int, end: int) -> bool:
+        """Say whether a complete message of a known type, or the end, stands at a position."""
+        if position + 3 > end:
+            return position == end
+        size, kind = struct.unpack_from("<HB", self._data, position)
+        return kind in _KNOWN_TYPES and size > 0 and position + 3 + size <= end
+
+    def _resumed(self, position: int, end: int) -> int:
+        """Offset at which the chain of messages goes on after a break; `end` when it does not."""
+        if self._markless_end != end:
+            mark = self._data.find(SYNC_MARK, position, end)
+            if mark >= 0:
+                return mark + len(SYNC_MARK)
+            self._markless_end = end  # asked once only, or a log full of breaks costs quadratic time
+        while self._searched_bytes < MAX_SEARCH_BYTES:
+            candidate = _CANDIDATE.search(self._data, position, end)
+            if candidate is None:
+                break
+            start = candidate.start()
+            self._searched_bytes += start + 1 - position
+            position = start + 1
+            size = struct.unpack_from("<H", self._data, start)[0]
+            if self._starts_message(start, end) and self._starts_message(start + 3 + size, end):
+                return start
+        return end
+
+    def _take_definition(self, kind: int, payload: bytes) -> bool:
+        """Remember formats, parameters and what the log says of itself. False for unsound ones."""
+        if kind == ord("F"):
+            name, colon, _ = _text(payload).partition(":")
+            sound = bool(name and colon) and name not in self._formats
+            if sound:
+                self._formats[name] = payload
+            return sound
+        if kind not in b"PI":
+            return True
+        size = payload[0]
+        type_name, _, key = _text(payload[1 : 1 + size]).partition(" ")
+        value = payload[1 + size :]
+        if kind == ord("I"):
+            if key in ABOUT and type_name.partition("[")[0] == ABOUT[key]:
+                self.about.setdefault(key, value)
+            return True
+        sound = type_name in _PARAMETER_CODES and key != "" and " " not in key and len(value) == 4
+        if sound:
+            self.parameters[key] = float(struct.unpack(_PARAMETER_CODES[type_name], value)[0])
+        return sound
+
+    def _take_other(self, kind: int, payload: bytes) -> bool:
+        """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
+        if kind == ord("A"):
+            return self._take_subscription(payload)
+        sound = kind != ord("O") or len(payload) == 2
+        if kind == ord("O") and sound:
+            self.dropouts_ms.append(int.from_bytes(payload, "little"))
+        return sound
+
+    def _take_subscription(self, payload: bytes) -> bool:
+        """Keep a subscription whose format is sound; a number is never given to a second topic."""
+        name, number = _text(payload[3:]), int.from_bytes(payload[1:3], "little")
+        if name in self._formats:  # else it is damaged, or its format is
+            self._subscribed.add(number)
+            if name not in self._topics:
+                return True
+            if number in self.subscriptions or len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
+                return False
+        if name not in self._layouts:
+            self._layouts[name] = self._layout(name)
+        layout = self._layouts[name]
+        if layout is not None:
+            self.subscriptions[number] = Subscription(name, payload[0], *layout)
+        elif name in self._topics:
+            self.lost_topics.append(name)
+        return layout is not None
+
+    def _layout(self, name: str) -> tuple[np.dtype[np.void], int, int] | None:
+        """Layout of a topic, its length, and that with padding [bytes]; None of an unsound format."""
+        flat = self._flat(name, "", MAX_NESTING) or []
+        if ("timestamp", _FIELD_CODES["uint64_t"]) not in flat or len(dict(flat)) != len(flat):
+            return None
+        most = np.dtype(flat).itemsize
+        while flat[-1][0].startswith("_padding"):
+            flat.pop()
+        layout = np.dtype(flat)
+        return layout, layout.itemsize, most
+
+    def _flat(self, name: str, prefix: str, depth: int) -> list[tuple[str, str]] | None:
+        """Flat fields (name, code) of a format; None when it is unknown, malformed, too deep or too long."""
+        fields = _fields(self._formats.get(name, b"")) if depth else None
+        if fields is None:
+            return None
+        flat: list[tuple[str, str]] = []
+        for kind, count, field_name in fields:
+            labels = [f"{prefix}{field_name}[{i}]" for i in range(min(count, MAX_FIELDS + 1))]
+            for label in labels or [f"{prefix}{field_name}"]:
+                if kind in _FIELD_CODES:
+                    flat.append((label, _FIELD_CODES[kind]))
+                else:
+                    nested = self._flat(kind, f"{label}.", depth - 1)
+                    if nested is None:
+                        return None
+                    flat += nested
+                if len(flat) > MAX_FIELDS:
+                    return None
+        return flat
+
+
+def _text(payload: bytes) -> str:
+    """Text of a message; none where it is damaged, as then any other byte of it may be."""
+    try:
+        return payload.decode("utf-8")
+    except UnicodeDecodeError:
+        return ""
 
 
 def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
@@ -256,168 +396,6 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
     offsets = struct.unpack_from("<3Q", data, begin + 16)
     lowest = begin + size
     return sorted({offset for offset in offsets if lowest < offset < len(data)})
-
-
-def _messages(
-    data: memory_map | bytes, start: int, end: int, log: UlogContent
-) -> Iterator[tuple[int, bytes]]:
-    """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
-    head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
-    subscriptions, others = log.subscriptions, log._others
-    position = start
-    while position + 3 <= end:
-        size, kind = head(data, position)
-        after = position + 3 + size
-        if kind == _DATA and size > 1 and after <= end:
-            number = subscription(data, position + 3)[0]
-            known = subscriptions.get(number)
-            if known is None:
-                others[number] = others.get(number, 0) + 1
-            elif known.least <= size - 2 <= known.most:
-                known.rows.append(data[position + 5 : position + 5 + known.least])
-            else:
-                known.rejected += 1
-            position = after
-            continue
-        plausible = kind in _KNOWN_TYPES and size > 0
-        if plausible and after <= end:
-            yield kind, data[position + 3 : after]
-            position = after
-        elif not plausible and 0 < size <= 10_000 and _starts_message(data, after, end):
-            position = after  # a type that this release does not know, in an unbroken chain
-        else:
-            resumed = _resume(data, position + 1, end, log)
-            if plausible and resumed >= end:
-                log.cut_bytes += end - position
-                return
-            log.skipped_bytes += resumed - position
-            position = resumed
-    log.cut_bytes += max(end - position, 0)
-
-
-def _starts_message(data: memory_map | bytes, position: int, end: int) -> bool:
-    """Say whether a complete message of a known type, or the end, stands at `position`."""
-    if position == end:
-        return True
-    if position + 3 > end:
-        return False
-    size, kind = struct.unpack_from("<HB", data, position)
-    return kind in _KNOWN_TYPES and size > 0 and position + 3 + size <= end
-
-
-def _resume(data: memory_map | bytes, position: int, end: int, log: UlogContent) -> int:
-    """Offset at which the chain of messages goes on after a break; `end` when it does not."""
-    if log._markless_end != end:
-        mark = data.find(SYNC_MARK, position, end)
-        if mark >= 0:
-            return mark + len(SYNC_MARK)
-        log._markless_end = end  # asked once only, or a log full of breaks costs quadratic time
-    while log._searched_bytes < MAX_SEARCH_BYTES:
-        candidate = _CANDIDATE.search(data, position, end)
-        if candidate is None:
-            break
-        start = candidate.start()
-        log._searched_bytes += start + 1 - position
-        position = start + 1
-        size = struct.unpack_from("<H", data, start)[0]
-        if _starts_message(data, start, end) and _starts_message(data, start + 3 + size, end):
-            return start
-    return end
-
-
-def _text(payload: bytes) -> str:
-    """Text of a message; none where it is damaged, as then any other byte of it may be."""
-    try:
-        return payload.decode("utf-8")
-    except UnicodeDecodeError:
-        return ""
-
-
-def _take_definition(log: UlogContent, kind: int, payload: bytes) -> bool:
-    """Remember formats, parameters and what the log says of itself. False for unsound ones."""
-    if kind == ord("F"):
-        name, colon, _ = _text(payload).partition(":")
-        sound = bool(name and colon) and name not in log._formats
-        if sound:
-            log._formats[name] = payload
-        return sound
-    if kind not in b"PI":
-        return True
-    size = payload[0]
-    type_name, _, key = _text(payload[1 : 1 + size]).partition(" ")
-    value = payload[1 + size :]
-    if kind == ord("I"):
-        if key in ABOUT and type_name.partition("[")[0] == ABOUT[key]:
-            log.about.setdefault(key, value)
-        return True
-    sound = type_name in _PARAMETER_CODES and key != "" and " " not in key and len(value) == 4
-    if sound:
-        log.parameters[key] = float(struct.unpack(_PARAMETER_CODES[type_name], value)[0])
-    return sound
-
-
-def _take_other(log: UlogContent, kind: int, payload: bytes, topics: Collection[str]) -> bool:
-    """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
-    if kind == ord("A"):
-        return _take_subscription(log, payload, topics)
-    is_dropout, sound = kind == ord("O"), kind != ord("O") or len(payload) == 2
-    if is_dropout and sound:
-        log.dropouts_ms.append(int.from_bytes(payload, "little"))
-    return sound
-
-
-def _take_subscription(log: UlogContent, payload: bytes, topics: Collection[str]) -> bool:
-    """Keep a subscription whose format is sound; a number is never given to a second topic."""
-    name = _text(payload[3:])
-    is_known = name in log._formats  # else it is damaged, or its format is
-    number = int.from_bytes(payload[1:3], "little")
-    if is_known:
-        log._subscribed.add(number)
-        if name not in topics:
-            return True
-        if number in log.subscriptions or len(log.subscriptions) >= MAX_SUBSCRIPTIONS:
-            return False
-    if name not in log._layouts:
-        log._layouts[name] = _layout(log, name)
-    layout = log._layouts[name]
-    if layout is not None:
-        log.subscriptions[number] = Subscription(name, payload[0], *layout)
-    elif name in topics:
-        log.lost_topics.append(name)
-    return layout is not None
-
-
-def _layout(log: UlogContent, name: str) -> tuple[np.dtype[np.void], int, int] | None:
-    """Layout of a topic, its length, and that with padding [bytes]; None of an unsound format."""
-    flat = _flatten(log, name, "", MAX_NESTING) or []
-    if ("timestamp", _FIELD_CODES["uint64_t"]) not in flat or len(dict(flat)) != len(flat):
-        return None
-    most = np.dtype(flat).itemsize
-    while flat[-1][0].startswith("_padding"):
-        flat.pop()
-    layout = np.dtype(flat)
-    return layout, layout.itemsize, most
-
-
-def _flatten(log: UlogContent, name: str, prefix: str, depth: int) -> list[tuple[str, str]] | None:
-    """Flat fields (name, code) of a format; None when it is unknown, malformed, too deep or too long."""
-    fields = _fields(log._formats.get(name, b"")) if depth else None
-    if fields is None:
-        return None
-    flat: list[tuple[str, str]] = []
-    for kind, count, field_name in fields:
-        labels = [f"{prefix}{field_name}[{i}]" for i in range(min(count, MAX_FIELDS + 1))]
-        for label in labels or [f"{prefix}{field_name}"]:
-            if kind in _FIELD_CODES:
-                flat.append((label, _FIELD_CODES[kind]))
-            else:
-                nested = _flatten(log, kind, f"{label}.", depth - 1)
-                if nested is None:
-                    return None
-                flat += nested
-            if len(flat) > MAX_FIELDS:
-                return None
-    return flat
 
 
 def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
@@ -441,7 +419,7 @@ PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic no
 def read_ulog(file: Path, _options: common.ReadOptions) -> Recording:
     """Read a ULog file."""
     with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        content = read_content(data, PARSED, file.name)
+        content = UlogContent(data, PARSED, file.name)
     findings = _file_findings(content)
     parameters = {key: value for key, value in sorted(content.parameters.items()) if np.isfinite(value)}
     topics = _topics(content, findings)
