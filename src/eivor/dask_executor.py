@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import islice
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.process_pool import TASKS_PER_WORKER, Executor, Item, Result
+from eivor.process_pool import TASKS_PER_WORKER, Executor, Item, Result, Results
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -35,9 +35,7 @@ class DaskCluster(Executor):
             expected = "the address of a Dask scheduler"
             raise UsageError(expected, f"'{self.address}'", "Give one such as tcp://HOST:8786.")
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
         try:
             import distributed
         except ImportError as error:

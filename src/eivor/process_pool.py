@@ -41,6 +41,8 @@ def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, .
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+#: Results with the places of their items.
+Results = Generator[tuple[int, Result], None, None]
 #: Takes what a task reports on its way.
 ProgressCallback = Callable[[Any], None]
 
@@ -132,7 +134,6 @@ class WorkerProcess:
     def __call__(
         self, item: Any, *, report: ProgressCallback | None = None, given_up: Callable[[], bool] | None = None
     ) -> Any:
-        """Result of an item."""
         given_up = given_up or abandoned
         for attempt in range(TRIES):
             process, self._process = self._process or _Process(), None  # until it has answered
@@ -342,9 +343,7 @@ class Executor(ABC):
     """Maps a function over items. Whatever computes them, the results are the same."""
 
     @abstractmethod
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
         """Result of each item with the item's place, in any order, as they are done; see `in_order`."""
 
 
@@ -352,9 +351,7 @@ class Executor(ABC):
 class InProcess(Executor):
     """One after another, in this process."""
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
         for index, item in enumerate(items):
             with threadpool_limits(limits=1):
                 result = function(item)
@@ -370,9 +367,7 @@ class LocalThreads(Executor):
     def __post_init__(self) -> None:
         check_workers(self.workers)
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
         waiting, running = enumerate(items), set[Future[tuple[int, Result]]]()
         stop = threading.Event()
 
@@ -404,9 +399,7 @@ class LocalProcesses(Executor):
     def __post_init__(self) -> None:
         check_workers(self.workers)
 
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
+    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Results[Result]:
         processes = [WorkerProcess(function) for _ in range(self.workers)]
         free: queue.SimpleQueue[WorkerProcess] = queue.SimpleQueue()
         for process in processes:
@@ -452,7 +445,7 @@ def check_workers(workers: int) -> None:
         raise UsageError("one worker or more", f"{workers}", "Leave it out to use every core.")
 
 
-def in_order(results: Generator[tuple[int, Result], None, None]) -> Generator[Result, None, None]:
+def in_order(results: Results[Result]) -> Generator[Result, None, None]:
     """Results of `Executor.map` in the order of their items; an early one is kept until it is its turn."""
     early: dict[int, Result] = {}
     turn = 0

@@ -437,7 +437,6 @@ class _Output:
     inside: tuple[str, ...]
 
     def replaced(self) -> Iterable[Path]:
-        """Files that the command may replace."""
         is_stream = str(self.path) == STANDARD_OUTPUT
         return () if is_stream else (self.path, *_files_in(self.path, self.inside))
 

@@ -8,5 +8,4 @@ __all__ = ["Fleet", "open"]
 
 
 def __dir__() -> list[str]:
-    """Names that the package offers."""
     return __all__

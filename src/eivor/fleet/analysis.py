@@ -563,7 +563,6 @@ class _Quantity:
         return counts.select(self.name.alias("quantity"), pl.col("why").alias("reason"), "flights")
 
     def vehicles(self, tests: pl.DataFrame) -> pl.DataFrame:
-        """Means of vehicles, and what changed."""
         out = self.marked.group_by(VEHICLE).agg(pl.col("why").is_not_null().sum().alias("left_out"))
         pooled = _joined(pooled_vehicles(self.used, self.across), out).with_columns(quantity=self.name)
         if self.trend is None:
@@ -616,7 +615,6 @@ class _Quantity:
             return np.where(np.isfinite(values), np.expm1(values), np.nan)
 
     def types(self) -> pl.DataFrame:
-        """Means of types."""
         return pooled_types(self.used, self.across).with_columns(quantity=self.name)
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:

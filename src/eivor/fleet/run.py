@@ -239,7 +239,6 @@ class _Run:
     progress: ItemsDone
 
     def done(self, logs_found: LogsFound) -> FleetRun:
-        """Everything, from hashing to copies."""
         folder, options = self.shard.folder, self.shard.options
         logs = self._hashed(logs_found.logs)
         work, total = work_of(logs, folder.there(options.motion)), logs.height

@@ -502,7 +502,6 @@ class FleetFolder:
         written.replace(path)
 
     def _describe(self, types: Mapping[str, Any], motion: Motion[Any] | None) -> None:
-        """Write down what every column is."""
         path = self.folder / COLUMNS
         try:
             known = dict(json.loads(path.read_text(encoding="utf-8"))["properties"])

@@ -242,8 +242,6 @@ def _event_type(cursor: _Cursor, stamp: str) -> EventType:
 
 @dataclass(slots=True)
 class _Cursor:
-    """A place in the head, which moves as things are read."""
-
     data: bytes
     name: str
     offset: int
@@ -268,7 +266,6 @@ class _Cursor:
         return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in raw)
 
     def corrupt(self, reason: str) -> CorruptLogError:
-        """Return the error for a head that is not sound."""
         expected = "a Crazyflie microSD log with a sound head"
         received = f"'{self.name}', which {reason}"
         return CorruptLogError(expected, received, "The file is cut or damaged; copy it from the card again.")

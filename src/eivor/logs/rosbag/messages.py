@@ -208,8 +208,6 @@ def message_layout(message: bytes, kind: str, types: Types, *, ros1: bool) -> Me
 
 @dataclass(slots=True)
 class _MessageWalk:
-    """The way through one message."""
-
     message: bytes
     types: Types
     position: int
@@ -220,7 +218,6 @@ class _MessageWalk:
     steps: int = 0
 
     def take(self, kind: str, prefix: str, depth: int) -> None:
-        """Pass over the fields of a type."""
         known = self.types.get(kind)
         if known is None or not depth:
             raise UnsoundMessageError(f"the type {kind} is not known" if depth else "it is nested too deep")

@@ -237,8 +237,6 @@ def open_csv(file: Path) -> TableSource:
 
 @dataclass(slots=True)
 class _Lines:
-    """The lines of a text, one after the other."""
-
     stream: BinaryIO
     name: str
     number: int = 0
@@ -301,7 +299,6 @@ class _Lines:
         return b"".join(parts)
 
     def fields(self, row: bytes) -> list[str]:
-        """Return the cells of a row."""
         try:
             cells = csv.reader([row.decode("utf-8", "replace")], delimiter=self.delimiter, strict=False)
             return next(cells, [])
@@ -309,7 +306,6 @@ class _Lines:
             raise self.corrupt(f"cannot be split: {error}", "Correct it.") from error
 
     def corrupt(self, what: str, remedy: str) -> CorruptLogError:
-        """Return the error for the line that was read last."""
         return corrupt_table(self.name, f"whose line {self.number} {what}", remedy)
 
 

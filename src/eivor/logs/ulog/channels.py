@@ -255,8 +255,6 @@ def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> P
 
 @dataclass(slots=True)
 class _Reading:
-    """The state of one reading: topics in, channels and findings out."""
-
     topics: Mapping[str, px4.Topic]
     clocks: Clocks
     delays_s: Mapping[str, float]
@@ -277,7 +275,6 @@ class _Reading:
         return values
 
     def put(self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide) -> None:
-        """Add a channel of values on the clock of a topic."""
         self.channels[name] = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side)
 
     def add(self, name: str, source: px4.TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
