@@ -765,24 +765,26 @@ def margin_intervals(
     Returns
     -------
     dict
-        Interval of each field of `Margins`; NaN where fewer than three draws in four have a crossing.
+        Interval of each field of `Margins`, the union over the orders that the data allow; NaN where fewer
+        than three draws in four have a crossing in each of them.
     """
     rng, f = np.random.default_rng(seed), np.geomspace(*LOOKED_HZ, LOOKED_AT)
-    s, loops = 2j * np.pi * f, []
-    weights = np.array([math.exp(0.5 * (models.chosen.aicc - model.aicc)) for model in models.allowed])
-    counts = np.round(DRAWS * weights / weights.sum()).astype(int)
-    for model, count in zip(models.allowed, counts.tolist(), strict=True):
-        chosen = model.drawn[rng.integers(len(model.drawn), size=count)]
+    s, tails = 2j * np.pi * f, [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
+    ends: dict[str, list[tuple[float, float]]] = {}
+    for model in models.allowed:
+        chosen = model.drawn[rng.integers(len(model.drawn), size=DRAWS)]
         columns = dict(zip(model.parameters, chosen.T[:, :, None], strict=True))
-        loops.append(_responses(columns, s, model.known(s)) * controller(s))
-    tails = [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
-    ends = {}
-    for name, values in _margins(f, np.concatenate(loops)).items():
-        known = values[np.isfinite(values)]
-        enough = known.size >= 0.75 * values.size
-        low, high = np.quantile(known, tails).tolist() if enough else (math.nan, math.nan)
-        ends[name] = (low, high)
-    return ends
+        loops = _responses(columns, s, model.known(s)) * controller(s)
+        for name, values in _margins(f, loops).items():
+            known = values[np.isfinite(values)]
+            enough = known.size >= 0.75 * values.size
+            low, high = np.quantile(known, tails).tolist() if enough else (math.nan, math.nan)
+            ends.setdefault(name, []).append((low, high))
+    lows_and_highs = {name: np.array(pairs).T for name, pairs in ends.items()}
+    return {
+        name: (float(np.fmin.reduce(lows)), float(np.fmax.reduce(highs)))
+        for name, (lows, highs) in lows_and_highs.items()
+    }
 
 
 def proposed_controllers(
