@@ -34,12 +34,12 @@ def main() -> None:
             for flight in flights.flights
             for run in flight.runs
         )
-        work = minutes * flights.delay.grid.size
+        work = minutes * flights.nuisances[1].grid.size
 
         def search(flights: VerticalFlights = flights) -> object:
             return ev.identify(replace(flights), ev.methods.reference_iv())  # a copy has no memo
 
-        def filters(commands: list[np.ndarray] = commands, count: int = flights.lag.grid.size) -> None:
+        def filters(commands: list[np.ndarray] = commands, count: int = flights.nuisances[0].grid.size) -> None:
             for _ in range(count):
                 for command in commands:
                     lfilter([0.1], [1.0, -0.9], command, axis=0)

@@ -401,9 +401,10 @@ def test_flights_that_cannot_share_a_problem_are_refused():
 def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
     flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
     problem = vertical_problem((flight,), VerticalMotion())
-    np.testing.assert_array_equal(problem.lag.grid, [0.0])
-    assert problem.delay.searched
-    assert problem.delay.grid[0] < 0.0 < problem.delay.grid[-1]
+    lag, delay = problem.nuisances
+    np.testing.assert_array_equal(lag.grid, [0.0])
+    assert delay.searched
+    assert delay.grid[0] < 0.0 < delay.grid[-1]
     rows = [problem.rows({"actuator_lag": 0.0, "delay": delay}).regressors[:, 1] for delay in (0.02, -0.03)]
     step = round(0.05 * 100)
     between = slice(50, 700)
