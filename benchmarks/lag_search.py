@@ -39,7 +39,9 @@ def main() -> None:
         def search(flights: VerticalFlights = flights) -> object:
             return ev.identify(replace(flights), ev.methods.reference_iv())  # a copy has no memo
 
-        def filters(commands: list[np.ndarray] = commands, count: int = flights.nuisances[0].grid.size) -> None:
+        def filters(
+            commands: list[np.ndarray] = commands, count: int = flights.nuisances[0].grid.size
+        ) -> None:
             for _ in range(count):
                 for command in commands:
                     lfilter([0.1], [1.0, -0.9], command, axis=0)

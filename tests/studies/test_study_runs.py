@@ -458,7 +458,7 @@ def test_streams_are_those_of_the_seed_sequence():
     [
         (
             EQUATION,
-            {"extended_iv"},
+            {"extended_iv", "extended_iv_tls"},
         ),  # refused: an instrument of a noisy regressor's own lag
         (replace(EQUATION, noise={"output": WhiteNoise(0.5)}, excitation=WhiteExcitation(1.0)), set()),
         (replace(EQUATION, noise_to_signal={"output": 0.1}), set(PLAIN)),

@@ -42,6 +42,7 @@ from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import Experiment, Records, stream
 from eivor.lab.regularised import ShrunkTowards, regularised
+from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.regression import Column, lags
 from eivor.process_pool import Executor, InProcess, abandoned, check_among, local_executor
 from eivor.signals.signals import Signals
@@ -71,7 +72,7 @@ INSTRUMENTAL = (
     *STRENGTHS,
 )
 #: Methods whose equations of many trials are solved at once.
-PLAIN = ("least_squares", *WEIGHTED)
+PLAIN = (*DIRECT, *WEIGHTED, "extended_iv_tls", "generalized_iv_tls")
 #: Every method of a study, by the name of its maker in `eivor.methods`.
 METHODS = (*DIRECT, *INSTRUMENTAL)
 #: Weightings of equations by name.
@@ -361,11 +362,11 @@ def side_by_side(study: Study, numbers: Sequence[int]) -> list[Row]:
 
 def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.ndarray, "trials n"]:
     """Parameters of every trial by one method; NaN where a trial is in doubt."""
-    assembler, signals = cast("LinearMethod", choice.method).assembler, records.first
+    method, signals = cast("LinearMethod", choice.method), records.first
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
-    problem = study.experiment.problem(signals, choice.instruments)
-    tested, unknowns = problem.instrument_count, len(problem.parameters)
+    problem, assembler = study.experiment.problem(signals, choice.instruments), method.assembler
+    unknowns, tested = len(problem.parameters), problem.instrument_count
     columns = (*problem.instrument_columns, *problem.regressor_columns, problem.equation.response)
     count = signals.sample_count - problem.first
     if problem.used is not None or count <= unknowns or any(c.gain_channel or not c.channel for c in columns):
@@ -378,20 +379,38 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
     for start in range(0, trials, len(table)):
         data = table[: trials - start]  # once for all: new memory takes longer than what is done with it
         for place, (gain, values, begin) in enumerate(series):
-            np.multiply(values[start : start + len(data), begin : begin + count], gain, out=data[:, place])
+            data[:, place] = values[start : start + len(data), begin : begin + count]
+            if gain != 1.0:
+                data[:, place] *= gain
         if not assembler.moment_equations:
-            results.append(_least_squares(data.swapaxes(1, 2)))
-            continue
-        products, noise = data @ data.swapaxes(1, 2) / count, assembler.noise(problem)
-        cross = products[:, :tested, tested:]
-        theta = _least_squares(cross if noise is None else cross - noise)
-        results.append(np.where(_is_strong(products, tested, count, noise)[:, None], theta, np.nan))
+            root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
+            S = problem.declared_noise()
+        else:
+            products, psi = data @ data.swapaxes(1, 2) / count, slice(tested or unknowns)
+            noise = assembler.noise(problem)
+            cross, own = products[:, psi, tested:], products[:, tested:-1, tested:-1]
+            equations = cross if noise is None else cross - noise
+            plain = _is_strong(products[:, psi, psi], cross[..., :-1], own, count, noise)
+            if assembler.takes_out_own_noise:
+                scale = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+                plain &= (
+                    np.linalg.eigvalsh(scale[:, :, None] * equations[..., :-1] * scale[:, None])[:, 0]
+                    > MARGIN
+                )
+            root, S = _root(equations), None
+        of_noise = isinstance(method.solver, AugmentedTotalLeastSquares)
+        theta = _total_least_squares(root, S) if of_noise else _least_squares(root)
+        results.append(np.where(plain[:, None], theta, np.nan))
     return np.concatenate(results)
 
 
-def _least_squares(equations: Stack) -> Float[np.ndarray, "trials n"]:
-    """Solutions of [A b]; NaN where A is ill conditioned."""
-    root, n = np.asarray(np.linalg.qr(equations, mode="r")), equations.shape[2] - 1
+def _root(equations: Stack) -> Stack:
+    return np.asarray(np.linalg.qr(equations, mode="r"))
+
+
+def _least_squares(root: Stack) -> Float[np.ndarray, "trials n"]:
+    """Solutions of [R r]; NaN where R is ill conditioned."""
+    n = root.shape[2] - 1
     lengths = np.linalg.norm(root[:, :, :n], axis=1)[:, None]
     inverse = np.linalg.inv(root[:, :n, :n] / lengths)
     condition = np.sqrt(n) * np.linalg.norm(inverse, axis=(1, 2))
@@ -399,12 +418,41 @@ def _least_squares(equations: Stack) -> Float[np.ndarray, "trials n"]:
     return np.where(condition[:, None] < PLAIN_CONDITION, theta, np.nan)
 
 
+def _total_least_squares(
+    root: Stack, S: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
+) -> Float[np.ndarray, "trials n"]:
+    """Solutions of [R r] whose columns have errors; NaN where they are hardly determined."""
+    n = root.shape[2] - 1
+    S = np.eye(n + 1) if S is None else S
+    exact, noisy = np.flatnonzero(np.diag(S)[:-1] == 0.0), np.flatnonzero(np.diag(S) > 0.0)
+    k, q = exact.size, noisy.size - 1
+    plain = _least_squares(root)
+    if noisy.size == 0 or k == n:
+        return plain
+    if noisy[-1] != n or root.shape[1] < n + 1:
+        return np.full_like(plain, np.nan)
+    ordered = _root(root[:, :, np.concatenate([exact, noisy])])
+    L = np.linalg.cholesky(S[np.ix_(noisy, noisy)])
+    left = _root(ordered[:, k:, k:] @ np.linalg.inv(L).T)
+    smallest = np.linalg.svd(left, compute_uv=False)[:, -1:]
+    U, singular, Vt = np.linalg.svd(left[:, :q, :q])
+    gains = singular / ((singular - smallest) * (singular + smallest))
+    projected = (U.swapaxes(1, 2) @ left[:, :q, q:])[..., 0]
+    whitened = (Vt.swapaxes(1, 2) @ (gains * projected)[..., None])[..., 0]
+    direction = (np.column_stack([whitened, -np.ones(len(left))])[:, None] @ np.linalg.inv(L))[:, 0]
+    theta = np.empty((len(left), n))
+    theta[:, noisy[:-1]] = -direction[:, :-1] / direction[:, -1:]
+    if k:
+        right = ordered[:, :k, n:] - ordered[:, :k, k:n] @ theta[:, noisy[:-1], None]
+        theta[:, exact] = np.linalg.solve(ordered[:, :k, :k], right)[..., 0]
+    return np.where((smallest < 0.9 * singular[:, -1:]) & np.isfinite(plain), theta, np.nan)
+
+
 def _is_strong(
-    products: Stack, available: int, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
+    instruments: Stack, cross: Stack, own: Stack, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
 ) -> Bool[np.ndarray, " trials"]:
-    """Whether instruments, which come first, are strong without any doubt, and no noise is overstated."""
-    instruments, cross = products[:, :available, :available], products[:, :available, available:-1]
-    own, count = products[:, available:-1, available:-1], cross.shape[2]
+    """Whether instruments are strong without any doubt, and no noise is overstated."""
+    available, count = cross.shape[1:]
     degrees = available - count + 1
     shared = np.zeros(cross.shape[1:]) if noise is None else noise[:, :-1]
     if degrees < 1 or rows <= available:
