@@ -169,24 +169,19 @@ def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
 
 def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
     """Strengths and orders that a scenario's record really has; no disturbance."""
-    names = ("input", "velocity_z", "acceleration_z")
-    for name in names:
+    variances, orders = [], []
+    for name in ("input", "velocity_z", "acceleration_z"):
         noise = noises[name]
         if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
             expected = "white or fractional noise of input, velocity and response, for a bound"
             received = f"{name} without" if noise.std == 0.0 else type(noise).__name__
             remedy = "Give every channel some noise; without, nothing bounds an estimate."
             raise ParameterError(expected, received, remedy)
-
-    def order(name: str) -> float:
-        noise = noises[name]
-        return noise.order if isinstance(noise, FractionalNoise) else 0.0
-
-    if order("input") != 0.0:
+        variances.append(noise.std**2)
+        orders.append(noise.order if isinstance(noise, FractionalNoise) else 0.0)
+    if orders[0] != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
-    drive, velocity, response = (noises[name].std ** 2 for name in names)
-    orders = np.array([order("velocity_z"), order("acceleration_z"), 0.0])
-    return NoiseModel(drive, np.array([velocity, response, 0.0]), orders)
+    return NoiseModel(variances[0], np.array([*variances[1:], 0.0]), np.array([*orders[1:], 0.0]))
 
 
 def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:

@@ -28,8 +28,7 @@ from eivor.tools import Float
 class Feedback:
     """A controller's law, u = proportional d + integral T sum(d)."""
 
-    reference_gain: float  # Velocity setpoint per unit of the reference
-    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]
+    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]; zero for a setpoint that is given
     proportional: float  # [input per m/s]
     integral: float  # [input per m/s]
 
@@ -66,7 +65,7 @@ class VelocityControl(Control):
 
     @property
     def feedback(self) -> Feedback | None:
-        return Feedback(1.0, 0.0, self.velocity_gain, self.velocity_integral_gain)
+        return Feedback(0.0, self.velocity_gain, self.velocity_integral_gain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +86,7 @@ class AltitudeControl(Control):
 
     @property
     def feedback(self) -> Feedback | None:
-        gain = self.altitude_gain
-        return Feedback(gain, gain, self.velocity_gain, self.velocity_integral_gain)
+        return Feedback(self.altitude_gain, self.velocity_gain, self.velocity_integral_gain)
 
 
 def _check_velocity_gains(proportional: float, integral: float) -> None:
@@ -423,7 +421,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
     feedback, rest = scenario.control.feedback, np.zeros_like(drive)
-    motion = moved(scenario, drive if feedback is None else feedback.reference_gain * drive, rest)
+    motion = moved(scenario, drive if feedback is None else (feedback.altitude_gain or 1.0) * drive, rest)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
         motion += moved(scenario, rest, disturbance)

@@ -470,9 +470,7 @@ def _experiment(table: TomlTable) -> Experiment:
     if table.choose("kind", table.values.get("kind", "vertical"), kinds) == "vertical":
         return VerticalExperiment(scenario_from_table(table))
     noise, ratios = noises(table, (OUTPUT, INPUT))
-    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
-    if "samples" not in table.values:
-        known["samples"] = 1000
     check_sample_count(table)
+    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
     equation: DifferenceEquation = built(table, DifferenceEquation, "kind", "noise", **known)
     return equation

@@ -358,31 +358,21 @@ def _shared(models: TransferFunctions) -> Any:
     rows = []
     for name in SHARED:
         words, scale = scales.get(name, (name, 1.0))
-        rows.append(
-            (words, _ends(models.intervals[name], scale), _ends(models.chosen.intervals[name], scale))
-        )
-    columns = (
-        "",
-        TableColumn(f"{models.level:.0%}, all orders", whole=True),
-        TableColumn("chosen order", whole=True),
-    )
-    return table(columns, rows)
+        rows.append((words, *(_ends(of.intervals[name], scale) for of in (models, models.chosen))))
+    titles = (f"{models.level:.0%}, all orders", "chosen order")
+    return table(("", *(TableColumn(title, whole=True) for title in titles)), rows)
 
 
 def _controllers(item: LogResponse) -> tuple[Any, ...]:
     rows, bullets = [], []
+    margins = {"crossover_hz": 2, "phase_margin_deg": 0, "gain_margin_db": 1}  # Decimals of each
     for controller in item.controllers:
-        margins, ends = controller.margins, controller.intervals
-        rows.append(
-            (
-                controller.name,
-                f"{controller.proportional:.3g}",
-                f"{controller.integral_s:.2f}",
-                f"{margins.crossover_hz:.2f} ({_ends(ends['crossover_hz'])})",
-                f"{margins.phase_margin_deg:.0f} ({_ends(ends['phase_margin_deg'])})",
-                f"{margins.gain_margin_db:.1f} ({_ends(ends['gain_margin_db'])})",
-            )
+        cells = (
+            f"{getattr(controller.margins, name):.{decimals}f} ({_ends(controller.intervals[name])})"
+            for name, decimals in margins.items()
         )
+        gains = f"{controller.proportional:.3g}", f"{controller.integral_s:.2f}"
+        rows.append((controller.name, *gains, *cells))
         written = controller.autopilot_parameters(item.axis).values()
         bullets += [
             f"{controller.name}: " + ", ".join(f"{key} {x:.4g}" for key, x in values.items())
@@ -539,14 +529,12 @@ def _draw_coherences(axes: Axes, item: LogResponse) -> None:
 def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
-    drawn = False
     if item.loop is not None and item.loop.shown.any():
         shown = item.loop.shown
         size = 20.0 * np.log10(np.abs(item.loop.response))
         axes.plot(
             _unwrapped(item.loop.response, shown), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
         )
-        drawn = True
     for controller, colour in zip(item.controllers, (RED, DARK), strict=False):
         loop = item.models.chosen.response(f) * controller.response(2j * np.pi * f) if item.models else f + 0j
         angle = _unwrapped(loop, np.ones(f.size, dtype=np.bool_))
@@ -559,12 +547,11 @@ def _draw_nichols(axes: Axes, item: LogResponse) -> None:
             color=colour,
             ms=4,
         )
-        drawn = True
     axes.plot([-180.0], [0.0], "+", color=DARK, ms=10)
     axes.set(xlim=(-300.0, -30.0), ylim=(-30.0, 30.0))
     axes.grid(alpha=0.25)
     labelled(axes, x="phase of the broken loop [°]", y="magnitude [dB]", size=9.0)
-    if drawn:
+    if len(axes.lines) > 1:
         legend(axes, size=7, place="upper left")
     else:
         axes.text(-165.0, 10.0, "no loop is known", fontsize=8, ha="center", color=GREY)

@@ -296,13 +296,11 @@ def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
 
 def calibration_document(result: Inspection) -> Document:
     """What kinematics says of the sensors of a log."""
-    made = _document(result, ())
-    if not result.compatibility:
-        sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
-        return replace(made, sections=(Section("Calibration", (Bullets((sentence,)),)),))
+    sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
     rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in result.compatibility]
     heads = ("by kinematics alone", TableColumn("value", right=True), "95 % interval", "unit")
-    return replace(made, sections=(Section("Calibration", (table(heads, rows),)),))
+    part = table(heads, rows) if rows else Bullets((sentence,))
+    return _document(result, (Section("Calibration", (part,)),))
 
 
 def _sections(result: Inspection) -> Iterator[Section]:

@@ -214,31 +214,34 @@ class Validation:
 
     def summary(self) -> str:
         """Errors of every prediction as plain text."""
-        lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
-        if self.multi_step_prediction is not None:
+        lines = [self._title, self.sentence]
+        if self.multi_step_prediction is None:
+            lines += [
+                f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}"
+                for what, by, rms, unit, share in _rows(self)
+            ]
+        else:
             lines += [
                 f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
                 for what, by, unit, *rms in prediction_rows(self.multi_step_prediction)
             ]
-        lines += [
-            f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}" for what, by, rms, unit, share in _rows(self)
-        ]
         return "\n".join(lines)
+
+    @property
+    def _title(self) -> str:
+        return f"{self.motion.words.title}, {self.flight.recording.name}"
 
     def __repr__(self) -> str:
         return f"<Validation of {self.flight.recording.name!r}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        title = f"{self.motion.words.title}, {self.flight.recording.name}"
-        columns: tuple[str, ...] = ("prediction", "model", "RMS error", "unit", "explained")
-        rows = _rows(self)
-        if self.multi_step_prediction is not None:
-            horizons = (f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
-            columns, rows = (
-                ("error of", "model", "unit", *horizons),
-                prediction_rows(self.multi_step_prediction),
-            )
-        return html_table(title, columns, rows, self.sentence)
+        steps = self.multi_step_prediction
+        if steps is None:
+            columns = ("prediction", "model", "RMS error", "unit", "explained")
+            return html_table(self._title, columns, _rows(self), self.sentence)
+        horizons = (f"{item:g} s" for item in steps.horizons_s)
+        titles = ("error of", "model", "unit", *horizons)
+        return html_table(self._title, titles, prediction_rows(steps), self.sentence)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
@@ -439,14 +442,9 @@ def validation_json(validation: Validation) -> dict[str, Json]:
         rate_hz=validation.flight.signals.rate_hz,
         band=validation.flight.band_hz,
         predictions=[
-            {
-                "model": item.model,
-                "horizon": item.horizon,
-                "quantity": item.quantity,
-                "unit": item.unit,
-                **asdict(item.error),
-                "by_run": item.by_run,
-            }
+            {name: getattr(item, name) for name in ("model", "horizon", "quantity", "unit")}
+            | asdict(item.error)
+            | {"by_run": item.by_run}
             for item in validation.predictions
         ],
         ahead=prediction_json(validation.multi_step_prediction),
@@ -510,27 +508,13 @@ def _models_table(validation: Validation) -> TableOf:
 
 def _comparison_table(comparisons: tuple[QuantityComparison, ...]) -> TableOf:
     number = partial(TableColumn, right=True, strong=True)
-    columns = (
-        "quantity",
-        number("fit"),
-        "95 % interval",
-        number("flight"),
-        "95 % interval",
-        "unit",
-        "p-value",
-    )
-    rows = []
+    interval, rows = "95 % interval", []
+    columns = ("quantity", number("fit"), interval, number("flight"), interval, "unit", "p-value")
     for item in comparisons:
         wording = item.fit.wording
         p_value = f"{item.p_value:.2g}{': contradicts' if item.contradicts else ''}"
-        texts = (
-            wording.words,
-            *item.fit.texts,
-            *item.flight.texts,
-            wording.shown_unit or wording.unit,
-            p_value,
-        )
-        rows.append(texts)
+        unit = wording.shown_unit or wording.unit
+        rows.append((wording.words, *item.fit.texts, *item.flight.texts, unit, p_value))
     return table(columns, rows)
 
 

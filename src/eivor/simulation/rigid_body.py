@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from itertools import groupby
@@ -213,21 +213,15 @@ def recording_of(
     """Log of a flight."""
     rng = stamping_stream(spec)
     channels: dict[str, Channel] = {}
-
-    def add(time_s: Float[np.ndarray, " rows"], rows: np.ndarray, series: Mapping[str, Series]) -> None:
+    for sensor, series in (*_measured(spec, met, flight, force), *_logged_series(spec, met, flight)):
+        rows = sensor.rows(spec.count, spec.step_s)
+        time_s = sensor.stamps(rows, spec.step_s, rng)
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
                 held, unit = held_by_default(name), unit_of(name)
                 channels[name] = Channel(
                     name, time_s, values[rows], unit, source=SIMULATOR, held=held, estimated=False
                 )
-
-    for sensor, series in _measured(spec, met, flight, force):
-        rows = sensor.rows(spec.count, spec.step_s)
-        add(sensor.stamps(rows, spec.step_s, rng), rows, series)
-    for rate_hz, series in _logged_series(spec, met, flight):
-        rows = Sensor(rate_hz=rate_hz).rows(spec.count, spec.step_s)
-        add(rows * spec.step_s, rows, series)
     logged_hz = [rate or math.inf for rate in (spec.logged.rotor_command_hz, spec.logged.setpoint_hz)]
     whole = min(logged_hz) >= spec.controller.rate_hz
     return Recording(
@@ -268,7 +262,7 @@ def _measured(
 
 def _logged_series(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
-) -> list[tuple[float, dict[str, Series]]]:
+) -> list[tuple[Sensor, dict[str, Series]]]:
     logged = spec.logged
     setpoints = {
         "input": flight.thrust,
@@ -280,11 +274,10 @@ def _logged_series(
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
     references = (*height, "reference_roll", "reference_pitch", "reference_yaw")
     series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
-    return [
-        (logged.rotor_command_hz, _numbered("rotor_command", flight.rotor_command)),
-        (logged.setpoint_hz, setpoints),
-        (logged.reference_hz, dict(zip(references, series, strict=True))),
-    ]
+    rates = (logged.rotor_command_hz, logged.setpoint_hz, logged.reference_hz)
+    commands = _numbered("rotor_command", flight.rotor_command)
+    all_series = (commands, setpoints, dict(zip(references, series, strict=True)))
+    return [(Sensor(rate_hz=rate), each) for rate, each in zip(rates, all_series, strict=True)]
 
 
 def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Series]:
