@@ -67,6 +67,7 @@ def _sentences(result: FlightEstimate) -> Iterator[str]:
     for quantity in result.quantities.values():
         for reason in quantity.reasons:
             yield f"{reason.sentence} {reason.remedy}"
+        yield from (part.sentence for part in quantity.systematic_uncertainties)
     for finding in result.findings:
         yield f"{finding.name}: {finding.message}"
 
