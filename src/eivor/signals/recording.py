@@ -74,23 +74,6 @@ def utc_time(seconds: float) -> datetime | None:
     return moment if EARLIEST <= moment <= LATEST else None
 
 
-class MadeChannels(Mapping[str, "Channel"]):
-    """Channels by name, not all of which are in memory: take one at a time, and let it go."""
-
-    @abstractmethod
-    def __contains__(self, name: object) -> bool:
-        """Say whether there is such a channel, without making it."""
-
-    @property
-    @abstractmethod
-    def span_s(self) -> tuple[float, float]:
-        """First and last stamp over all channels of the log [s], without making them."""
-
-    @abstractmethod
-    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
-        """Return the channels of a part of the log, or of more of it where its reader cannot cut."""
-
-
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
 #: Of `Recording.parameters` of simulated flights: how often their controller issues commands [Hz].
@@ -182,6 +165,23 @@ class Channel:
         bound = max(factor * usual, at_least_s)
         wide = np.flatnonzero(np.diff(self.time_s) > bound)
         return [(float(self.time_s[i]), float(self.time_s[i + 1])) for i in wide]
+
+
+class MadeChannels(Mapping[str, Channel]):
+    """Channels by name, not all of which are in memory: take one at a time, and let it go."""
+
+    @abstractmethod
+    def __contains__(self, name: object) -> bool:
+        """Say whether there is such a channel, without making it."""
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels of the log [s], without making them."""
+
+    @abstractmethod
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log, or of more of it where its reader cannot cut."""
 
 
 def clean_channel(
