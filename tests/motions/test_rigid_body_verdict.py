@@ -251,7 +251,7 @@ def test_noise_of_speeds_goes_through_the_map_of_thrust():
 @pytest.mark.thorough
 def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
     flight = body_flown(duration=20.0, seed=7, sensors=MEASURED_SPEEDS)
-    gains = zip(("roll_gain", "pitch_gain"), flight.truth.parameters.torque_gains, strict=False)
+    gains = tuple(zip(("roll_gain", "pitch_gain"), flight.truth.parameters.torque_gains, strict=False))
 
     def errors(method: str, **options):
         result = identify_flight(flight.recording, model=BODY, method=method, input="rotor_speed", **options)
@@ -285,7 +285,8 @@ def test_they_are_told_by_the_numbers_of_a_result(without, said):
 @pytest.mark.thorough
 @pytest.mark.parametrize("passed", [False, True])
 def test_a_filter_that_was_not_passed_is_told(passed):
-    sensor = replace(CRAZYFLIE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ if passed else None)
+    filtered = replace(CRAZYFLIE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ)
+    sensor = filtered if passed else CRAZYFLIE.sensors.angular_rate
     log = body_flown(duration=12.0, seed=2, sensors=replace(CRAZYFLIE.sensors, angular_rate=sensor)).recording
     motion = RigidBody(known(gyro_cutoff_hz=CUTOFF_HZ, delay=KnownNumber(0.0)))
     result = identify_flight(log, model=motion)

@@ -154,7 +154,7 @@ def _quantity(value: float, low: float, high: float) -> Quantity:
         (0.0, 0.0, 0.0, ("0", "[0, 0]")),
         (0.5, 0.5, 0.5, ("0.5000", "[0.5000, 0.5000]")),
         (NAN, -INFINITY, INFINITY, (NO_NUMBER, NO_NUMBER)),
-        (0.5136, -INFINITY, INFINITY, ("0.51", NO_NUMBER)),
+        (0.5136, -INFINITY, INFINITY, ("0.5136", NO_NUMBER)),
         (2.5e7, 2.4e7, 2.6e7, ("2.50e7", "[2.40e7, 2.60e7]")),
     ],
 )

@@ -54,8 +54,7 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
     """Value and interval as texts, of numbers in the unit that is shown."""
     low, high = interval
     bounded = math.isfinite(low) and math.isfinite(high)
-    known = bounded and low == high
-    position = _decimals(value, 4 if known else 2) if known or not bounded else _decimals(0.5 * (high - low))
+    position = _decimals(0.5 * (high - low)) if bounded and high > low else _decimals(value, digits=4)
     exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)
     number = _number(value, position, exponent)
     if not bounded:
