@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -129,6 +130,17 @@ STEP, TRIMMED = 1e-5, 1e-6
 FORWARD_M_S = 5.0
 
 
+def _slopes(
+    change: Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, " n"]],
+    at: Float[np.ndarray, " m"],
+    sizes: Float[np.ndarray, " m"],
+) -> Float[np.ndarray, "n m"]:
+    """Central difference quotients of equations."""
+    return np.stack(
+        [(change(at + step) - change(at - step)) / (2.0 * step.sum()) for step in np.diag(sizes)], axis=1
+    )
+
+
 def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
     """Linear equations of the first vehicle about steady flight along x."""
     from scipy.optimize import root
@@ -155,13 +167,7 @@ def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
         )
     state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])
     sizes = STEP * np.array([*[1.0] * 9, *state[9:]])
-    A = np.stack(
-        [
-            (_change(c, state + step, state[9:]) - _change(c, state - step, state[9:])) / (2.0 * step.sum())
-            for step in np.diag(sizes)
-        ],
-        axis=1,
-    )
+    A = _slopes(lambda at: _change(c, at, state[9:]), state, sizes)
     B = np.zeros((state.size, count))
     B[9:] = c.rate_up * np.eye(count)
     C = np.eye(9, state.size)
@@ -276,14 +282,12 @@ def _at_rest(made: _MachineEquations) -> StateSpace:
     """Linear equations of a machine about rest."""
     n, m = len(made.states) + len(made.acting), len(made.inputs)
 
-    def slopes(size: float) -> Float[np.ndarray, "n n_plus_m"]:
-        steps = size * np.eye(n + m)
-        return np.stack(
-            [(made.change(z[:n], z[n:]) - made.change(-z[:n], -z[n:])) / (2.0 * size) for z in steps], axis=1
-        )
-
-    AB = slopes(STEP)
-    if not np.allclose(AB, slopes(0.1 * STEP), rtol=1e-3, atol=1e-6):
+    rest = np.zeros(n + m)
+    AB, closer = (
+        _slopes(lambda z: made.change(z[:n], z[n:]), rest, np.full(n + m, size))
+        for size in (STEP, 0.1 * STEP)
+    )
+    if not np.allclose(AB, closer, rtol=1e-3, atol=1e-6):
         raise UsageError(
             "equations that have slopes at rest",
             "terms that jump there, such as dry friction",
@@ -360,20 +364,10 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         late = "" if delay is None else f", {delay.value:.6g} s late"
         states = [*equations.states, *(f"{name} behind its lag" for name in equations.acting)]
         remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
-        comments = hash_comments(
-            (
-                *fitted.origin(),
-                *(f"{name}: {number.words}" for name, number in equations.numbers.items()),
-                remark,
-            )
-        )
-        return filled(
-            "casadi.txt",
-            None,
-            comments,
-            machine=equations.formulas(),
-            sizes=(len(states), len(equations.inputs)),
-        )
+        numbers_of = (f"{name}: {number.words}" for name, number in equations.numbers.items())
+        comments = hash_comments((*fitted.origin(), *numbers_of, remark))
+        sizes = len(states), len(equations.inputs)
+        return filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
     fitted.check_vertical("CasADi")
     supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
     numbers = {name: fitted.needed(name, supplied, "CasADi").value for name in (*NEEDED, *LAGS)}
