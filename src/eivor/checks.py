@@ -6,13 +6,13 @@ import math
 import os
 import reprlib
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, get_type_hints
 
 import numpy as np
 
-from eivor.errors import DataError, ParameterError, UsageError
+from eivor.errors import DataError, ParameterError, UsageError, did_you_mean
 from eivor.tools import Float
 
 #: What counts as a real number by itself; booleans are no numbers.
@@ -36,12 +36,14 @@ def text(name: str, value: object) -> None:
     kind(name, value, str, "text")
 
 
-def place(what: str, name: str, known: Sequence[str]) -> int:
-    """Place of a name among those that are known; refuse any other."""
+def place(what: str, name: str, known: Iterable[str]) -> int:
+    """Place of a name among those that are known; refuse any other, and propose the nearest."""
+    names = list(known)
     text("name", name)
-    if name not in known:
-        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", "Name one of them.")
-    return known.index(name)
+    if name not in names:
+        remedy = did_you_mean(name, names, "Name one of them.")
+        raise UsageError(f"{what} out of {', '.join(names)}", f"'{name}'", remedy)
+    return names.index(name)
 
 
 def number(name: str, value: object) -> None:

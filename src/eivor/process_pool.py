@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -25,17 +25,7 @@ from typing import Any, BinaryIO, TypeVar, cast
 
 from threadpoolctl import threadpool_limits
 
-from eivor.errors import EivorError, InputError, UsageError, did_you_mean
-
-# -- Checks of choices --
-
-
-def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, ...]) -> None:
-    """Refuse a name that is not known, and propose the nearest that is."""
-    if name not in known:
-        remedy = did_you_mean(name, known, "Name one of them.")
-        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
-
+from eivor.errors import EivorError, InputError, UsageError
 
 # -- Process pool --
 

@@ -244,7 +244,7 @@ def test_track_prints_draws_and_writes(eivor, tmp_path):
     figure, out = tmp_path / "gain.png", tmp_path / "gain.json"
     run = eivor("track", "--example", "--figure", figure, "--json", out)
     assert run.code == 0
-    assert "input gain K_u over the flight" in run.out
+    assert "input gain K_u over the log" in run.out
     assert figure.stat().st_size > 10_000
     document = json.loads(out.read_text())
     assert document["parameter"] == "input_gain"

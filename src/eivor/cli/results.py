@@ -123,7 +123,7 @@ def track(
         options = replace(options, accelerometer_bias=accelerometer_bias)
     logs = [log] if log else None
     result = pooled_result(motions, options, logs, example=example, channel_map=channel_map)
-    with outputs.step("Following it over the flight"):
+    with outputs.step("Following it over the log"):
         tracked = tracked_parameter(result.first, memory, parameter)
     outputs.deliver_result(
         lambda: on_terminal(track_document(tracked)),

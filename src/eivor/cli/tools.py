@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from eivor import checks
 from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords
 from eivor.cli.outputs import (
     MORE,
@@ -55,7 +56,6 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
-from eivor.process_pool import check_among
 from eivor.report.inspection import (
     calibration_document,
     inspection_document,
@@ -465,5 +465,5 @@ def new_machine(
     ] = "rover",
 ) -> ExitCode:
     """Write a machine's file to begin with: a shipped one, to be changed."""
-    check_among("a machine", like, shipped_machines())
+    checks.place("a machine", like, shipped_machines())
     return _begun("a machine", machine_text(like), file)

@@ -20,7 +20,6 @@ from eivor.lab import disturbances
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
 from eivor.lab.study import MethodChoice, Study
-from eivor.process_pool import check_among
 from eivor.signals.noise import (
     AutoregressiveNoise,
     FractionalNoise,
@@ -365,7 +364,7 @@ MOST_STEPS = 2_000_000
 
 def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
     """Flight of all axes that comes with the package, with the seed zero."""
-    check_among("a flight", name, ("crazyflie", "quadrotor"))
+    checks.place("a flight", name, ("crazyflie", "quadrotor"))
     return rigid_body_flight_from_table(read_toml(shipped_file(name), "a flight of a rigid body"))
 
 
@@ -392,7 +391,7 @@ def read_scenario(path: Path) -> Scenario:
 def shipped_scenario(name: str) -> Scenario:
     """Return a scenario that comes with the package ("rich" is one); raises UsageError, which names all."""
     checks.text("name", name)
-    check_among("a scenario", name, known := shipped_files(SCENARIOS))
+    checks.place("a scenario", name, known := shipped_files(SCENARIOS))
     return read_scenario(known[name])
 
 

@@ -20,6 +20,7 @@ from typing import Any, cast
 import numpy as np
 import polars as pl
 
+from eivor import checks
 from eivor.atomic_file import (
     GROUP_ROWS,
     is_sealed,
@@ -44,7 +45,7 @@ from eivor.lab.experiments import Experiment, Records, stream
 from eivor.lab.regularised import ShrunkTowards, regularised
 from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.regression import Column, lags
-from eivor.process_pool import Executor, InProcess, abandoned, check_among, local_executor
+from eivor.process_pool import Executor, InProcess, abandoned, local_executor
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, ItemsDone, no_items_callback
 
@@ -99,7 +100,7 @@ class Regularisation:
     towards: str = "zero"
 
     def __post_init__(self) -> None:
-        check_among("a vector to be shrunk towards", self.towards, TARGETS)
+        checks.place("a vector to be shrunk towards", self.towards, TARGETS)
         regularised(methods.least_squares(), self.parameter)
 
 
@@ -121,9 +122,9 @@ class MethodChoice:
     regularisation: Regularisation | None = None  # Tikhonov's, of a linear method; none by default
 
     def __post_init__(self) -> None:
-        check_among("a method", self.name, METHODS)
-        check_among("a weighting", self.weighting, WEIGHTINGS)
-        check_among("a covariance", self.covariance, ("default", *covariances.TABLE))
+        checks.place("a method", self.name, METHODS)
+        checks.place("a weighting", self.weighting, WEIGHTINGS)
+        checks.place("a covariance", self.covariance, ("default", *covariances.TABLE))
         if not self.label:
             object.__setattr__(self, "label", self.name)
         if (self.lags is None) != (self.name in DIRECT):
@@ -200,7 +201,7 @@ class Study:
         for choice in self.methods:
             named = (choice.channel,) if choice.lags else ()
             for channel in (*named, *(choice.known_noise or ())):
-                check_among(f"a channel for '{choice.label}'", channel, self.experiment.channels)
+                checks.place(f"a channel for '{choice.label}'", channel, self.experiment.channels)
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -59,7 +59,6 @@ from eivor.motions.equation import (
     parsed,
     simple_models,
 )
-from eivor.process_pool import check_among
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.tools import Float
@@ -331,7 +330,7 @@ class Machine(DeclaredMotion):
         order = sorted(self.terms, key=lambda term: (term.name not in self.headline, not term.behind))
         names = tuple(term.name for term in order if not term.is_intercept)
         name = name or names[0]
-        check_among("a parameter", name, names)
+        checks.place("a parameter", name, names)
         known, sentences = dict[str, Prior](), list[str]()
         for term in order:
             item = quantities.get(term.name)

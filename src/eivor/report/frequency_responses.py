@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import EstimationError, InstrumentError, MissingChannelError, TooFewSamplesError, UsageError
 from eivor.flights.grid import on_grid
 from eivor.flights.motion import Motion
@@ -35,7 +36,6 @@ from eivor.models.transfer_functions import (
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
 from eivor.motions.table import motion_by_name
-from eivor.process_pool import check_among
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, table
 from eivor.report.figure_panels import BLUE, DARK, GREY, RED, Picture, labelled, legend, mosaic, page
 from eivor.report.json_document import Json, document
@@ -110,7 +110,7 @@ def response_paths(axis: str, machine: DeclaredMotion | None = None) -> dict[str
         if not offered:
             raise UsageError("an equation of a state that an input drives", f"none of {machine.name}", remedy)
     if axis:
-        check_among("an axis", axis, tuple(offered))
+        checks.place("an axis", axis, tuple(offered))
         return {axis: offered[axis]}
     return TURNING if machine is None else offered
 
@@ -215,7 +215,7 @@ def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str
     logged = {item.name for item in flights[0].references}
     offered = dict.fromkeys(item.channel for item in path.references if item.channel in logged)
     if named:
-        check_among("a channel", named, tuple(sorted(flights[0].recording.channels)))
+        checks.place("a channel", named, tuple(sorted(flights[0].recording.channels)))
         if not exogenous(named):
             raise InstrumentError(
                 "a reference that does not answer the vehicle",

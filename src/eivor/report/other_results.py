@@ -170,7 +170,7 @@ def track_document(track: Track) -> Document:
         *section("Not identified", Bullets, untold(track)),
         *section("Taken as known", Bullets, (*_at(track), *track.known)),
     )
-    return Document(flight.recording.name, f"{_called(track)} over the flight: {texts}", sections)
+    return Document(flight.recording.name, f"{_called(track)} over the log: {texts}", sections)
 
 
 def _called(track: Track) -> str:
@@ -452,7 +452,7 @@ def track_figure(track: Track) -> Figure:
         )
         for name in ("value", "half_width")
     )
-    figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
+    figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the log")
     axes = figure.add_subplot()
     axes.fill_between(time, value - half, value + half, color=BLUE, alpha=0.2, lw=0, label="95 %")
     axes.plot(time, value, color=BLUE, lw=1.3, label=f"memory {track.memory_s:g} s")

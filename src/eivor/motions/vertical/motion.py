@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
@@ -106,7 +107,6 @@ from eivor.motions.vertical.verdict import (
     hover_findings,
     near_ground,
 )
-from eivor.process_pool import check_among
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
@@ -204,7 +204,7 @@ def tracked_gain(
     problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions, name: str
 ) -> TrackedParameter:
     """Rows that identify K_u over a flight, and what is known of K and the intercept."""
-    check_among("a parameter", name or "input_gain", ("input_gain",))
+    checks.place("a parameter", name or "input_gain", ("input_gain",))
     quantity, friction = quantities["viscous_friction"], ANY_FRICTION
     source = "as of any multirotor: the flight does not identify it"
     by_flight = "as the whole flight identifies it"
