@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -17,9 +18,20 @@ from eivor.signals.thrust_map import Power
 from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
+    VerticalFlightSpec,
     VerticalVehicles,
     simulate_vertical,
+    simulate_vertical_flights,
 )
+
+
+@cache
+def simulated(**spec):
+    """Log of a flight of the simulator."""
+    (flight,) = simulate_vertical_flights([VerticalFlightSpec(**spec)])
+    assert flight.flew
+    return flight.recording
+
 
 STEP_S = 0.01
 FRICTION, GAIN, LAG_S = 0.4, 40.0, 0.05
@@ -30,21 +42,17 @@ HELD = (
 )
 
 
-def flown(
-    count=1,
-    *,
-    seconds=30.0,
-    seed=0,
-    noise=1.0,
-    amplitude=1.0,
-    gust=0.0,
-    delay_s=0.0,
-    hertz=(0.15, 0.4, 0.9, 1.7),
-    friction=FRICTION,
+#: Frequencies of references [Hz].
+HERTZ = (0.15, 0.4, 0.9, 1.7)
+
+
+def moved(
+    rng, errors, samples, count, *, hertz=HERTZ, amplitude=1.0, gust=0.0, friction=FRICTION, delay_s=0.0
 ):
-    """Flights along random sums of sines; `amplitude` 0 is a hover."""
-    rng = np.random.default_rng(seed)
-    samples = round(seconds / STEP_S)
+    """References that are sums of sines of random phases, errors of sensors, and how vehicles move.
+
+    `errors` draws those of position, velocity and acceleration, and the unit gust, after the phases.
+    """
     time = STEP_S * np.arange(samples)
     reference = np.zeros((3, samples, count))
     for pulsation in 2.0 * np.pi * np.array(hertz):
@@ -52,24 +60,37 @@ def flown(
         reference += (amplitude / pulsation**1.5) * np.stack(
             [np.sin(phase), pulsation * np.cos(phase), -(pulsation**2) * np.sin(phase)]
         )
-    errors = noise * np.array([0.003, 0.03, 0.3])[:, None, None] * rng.standard_normal((3, samples, count))
+    position, velocity, acceleration, wind = errors()
     met = VerticalEnvironment(
         *reference,
-        gust=gust * rng.standard_normal((samples, count)),
+        gust=gust * wind,
         cos_tilt=np.ones((samples, count)),
-        position_noise=errors[0],
-        velocity_noise=errors[1],
-        acceleration_noise=errors[2],
+        position_noise=position,
+        velocity_noise=velocity,
+        acceleration_noise=acceleration,
     )
     every = np.ones(count)
     vehicles = VerticalVehicles(friction * every, GAIN * every, LAG_S * every, delay_s * every)
     motion = simulate_vertical(vehicles, met, step_s=STEP_S, controller=AltitudeController(1.2, 3.0, 0.5))
+    return reference, motion, met
+
+
+def flown(count=1, *, seconds=30.0, seed=0, noise=1.0, **how):
+    """Flights along random sums of sines; `amplitude` 0 is a hover."""
+    rng, samples = np.random.default_rng(seed), round(seconds / STEP_S)
+
+    def errors():
+        sizes = noise * np.array([0.003, 0.03, 0.3])[:, None, None]
+        drawn = sizes * rng.standard_normal((3, samples, count))
+        return *drawn, rng.standard_normal((samples, count))
+
+    reference, motion, met = moved(rng, errors, samples, count, **how)
     return [
         recording(
             {
-                "position_z": 5.0 + motion.position[:, i] + errors[0, :, i],
-                "velocity_z": motion.velocity[:, i] + errors[1, :, i],
-                "specific_force_z": motion.specific_force[:, i] + errors[2, :, i],
+                "position_z": 5.0 + motion.position[:, i] + met.position_noise[:, i],
+                "velocity_z": motion.velocity[:, i] + met.velocity_noise[:, i],
+                "specific_force_z": motion.specific_force[:, i] + met.acceleration_noise[:, i],
                 "cos_tilt": np.ones(samples),
                 "rotor_command_1": motion.command[:, i].copy(),
                 "reference_position_z": reference[0, :, i].copy(),
@@ -139,51 +160,29 @@ class Noise:
 
 def flights(count, *, seconds, noise, delay_s=0.0, seed=0):
     """Flights of one vehicle along random sums of sines, each with noise of its own."""
-    rng = np.random.default_rng(seed)
-    samples = round(seconds / STEP_S)
-    time = STEP_S * np.arange(samples)[:, None]
-    reference = np.zeros((3, samples, count))
-    for hertz in (0.15, 0.4, 0.9, 1.7):
-        pulsation = 2.0 * np.pi * hertz
-        phase = pulsation * time + rng.uniform(0.0, 2.0 * np.pi, count)
-        amplitude = 1.0 / pulsation**1.5
-        reference += amplitude * np.stack(
-            [np.sin(phase), pulsation * np.cos(phase), -(pulsation**2) * np.sin(phase)]
-        )
-    velocity_noise = noise.velocity * rng.standard_normal((samples, count))
-    acceleration_noise = noise.acceleration * rng.standard_normal((samples, count))
-    met = VerticalEnvironment(
-        *reference,
-        gust=noise.gust * rng.standard_normal((samples, count)),
-        cos_tilt=np.ones((samples, count)),
-        position_noise=0.003 * rng.standard_normal((samples, count)),
-        velocity_noise=velocity_noise,
-        acceleration_noise=acceleration_noise,
-    )
-    every = np.ones(count)
-    motion = simulate_vertical(
-        VerticalVehicles(FRICTION * every, GAIN * every, LAG_S * every, delay_s * every),
-        met,
-        step_s=STEP_S,
-        controller=AltitudeController(1.2, 3.0, 0.5),
-    )
+    rng, shape = np.random.default_rng(seed), (round(seconds / STEP_S), count)
+
+    def errors():
+        sizes = (noise.velocity, noise.acceleration, 1.0, 0.003)
+        velocity, acceleration, wind, position = (size * rng.standard_normal(shape) for size in sizes)
+        return position, velocity, acceleration, wind
+
+    reference, motion, met = moved(rng, errors, *shape, gust=noise.gust, delay_s=delay_s)
+    declared = {"velocity_z": noise.velocity, "specific_force_z": noise.acceleration}
     made = []
     for number in range(count):
         channels = {
-            "velocity_z": motion.velocity[:, number] + velocity_noise[:, number],
-            "specific_force_z": motion.specific_force[:, number] + acceleration_noise[:, number],
+            "velocity_z": motion.velocity[:, number] + met.velocity_noise[:, number],
+            "specific_force_z": motion.specific_force[:, number] + met.acceleration_noise[:, number],
             "rotor_command_1": motion.command[:, number].copy(),
-            "cos_tilt": np.ones(samples),
+            "cos_tilt": np.ones(shape[0]),
             "reference_position_z": reference[0, :, number].copy(),
             "reference_acceleration_z": reference[2, :, number].copy(),
         }
-        declared = {
-            "velocity_z": ev.WhiteNoise(noise.velocity),
-            "specific_force_z": ev.WhiteNoise(noise.acceleration),
-        }
-        signals = ev.Signals(1.0 / STEP_S, channels, noise=declared)
+        whites = {name: ev.WhiteNoise(std) for name, std in declared.items()}
+        signals = ev.Signals(1.0 / STEP_S, channels, noise=whites)
         # The start is left out: the rotor then was where the model cannot know.
-        made.append(VerticalFlight(signals, "rotor_command", False, (slice(100, samples),)))
+        made.append(VerticalFlight(signals, "rotor_command", False, (slice(100, shape[0]),)))
     return made
 
 

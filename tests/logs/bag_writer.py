@@ -4,83 +4,35 @@ Messages are written by rosbags, whose serialisers know nothing of this project'
 """
 
 import sqlite3
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import ulog_writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from ulog_writer import UlogWriter
-
-from eivor.logs.rosbag.messages import definitions
+from ulog_writer import parts, px4_topics
 
 BOOT_US = 50_000_000
 EPOCH_S = 1_700_000_000
-HEADER = "std_msgs/Header header\n"
-
-
-def floats(values):
-    """What is left of numbers in 32 bits."""
-    return np.asarray(values, dtype=np.float32).astype(float)
-
-
-def parts(flight):
-    """The quantities of a simulated flight, z up, on stamps of whole hundredths."""
-    values = {name: floats(channel.values) for name, channel in flight.channels.items()}
-    t = flight.channels["position_z"].time_s
-    roll = np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
-    turn = floats(np.stack([np.cos(roll / 2), np.sin(roll / 2), 0 * t, 0 * t], 1))
-    throttle = floats(values["rotor_command_1"] ** 2)
-    return t, values, turn, throttle, floats(values["specific_force_z"] / values["cos_tilt"])
-
-
-def px4_topics(flight):
-    """Fields of PX4's topics, z down; of each topic its type, the stamps and arrays (n,) or (n, k)."""
-    t, values, turn, throttle, force = parts(flight)
-    zeros, yes = 0.0 * t, np.ones(t.size, dtype=bool)
-
-    def down(value):
-        return np.stack([zeros, zeros, -value], 1)
-
-    position = {"z": -values["position_z"], "vz": -values["velocity_z"], "x": zeros, "y": zeros}
-    position |= {"vx": zeros, "vy": zeros}
-    position |= dict.fromkeys(("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), yes)
-    requested = {
-        name: down(values[f"reference_{name}_z"]) for name in ("position", "velocity", "acceleration")
-    }
-    return {
-        "vehicle_local_position": ("VehicleLocalPosition", t, position),
-        "vehicle_attitude": ("VehicleAttitude", t, {"q": turn}),
-        "vehicle_acceleration": ("VehicleAcceleration", t, {"xyz": down(force)}),
-        "vehicle_thrust_setpoint": ("VehicleThrustSetpoint", t, {"xyz": down(throttle)}),
-        "trajectory_setpoint": ("TrajectorySetpoint", t, requested),
-        "vehicle_status": (
-            "VehicleStatus",
-            t[:1],
-            {"nav_state": np.array([3]), "vehicle_type": np.array([1])},
-        ),
-        "vehicle_land_detected": ("VehicleLandDetected", t[:1], {"landed": np.array([False])}),
-    }
+DEFINITIONS = tomllib.loads((files("eivor.logs.rosbag") / "definitions.toml").read_text(encoding="utf-8"))
 
 
 def ulog(flight):
     """The flight as a ULog."""
-    writer = UlogWriter(start_us=BOOT_US)
-    kinds = {"b": "__bool", "i": "__uint8_t", "f": ""}
-    for name, (_, t, fields) in px4_topics(flight).items():
-        named = {f"{key}{kinds[np.asarray(value).dtype.kind]}": value for key, value in fields.items()}
-        writer.topic(name, t, **named)
-    return writer.bytes()
+    return ulog_writer.ulog(flight, BOOT_US).bytes()
 
 
 def stores(release="1.15"):
     """Typestores of ROS 1 and of ROS 2, with the messages of mavros and of a release of PX4."""
     texts = {}
-    for number, changed in definitions()["px4"].items():
+    for number, changed in DEFINITIONS["px4"].items():
         if float(number) <= float(release):
             texts |= {f"px4_msgs/{name}": text for name, text in changed.items()}
-    texts |= {name: text for name, text in definitions()["types"].items() if name.startswith("mav")}
+    texts |= {name: text for name, text in DEFINITIONS["types"].items() if name.startswith("mav")}
     results = []
     for store in (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE):
         typestore = get_typestore(store)
@@ -95,13 +47,13 @@ def stores(release="1.15"):
 
 def px4_messages(store, flight, prefix="/fmu/out/", but=()):
     """Topic, type, stamp [s] and message of everything in PX4's topics."""
-    for name, (kind, times, fields) in px4_topics(flight).items():
+    for name, (times, fields) in px4_topics(flight).items():
         if name in but:
             continue
-        full = f"px4_msgs/msg/{kind}"
+        full = f"px4_msgs/msg/{name.title().replace('_', '')}"
         plain = blank(store, full)
         for row, time in enumerate(times):
-            selected = {key: _of(plain[key], np.asarray(value)[row]) for key, value in fields.items()}
+            selected = {key: _of(plain[key], value[row]) for key, value in fields.items()}
             message = store.types[full](**(plain | selected | {"timestamp": BOOT_US + round(time * 1e6)}))
             yield f"{prefix}{name}", full, time, message
 
@@ -148,58 +100,34 @@ def mavros_messages(store, flight, prefix="/mavros/"):
     """Topic, type, stamp [s] and message of a flight as mavros has it, z up."""
     times, values, turn, throttle, force = parts(flight)
 
-    def made(kind, **fields):
-        return kind, store.types[kind](**(blank(store, kind) | fields))
+    def made(name, kind, **fields):
+        return name, kind, store.types[kind](**(blank(store, kind) | fields))
 
-    twist = store.types["geometry_msgs/msg/Twist"]
+    twist, zero = store.types["geometry_msgs/msg/Twist"], vector(store, 0, 0, 0)
     for row, time in enumerate(times):
         index = {"header": header(store, time)}
-        zero = vector(store, 0, 0, 0)
         orientation = turned(store, *turn[row])
-        up = vector(store, 0, 0, values["velocity_z"][row])
-        position = vector(store, 0, 0, values["position_z"][row], "Point")
-        pose = store.types["geometry_msgs/msg/Pose"](position=position, orientation=orientation)
-        selected = (
-            ("local_position/pose", *made("geometry_msgs/msg/PoseStamped", **index, pose=pose)),
-            (
-                "local_position/velocity_local",
-                *made("geometry_msgs/msg/TwistStamped", **index, twist=twist(linear=up, angular=zero)),
-            ),
-            (
-                "imu/data",
-                *made(
-                    "sensor_msgs/msg/Imu",
-                    **index,
-                    orientation=orientation,
-                    linear_acceleration=vector(store, 0, 0, force[row]),
-                ),
-            ),
-            (
-                "setpoint_raw/target_attitude",
-                *made(
-                    "mavros_msgs/msg/AttitudeTarget", **index, thrust=throttle[row], orientation=orientation
-                ),
-            ),
-            (
-                "setpoint_raw/local",
-                *made(
-                    "mavros_msgs/msg/PositionTarget",
-                    **index,
-                    coordinate_frame=1,
-                    position=vector(store, 0, 0, values["reference_position_z"][row], "Point"),
-                    velocity=vector(store, 0, 0, values["reference_velocity_z"][row]),
-                    acceleration_or_force=vector(store, 0, 0, values["reference_acceleration_z"][row]),
-                ),
-            ),
-        )
+        up = {name: vector(store, 0, 0, item[row]) for name, item in values.items() if name.endswith("_z")}
+        positions = (values[name][row] for name in ("position_z", "reference_position_z"))
+        now, wanted = (vector(store, 0, 0, item, "Point") for item in positions)
+        pose = store.types["geometry_msgs/msg/Pose"](position=now, orientation=orientation)
+        moving = twist(linear=up["velocity_z"], angular=zero)
+        inertial = {"orientation": orientation, "linear_acceleration": vector(store, 0, 0, force[row])}
+        attitude = {"thrust": throttle[row], "orientation": orientation}
+        target = {"coordinate_frame": 1, "position": wanted, "velocity": up["reference_velocity_z"]}
+        target["acceleration_or_force"] = up["reference_acceleration_z"]
+        selected = [
+            made("local_position/pose", "geometry_msgs/msg/PoseStamped", **index, pose=pose),
+            made("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", **index, twist=moving),
+            made("imu/data", "sensor_msgs/msg/Imu", **index, **inertial),
+            made("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", **index, **attitude),
+            made("setpoint_raw/local", "mavros_msgs/msg/PositionTarget", **index, **target),
+        ]
         if row % 25 == 0:
-            selected += (
-                (
-                    "state",
-                    *made("mavros_msgs/msg/State", **index, mode="OFFBOARD" if row else "AUTO.TAKEOFF"),
-                ),
-                ("extended_state", *made("mavros_msgs/msg/ExtendedState", **index, landed_state=2)),
-            )
+            mode = "OFFBOARD" if row else "AUTO.TAKEOFF"
+            selected.append(made("state", "mavros_msgs/msg/State", **index, mode=mode))
+            landed = made("extended_state", "mavros_msgs/msg/ExtendedState", **index, landed_state=2)
+            selected.append(landed)
         for name, kind, message in selected:
             yield f"{prefix}{name}", kind, time, message
 
@@ -242,13 +170,9 @@ def without_definitions(folder):
     """Make a bag what ROS 2 before Iron writes: no table of definitions, and no hashes of types."""
     (file,) = folder.glob("*.db3")
     database = sqlite3.connect(file)
-    for statement in (
-        "DROP TABLE message_definitions",
-        "DROP TABLE schema",
-        "DROP TABLE metadata",
-        "ALTER TABLE topics DROP COLUMN type_description_hash",
-    ):
-        database.execute(statement)
+    for table in ("message_definitions", "schema", "metadata"):
+        database.execute(f"DROP TABLE {table}")
+    database.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
     database.commit()
     database.close()
     return folder

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import eivor as ev
-from eivor.logs.table.columnar import write_recording
 
 TEXTS = ("csv", "log", "fit.json", "vehicle.toml", "machine.toml", "map.toml")
 INTEGERS = [(1 << bits) - less for bits in (1, 7, 8, 15, 16, 31, 32, 40, 63, 64) for less in (0, 1)]
@@ -36,7 +35,9 @@ def seeds() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         polars = import_module("polars")
-        write_recording(flight, folder / "f.parquet")
+        with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as example:
+            metadata = {"eivor": polars.read_parquet_metadata(example)["eivor"]}
+            polars.read_parquet(example).head(200).write_parquet(folder / "f.parquet", metadata=metadata)
         columns = {"time": np.arange(200) * 0.01, "velocity_z": np.ones(200), "input": np.ones(200)}
         polars.DataFrame(columns).write_csv(folder / "f.csv")
         import_module("scipy.io").savemat(folder / "f.mat", {**columns, "s": {"a": np.ones((200, 2))}})
@@ -61,14 +62,11 @@ def seeds() -> dict[str, bytes]:
             (folder / "bag").rmdir()
         made |= {path.name[2:]: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     dataflash = import_module("dataflash_writer").flight_log(flight)
-    blackbox, rng = import_module("blackbox_writer"), np.random.default_rng(0)
-    walks = {name: np.cumsum(rng.integers(-9, 9, 200)) for name, *_ in blackbox.FIELDS}
-    walks |= {"loopIteration": np.arange(200), "time": 1_000_000 + 500 * np.arange(200)}
     shipped = resources.files("eivor")
     made |= {
         "ulg": import_module("ulog_writer").flight().bytes(),
         **{f"usd{version}": import_module("usd_writer").flight(version).bytes() for version in (1, 2)},
-        "bbl": blackbox.blackbox_log({name: np.abs(values) for name, values in walks.items()}),
+        "bbl": walks(),
         "bin": dataflash.bytes(),
         "log": dataflash.lines(),
         "fit.json": ev.identify_flight(ev.example_flight()).to_json().encode(),
@@ -77,6 +75,14 @@ def seeds() -> dict[str, bytes]:
         "map.toml": (shipped / "logs/maps/nanobench.toml").read_bytes(),
     }
     return made
+
+
+def walks():
+    """A blackbox log of columns that walk at random."""
+    blackbox, rng = import_module("blackbox_writer"), np.random.default_rng(0)
+    columns = {name: np.abs(np.cumsum(rng.integers(-9, 9, 200))) for name, *_ in blackbox.FIELDS}
+    columns |= {"loopIteration": np.arange(200), "time": 1_000_000 + 500 * np.arange(200)}
+    return blackbox.blackbox_log(columns)
 
 
 def damaged(blob, rng):

@@ -1,12 +1,12 @@
 """A small writer of DataFlash logs: messages of any layout in order of time, a flight in four dialects."""
 
 import struct
-from functools import cache
 
 import numpy as np
 
-from eivor.signals.thrust_map import Mixed
-from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from flights.flight_logs import simulated
+
+__all__ = ["simulated"]
 
 KINDS = {"b": "i1", "B": "u1", "M": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "q": "i8", "Q": "u8"}
 KINDS |= {"f": "f4", "d": "f8", "g": "f2", "c": "i2", "C": "u2", "e": "i4", "E": "u4", "L": "i4"}
@@ -137,13 +137,6 @@ MODES = {0.0: 3}
 CURVE, SPIN_MIN, SPIN_MAX, LOW, HIGH = 1.0, 0.15, 0.95, 1100.0, 1900.0
 
 
-@cache
-def simulated(**spec):
-    (flight,) = simulate_vertical_flights([VerticalFlightSpec(**spec)])
-    assert flight.flew
-    return flight.recording
-
-
 def flight_log(flight, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.0, in_force=CURVE, every=10):
     """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz.
 
@@ -171,8 +164,10 @@ def flight_log(flight, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1
 
 def commands(thrust, true, in_force):
     """Motor signals that give shares of thrust, and setpoints of which an autopilot makes those signals."""
-    signal = np.array([Mixed(true).inverse(item) for item in thrust])
-    return {"signal": signal, "throttle": np.asarray(Mixed(in_force)(signal))}
+    signal = np.sqrt(thrust) if true == 1.0 else thrust
+    if 0.0 < true < 1.0:
+        signal = (np.sqrt((1.0 - true) ** 2 + 4.0 * true * thrust) - (1.0 - true)) / (2.0 * true)
+    return {"signal": signal, "throttle": (1.0 - in_force) * signal + in_force * signal**2}
 
 
 def add_fast(writer, t, values, dialect):

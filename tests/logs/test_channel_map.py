@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import astuple, is_dataclass
 
 import numpy as np
 import polars as pl
@@ -181,6 +182,91 @@ def test_what_is_not_defined_is_no_value(table, text):
     r = read(table, HEAD + channels)
     assert "input" not in r.channels
     assert "never_valid" in {finding.name for finding in r.findings}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a + b * 2", 8.0),
+        ("-(a - b)", 1.0),
+        ("- - a", 2.0),
+        ("a - -b", 5.0),
+        ("a / b", 2.0 / 3.0),
+        ("1/2*a", 1.0),
+        ("pow(a, 3) + sqrt(b+1)", 10.0),
+        ("greatest(a, b) - least(a, b)", 1.0),
+        ("ABS(a - 4.5e0)", 2.5),
+        ("atan2(a, a)", np.pi / 4),
+        ("exp(ln(a)) + .5", 2.5),
+        ('"select" + a', 6.0),
+        ("select + a", 6.0),
+        ("sin + a", 7.0),
+        ("cos(a*a + 2) - sin(b)", np.cos(6) - np.sin(3)),
+        ("asin(a/4)+acos(a/4)+atan(0*a)+tan(0*a)", np.pi / 2),
+        ("1e300 * a / 1e300", 2.0),
+        ("a * 2.5e-7 / 2.5e-7", 2.0),
+        ("a * 123456789012345678 / 123456789012345678", 2.0),
+        ("-a**2 + b**-1 * 3 + tanh(0*a) + hypot(b, 2*a)", 2.0),
+        ("(a < b and not a >= b) + (a > b or a <= 2) * 10", 11.0),
+        ("ddt(a*b) + lag(a, .1)", 2.0),
+    ],
+)
+def test_expressions(tmp_path, text, value):
+    for stamps in ([0.0, 100.0, 200.0], [0.0, 100.0, 400.0]):
+        frame = {"t": stamps} | {name: [number] * 3 for name, number in (("a", 2.0), ("b", 3.0))}
+        pl.DataFrame(frame | {"select": [4.0] * 3, "sin": [5.0] * 3}).write_csv(tmp_path / "t.csv")
+        np.testing.assert_allclose(expressed(tmp_path, text).values, value)
+
+
+def expressed(folder, text):
+    """The channel that an expression makes of the table."""
+    return read(folder, f"{HEAD}[channels.input]\nexpression = {json.dumps(text)}\n").channels["input"]
+
+
+def test_a_missing_value_stays_missing(tmp_path):
+    pl.DataFrame({"t": [0.0, 1.0], "a": [None, 2.0], "b": [1.0, 1.0]}).write_csv(tmp_path / "t.csv")
+    for text in ("greatest(a, b)", "least(a, b)", "a + b", "b / a", "atan2(a, b)", "a < b", "not a"):
+        assert np.isnan(expressed(tmp_path, text).values).tolist() == [True, False]
+
+
+#: Texts that are no arithmetic over columns.
+REFUSED = [
+    " ", "1 + 2", "sum(a)", "mean(a)", "count(*)", "a FROM b", "a; drop table b", "read_csv('x')",
+    "'text'", "a -- b\n c", "/* a */ a", "a b", "a +", "(a", "a)", "abs a", "abs(a, b)", "pow(a)",
+    "CAST(a AS int)", "CASE WHEN a THEN b END", "0 < a < b", "a = b", "a % b", "*", "a.b", '"a\x00"',
+    '"unclosed', "1e999 * a", "1a", 'abs(' * 40 + 'a' + ')' * 40, '(' * 400 + 'a' + ')' * 400,
+    '-' * 999 + '#', "a # b", "'a'", 'f"{a}"', "9**9**9 * a", "(a := 2)", "[a]", "lambda: a",
+    "1j * a", '0x' + 'f' * 900 + ' * a', 'a + ' * 400 + 'a', "row_number() over (order by a)",
+    "a OVER b", "a == b", "a**b", "a**9**9", "ddt(a, 1)", "lag(a, a)", "lag(a, -1)", "a if b else a",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_refused_expressions(table, text):
+    with pytest.raises(ChannelMapError, match=r"arithmetic over columns.*at channels.input"):
+        expressed(table, text)
+
+
+@pytest.mark.parametrize(
+    ("keys", "noise"),
+    [
+        ("noise = 2.0", 0.02),
+        ("noise_density = 1.0\nnoise_bandwidth_hz = 50.0", (0.01, 50.0, 0.0)),
+        ("quantisation = 10", (0.0, None, 0.1)),
+        ("", None),
+        ("noise = -1.0", ChannelMapError),
+        ("noise = 1.0\nquantisation = 1.0", ChannelMapError),
+        ("quantisation = -1.0", ChannelMapError),
+    ],
+)
+def test_a_map_states_the_noise_of_a_channel(table, keys, noise):
+    text = f'{HEAD}[channels.velocity_z]\ncolumn = "v down"\nunit = "cm/s"\n{keys}\n'
+    if noise is ChannelMapError:
+        with pytest.raises(ChannelMapError, match="velocity_z"):
+            read(table, text)
+        return
+    stated = read(table, text).channels["velocity_z"].noise
+    assert (astuple(stated) if is_dataclass(stated) else stated and round(stated, 9)) == noise
 
 
 @pytest.mark.thorough

@@ -9,11 +9,13 @@ import sys
 from contextlib import suppress
 
 import bag_writer
+import h5py
 import numpy as np
 import polars as pl
 import pytest
 from dataflash_writer import simulated, told
 from pyulog.ulog2csv import convert_ulog2csv
+from scipy.io import savemat
 
 import eivor as ev
 from eivor.errors import (
@@ -23,6 +25,8 @@ from eivor.errors import (
     EivorError,
     EmptyLogError,
     InputError,
+    LogTooLargeError,
+    MissingReaderError,
     ShapeError,
     UnknownFormatError,
     UsageError,
@@ -436,6 +440,129 @@ def test_maps_that_are_wrong(tmp_path, mapped, old, new, words):
     path = written(tmp_path / "t.csv", ["[1, 2, 3]"] * ROWS)
     with pytest.raises(ChannelMapError, match=f"(?s){words}"):
         mapped(path, MAP.replace(old, new))
+
+
+RIG = """
+name = "rig"
+frame = "ned"
+input_map = "square"
+[time]
+column = "log.t"
+[channels.velocity_z]
+column = "log.v"
+index = 2
+[channels.rotor_command_1]
+column = "log.u"
+[channels.specific_force_z]
+column = "log.f"
+[channels.cos_tilt]
+column = "log.tilt"
+[channels.reference_position_z]
+column = "log.r"
+"""
+
+
+@pytest.fixture
+def whole(monkeypatch):
+    """The files are whole: no child need decode them first."""
+    monkeypatch.setattr("eivor.logs.table.columnar.decode_in_child", lambda *_, **__: None)
+
+
+def columns(flight):
+    values = {name: channel.values for name, channel in flight.channels.items()}
+    return {"time": flight.channels["position_z"].time_s, **values}
+
+
+def nested(flight):
+    """The same, z down, in a structure with a matrix."""
+    table = columns(flight)
+    down = np.stack([0.0 * table["time"], 0.0 * table["time"], -table["velocity_z"]], 1)
+    return {
+        "t": table["time"][:, None],
+        "v": down,
+        "u": table["rotor_command_1"],
+        "f": -table["specific_force_z"],
+        "tilt": table["cos_tilt"],
+        "r": -table["reference_position_z"],
+        "note": "a flight",
+    }
+
+
+def matlab_73(path, tree):
+    """Write as MATLAB 7.3 does: HDF5 after 512 bytes of text, vectors as rows, letters as numbers."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("log")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, value in tree.items():
+            text = isinstance(value, str)
+            letters = np.frombuffer(value.encode("utf-16-le"), "<u2")[:, None] if text else None
+            made = group.create_dataset(name, data=letters if text else np.atleast_2d(value.T).T)
+            made.attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
+        file["#refs#/a"] = np.zeros(3)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(508) + b"\0\0\x02IM"[:4])
+    return path
+
+
+def write(path, kind, flight, *, tree):
+    content = nested(flight) if tree else columns(flight)
+    if kind == "matlab":
+        savemat(path, {"log": content} if tree else content, do_compression=tree)
+    elif tree:
+        matlab_73(path, content)
+    else:
+        with h5py.File(path, "w") as file:
+            for name, value in content.items():
+                file.create_dataset(name, data=value, compression="gzip")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["matlab", "hdf5"])
+def test_channels_by_their_names_and_by_a_map(whole, tmp_path, kind):
+    flight = simulated(seed=3, duration=2.0)
+    plain = ev.read_log(write(tmp_path / "a.dat", kind, flight, tree=False))
+    assert plain.format == kind
+    for name, channel in flight.channels.items():
+        np.testing.assert_array_equal(plain.channels[name].values, channel.values, err_msg=name)
+    (tmp_path / "rig.toml").write_text(RIG)
+    mapped = ev.read_log(
+        write(tmp_path / "b.dat", kind, flight, tree=True), channel_map=tmp_path / "rig.toml"
+    )
+    assert len(mapped.channels) == 5
+    for name, channel in mapped.channels.items():
+        sign = -1.0 if name.endswith("_z") else 1.0
+        np.testing.assert_array_equal(sign * channel.values, flight.channels[name].values, err_msg=name)
+
+
+def test_variables_that_are_refused(whole, tmp_path):
+    savemat(tmp_path / "lengths", {"time": np.arange(50.0), "velocity_z": np.arange(60.0)}, appendmat=False)
+    cells = np.array([[1], "a"], dtype=object)
+    savemat(tmp_path / "objects", {"name": "flight", "cells": cells}, appendmat=False)
+    with h5py.File(tmp_path / "far more than it holds", "w") as file:
+        file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))
+        file["velocity_z"] = np.arange(50.0)
+    for name, error, words in (
+        ("lengths", ChannelMapError, r"'velocity_z' 60|'time' 50.*'velocity_z' 60"),
+        ("objects", EmptyLogError, r"objects \(timeseries, tables\) are not read"),
+        ("far more than it holds", LogTooLargeError, "repeats itself"),
+    ):
+        with pytest.raises(error, match=words):
+            ev.read_log(tmp_path / name)
+
+
+def test_variables_without_a_space_are_left_out(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"] = file["velocity_z"] = np.arange(50.0)
+        file["input"] = h5py.Empty("f8")
+        file.create_dataset("rows", (50,), dtype=h5py.vlen_dtype("f8"))
+    assert set(ev.read_log(tmp_path / "a.h5").channels) == {"velocity_z"}
+
+
+def test_without_h5py_one_sentence_says_what_to_install(tmp_path, monkeypatch):
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingReaderError, match=r"pip install 'eivor\[hdf5\]'"):
+        ev.read_log(tmp_path / "a.h5")
 
 
 T = np.linspace(0.0, 2.0, 201)

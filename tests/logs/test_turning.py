@@ -13,12 +13,7 @@ from motions.turning_logs import STEP_S, Vehicle, turned
 FULL = 65535.0
 
 
-def read(tmp_path, log):
-    (tmp_path / "log03").write_bytes(log.bytes())
-    return ev.read_log(tmp_path / "log03")
-
-
-def test_units_and_signs(tmp_path):
+def test_units_and_signs(read):
     """By the firmware's mixer: cmd_roll is for the left motors, cmd_pitch for those in front."""
     variables = {
         "controller.cmd_roll": 6553.5,
@@ -33,7 +28,7 @@ def test_units_and_signs(tmp_path):
         "controller.pitchRate": 180.0,
         "controller.yawRate": 180.0,
     }
-    log = read(tmp_path, fixed(2, [f"{name}(f)" for name in variables], [list(variables.values())] * 3))
+    log = read(fixed(2, [f"{name}(f)" for name in variables], [list(variables.values())] * 3))
     values = {name: channel.values[0] for name, channel in log.channels.items()}
     assert values == pytest.approx(
         {
@@ -53,9 +48,9 @@ def test_units_and_signs(tmp_path):
     assert "reference_roll" not in values
 
 
-def test_the_mellinger_controller_has_a_group_of_its_own(tmp_path):
+def test_the_mellinger_controller_has_a_group_of_its_own(read):
     names = ["controller.cmd_roll(f)", "ctrlMel.cmd_roll(f)"]
-    log = read(tmp_path, fixed(2, names, [[0.0, FULL]] * 3))
+    log = read(fixed(2, names, [[0.0, FULL]] * 3))
     assert log.channels["torque_setpoint_x"].values[0] == 1.0
 
 
@@ -102,7 +97,7 @@ def turning_log(flight, mode):
 
 
 @pytest.mark.thorough
-def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
+def test_a_short_sweep_of_the_attitude_serves_its_axis(read):
     """Half a minute with resting sticks, 15 s of a sweep of roll: pitch, which did not move, is refused."""
     time = np.arange(round(30.0 / STEP_S)) * STEP_S
     within = (time >= 10.0) & (time < 25.0)
@@ -113,9 +108,7 @@ def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     writer = turning_log(flight, SYSTEM_IDENTIFICATION)
     writer.add("SIDS", 10.0, "Bf", Ax=1, Mag=7.0)
     writer.add("SIDD", time[within], "ff", Time=since, Targ=swept[within, 0] * DEG)
-    path = tmp_path / "flight.bin"
-    path.write_bytes(writer.bytes())
-    fit = ev.identify_flight(ev.read_log(path), model="rates")
+    fit = ev.identify_flight(read(writer), model="rates")
     assert fit.prepared[0].usable_references == ("reference_roll",)
     assert fit.verdict.status is ev.Status.REFUSED
     assert fit.quantities["pitch_effectiveness"].verdict is ev.Status.REFUSED

@@ -6,15 +6,8 @@ import numpy as np
 
 from logs.dataflash_writer import commands
 
-_CODES = {
-    "uint64_t": "Q",
-    "float": "f",
-    "bool": "?",
-    "uint8_t": "B",
-    "int32_t": "i",
-    "uint32_t": "I",
-    "double": "d",
-}
+_CODES = {"uint64_t": "Q", "uint32_t": "I", "int32_t": "i", "uint8_t": "B"}
+_CODES |= {"float": "f", "double": "d", "bool": "?"}
 
 
 def message(kind, payload):
@@ -83,37 +76,72 @@ class UlogWriter:
 def flight(n=200):
     """A short flight in new topic names."""
     t = np.arange(n) * 0.02
-    z = -1.0 - 0.2 * np.sin(t)
-    entries = np.ones(n)
+    z, zeros, yes = -1.0 - 0.2 * np.sin(t), 0.0 * t, np.ones(n, dtype=bool)
+    local = {"z": z, "vx": zeros, "vy": zeros, "vz": -0.2 * np.cos(t), "az": 0.2 * np.sin(t)}
+    local |= dict.fromkeys(("z_valid__bool", "v_z_valid__bool", "v_xy_valid__bool"), yes)
+    setpoint = {"position": np.stack([z, z, z], 1), "velocity": np.full((n, 3), 0.1)}
+    setpoint["acceleration"] = np.full((n, 3), np.nan)
     return (
         UlogWriter()
         .parameter("MPC_THR_HOVER", 0.5)
         .parameter("SYS_AUTOSTART", 4001)
-        .topic(
-            "vehicle_local_position",
-            t,
-            z=z,
-            vx=0 * t,
-            vy=0 * t,
-            vz=-0.2 * np.cos(t),
-            az=0.2 * np.sin(t),
-            z_valid__bool=entries > 0,
-            v_z_valid__bool=entries > 0,
-            v_xy_valid__bool=entries > 0,
-        )
-        .topic("vehicle_thrust_setpoint", t, xyz=np.stack([0 * t, 0 * t, -0.5 - 0.1 * np.sin(t)], 1))
-        .topic(
-            "trajectory_setpoint",
-            t[::10],
-            position=np.stack([z, z, z], 1)[::10],
-            velocity=np.full((n, 3), 0.1)[::10],
-            acceleration=np.full((n, 3), np.nan)[::10],
-        )
+        .topic("vehicle_local_position", t, **local)
+        .topic("vehicle_thrust_setpoint", t, xyz=np.stack([zeros, zeros, -0.5 - 0.1 * np.sin(t)], 1))
+        .topic("trajectory_setpoint", t[::10], **{name: item[::10] for name, item in setpoint.items()})
         .topic("vehicle_land_detected", [0.0, 1.0], landed__bool=np.array([True, False]))
         .topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]))
         .topic("vehicle_attitude", t, q=np.tile([1.0, 0, 0, 0], (n, 1)), padding=3)
         .sync()
     )
+
+
+def floats(values):
+    """What is left of numbers in 32 bits."""
+    return np.asarray(values, dtype=np.float32).astype(float)
+
+
+def parts(flight):
+    """The quantities of a simulated flight, z up, on stamps of whole hundredths."""
+    values = {name: floats(channel.values) for name, channel in flight.channels.items()}
+    t = flight.channels["position_z"].time_s
+    roll = np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
+    turn = floats(np.stack([np.cos(roll / 2), np.sin(roll / 2), 0 * t, 0 * t], 1))
+    throttle = floats(values["rotor_command_1"] ** 2)
+    return t, values, turn, throttle, floats(values["specific_force_z"] / values["cos_tilt"])
+
+
+def px4_topics(flight, throttle=None):
+    """Stamps and fields of PX4's topics, z down; a field is an array (n,) or (n, k)."""
+    t, values, turn, squared, force = parts(flight)
+    zeros, yes = 0.0 * t, np.ones(t.size, dtype=bool)
+
+    def down(value):
+        return np.stack([zeros, zeros, -value], 1)
+
+    position = {"z": -values["position_z"], "vz": -values["velocity_z"]}
+    position |= dict.fromkeys(("x", "y", "vx", "vy"), zeros)
+    position |= dict.fromkeys(("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), yes)
+    requested = {
+        name: down(values[f"reference_{name}_z"]) for name in ("position", "velocity", "acceleration")
+    }
+    return {
+        "vehicle_local_position": (t, position),
+        "vehicle_attitude": (t, {"q": turn}),
+        "vehicle_acceleration": (t, {"xyz": down(force)}),
+        "vehicle_thrust_setpoint": (t, {"xyz": down(squared if throttle is None else throttle)}),
+        "trajectory_setpoint": (t, requested),
+        "vehicle_status": (t[:1], {"nav_state": np.array([3]), "vehicle_type": np.array([1])}),
+        "vehicle_land_detected": (t[:1], {"landed": np.array([False])}),
+    }
+
+
+def ulog(flight, start_us=1_000_000, throttle=None):
+    """Writer of a simulated flight; `throttle` in place of the squared rotor command."""
+    writer = UlogWriter(start_us=start_us)
+    kinds = {"b": "__bool", "i": "__uint8_t", "f": ""}
+    for name, (t, fields) in px4_topics(flight, throttle).items():
+        writer.topic(name, t, **{f"{key}{kinds[value.dtype.kind]}": value for key, value in fields.items()})
+    return writer
 
 
 #: Pulse widths of the motors' range [us].
@@ -125,31 +153,10 @@ def flight_log(record, true=1.0, in_force=0.0, outputs="actuator_motors"):
 
     Firmware without `actuator_motors` logs pulse widths in `actuator_outputs` alone.
     """
-    values = {name: channel.values for name, channel in record.channels.items()}
-    t = record.channels["position_z"].time_s
-    values |= commands(values["rotor_command_1"] ** 2, true, in_force)
-    nothing, entries = 0.0 * t, np.ones(t.size)
-    roll = 0.5 * np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
-    force = -values["specific_force_z"] / values["cos_tilt"]
-    requested = [-values[f"reference_{name}_z"] for name in ("position", "velocity", "acceleration")]
-    setpoint = {
-        name: np.stack([nothing, nothing, item], 1)
-        for name, item in zip(("position", "velocity", "acceleration"), requested, strict=True)
-    }
-    local = {"z": -values["position_z"], "vx": nothing, "vy": nothing, "vz": -values["velocity_z"]}
-    valid = {f"{name}_valid__bool": entries > 0.0 for name in ("z", "v_z", "v_xy")}
-    writer = (
-        UlogWriter()
-        .parameter("THR_MDL_FAC", in_force)
-        .parameter("MPC_THR_HOVER", 0.5)
-        .topic("vehicle_local_position", t, **local, **valid)
-        .topic("vehicle_acceleration", t, xyz=np.stack([nothing, nothing, force], 1))
-        .topic("vehicle_attitude", t, q=np.stack([np.cos(roll), np.sin(roll), nothing, nothing], 1))
-        .topic("vehicle_thrust_setpoint", t, xyz=np.stack([nothing, nothing, -values["throttle"]], 1))
-        .topic("trajectory_setpoint", t, **setpoint)
-        .topic("vehicle_land_detected", [0.0], landed__bool=np.array([False]))
-        .topic("vehicle_status", [0.0], nav_state__uint8_t=np.array([3]))
-    )
+    t, rotor = record.channels["position_z"].time_s, record.channels["rotor_command_1"]
+    values = commands(rotor.values**2, true, in_force)
+    writer = ulog(record, throttle=values["throttle"])
+    writer.parameter("THR_MDL_FAC", in_force).parameter("MPC_THR_HOVER", 0.5)
     if outputs == "actuator_motors":
         return writer.topic(outputs, t, control=np.tile(values["throttle"][:, None], 4))
     for motor in range(1, 5):
