@@ -18,15 +18,8 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 #: Main mode and sub mode of PX4.
-MODES = {
-    "MANUAL": (1, 0),
-    "ALTCTL": (2, 0),
-    "POSCTL": (3, 0),
-    "HOLD": (4, 3),
-    "RTL": (4, 5),
-    "LAND": (4, 6),
-    "OFFBOARD": (6, 0),
-}
+MODES = {"MANUAL": (1, 0), "ALTCTL": (2, 0), "POSCTL": (3, 0), "OFFBOARD": (6, 0)}
+MODES |= {"HOLD": (4, 3), "RTL": (4, 5), "LAND": (4, 6)}
 OFFBOARD_LOSS_S = 0.5
 TICK_S = 0.01
 #: Below those that systems give by themselves; each is tried once.
@@ -34,15 +27,8 @@ PORTS = iter(range(18000 + os.getpid() % 8000, 32000))
 #: Messages that move the vehicle or change its mode.
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET")
 #: Messages per second.
-RATES_HZ = {
-    "heartbeat": 1.0,
-    "attitude": 20.0,
-    "local_position": 20.0,
-    "global_position": 20.0,
-    "landed": 5.0,
-    "status": 5.0,
-    "battery": 5.0,
-}
+RATES_HZ = {"heartbeat": 1.0, "attitude": 20.0, "local_position": 20.0, "global_position": 20.0}
+RATES_HZ |= {"landed": 5.0, "status": 5.0, "battery": 5.0}
 
 
 class Received(NamedTuple):
@@ -197,55 +183,39 @@ class Autopilot:
             return
         if name == "heartbeat" and (not self.told or self.told[-1][1] != self.mode):
             self.told.append((time.monotonic(), self.mode))
-        for message in self._batteries() if name == "battery" else [getattr(self, f"_{name}")()]:
+        for message in self._messages(name):
             self._send(message)
 
-    def _time_ms(self):
-        """Time since boot [ms]."""
-        return int((time.monotonic() - self._started) * 1000.0)
-
-    def _heartbeat(self):
-        main, sub = MODES[self.mode]
-        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        kind, autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
-        active = mavlink.MAV_STATE_ACTIVE
-        return mavlink.MAVLink_heartbeat_message(kind, autopilot, flags, main << 16 | sub << 24, active, 3)
-
-    def _attitude(self):
-        return mavlink.MAVLink_attitude_message(self._time_ms(), self.roll, 0.0, 0.5, 0.0, 0.0, 0.0)
-
-    def _local_position(self):
-        down = -20.0 - self.height - self.gust
-        return mavlink.MAVLink_local_position_ned_message(
-            self._time_ms(), 1.0, self.east, down, 0.0, 0.0, -self.climb
-        )
-
-    def _global_position(self):
-        height = int((self.height + self.gust) * 1000.0)
-        return mavlink.MAVLink_global_position_int_message(
-            self._time_ms(), 473977000, 85456000, 500000 + height, height, 0, 0, 0, 0
-        )
-
-    def _landed(self):
-        state = mavlink.MAV_LANDED_STATE_IN_AIR if self.in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
-        return mavlink.MAVLink_extended_sys_state_message(0, state)
-
-    def _status(self):
-        present = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_GPS
-        healthy = present if self.position_ok else mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
-        lowest = min(self.batteries.values())
-        return mavlink.MAVLink_sys_status_message(
-            present, present, healthy, 0, 15000, 100, lowest, 0, 0, 0, 0, 0, 0
-        )
-
-    def _batteries(self):
-        return [
-            mavlink.MAVLink_battery_status_message(
-                number, 0, 0, 2500, [15000] + [65535] * 9, 100, 10, 10, percent
-            )
-            for number, percent in self.batteries.items()
-            if f"battery {number}" not in self.silent
-        ]
+    def _messages(self, name):
+        """Messages of one kind of telemetry."""
+        since_ms, height = int((time.monotonic() - self._started) * 1000.0), self.height + self.gust
+        if name == "heartbeat":
+            (main, sub), kind = MODES[self.mode], (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4)
+            flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+            state = (flags, main << 16 | sub << 24, mavlink.MAV_STATE_ACTIVE, 3)
+            yield mavlink.MAVLink_heartbeat_message(*kind, *state)
+        elif name == "attitude":
+            yield mavlink.MAVLink_attitude_message(since_ms, self.roll, 0.0, 0.5, 0.0, 0.0, 0.0)
+        elif name == "local_position":
+            place = (1.0, self.east, -20.0 - height)
+            yield mavlink.MAVLink_local_position_ned_message(since_ms, *place, 0.0, 0.0, -self.climb)
+        elif name == "global_position":
+            place = (473977000, 85456000, 500000 + int(height * 1000.0), int(height * 1000.0))
+            yield mavlink.MAVLink_global_position_int_message(since_ms, *place, 0, 0, 0, 0)
+        elif name == "landed":
+            states = mavlink.MAV_LANDED_STATE_ON_GROUND, mavlink.MAV_LANDED_STATE_IN_AIR
+            yield mavlink.MAVLink_extended_sys_state_message(0, states[self.in_air])
+        elif name == "status":
+            gyro, lowest = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO, min(self.batteries.values())
+            present = gyro | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+            sensors = (present, present, present if self.position_ok else gyro)
+            yield mavlink.MAVLink_sys_status_message(*sensors, 0, 15000, 100, lowest, 0, 0, 0, 0, 0, 0)
+        else:
+            for number, percent in self.batteries.items():
+                if f"battery {number}" not in self.silent:
+                    cells = (2500, [15000] + [65535] * 9)
+                    used = (100, 10, 10, percent)
+                    yield mavlink.MAVLink_battery_status_message(number, 0, 0, *cells, *used)
 
     def _send(self, message):
         """Send a message to the ground side."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import math
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -24,8 +25,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.conftest import planned, program_text, written_module
 from planning.fake_autopilot import Autopilot, Received
+from planning.test_plan import planned, program_text
 
 #: Where the numbers of a plan stand in the program.
 MARK = "# -- numbers --\n"
@@ -35,9 +36,8 @@ IN_FLIGHT_S = 0.2
 SHORT = 25
 SHORT_S = 0.05 * SHORT
 #: Waits of the program that are made shorter.
-QUICK = {
-    "LISTEN_S = 5.0": "LISTEN_S = 0.5",
-    "SETTLE_S = 1.0": "SETTLE_S = 0.3",
+QUICK = {"LISTEN_S = 5.0": "LISTEN_S = 0.5", "SETTLE_S = 1.0": "SETTLE_S = 0.3"}
+QUICK |= {
     "WAIT_S = 10.0": "WAIT_S = 5.0",
     '"battery": 6.0': '"battery": 1.0',
     '"in_air": 3.0': '"in_air": 1.2',
@@ -52,9 +52,11 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="signals and /proc of
 
 
 @pytest.fixture(scope="module")
-def program(multisine, tmp_path_factory):
-    """The program as a module."""
-    return written_module(program_text(multisine), tmp_path_factory.mktemp("program"))
+def program(tmp_path_factory):
+    """What the program defines."""
+    path = tmp_path_factory.mktemp("program") / "written.py"
+    path.write_text(program_text("multisine"), encoding="utf-8")
+    return SimpleNamespace(**runpy.run_path(str(path)))
 
 
 def telemetry(program, **changes):
@@ -66,27 +68,20 @@ def telemetry(program, **changes):
         "roll": 0.0,
         "yaw": 30.0,
         "east": 0.0,
-        "down": -25.5,
-        "batteries": {0: 90.0},
-        "in_air": True,
-        "position_ok": True,
-        "global_ok": True,
-        "old": (),
-    } | changes
-    seen = program.Seen()
-    odometry = SimpleNamespace(
-        position=SimpleNamespace(north_m=1.0, east_m=value["east"], down_m=value["down"]),
-        velocity=SimpleNamespace(north_m_s=0.0, east_m_s=0.0, down_m_s=-value["climb"]),
-    )
+    }
+    value |= {"down": -25.5, "batteries": {0: 90.0}, "in_air": True, "position_ok": True, "global_ok": True}
+    value |= {"old": ()} | changes
+    seen, named = program.Seen(), SimpleNamespace
+    place = named(north_m=1.0, east_m=value["east"], down_m=value["down"])
+    velocity = named(north_m_s=0.0, east_m_s=0.0, down_m_s=-value["climb"])
+    health = {"is_local_position_ok": value["position_ok"], "is_global_position_ok": value["global_ok"]}
     for name, content in {
         "mode": value["mode"],
-        "position": SimpleNamespace(relative_altitude_m=value["height"]),
-        "odometry": odometry,
-        "attitude": SimpleNamespace(roll_deg=value["roll"], pitch_deg=0.0, yaw_deg=value["yaw"]),
+        "position": named(relative_altitude_m=value["height"]),
+        "odometry": named(position=place, velocity=velocity),
+        "attitude": named(roll_deg=value["roll"], pitch_deg=0.0, yaw_deg=value["yaw"]),
         "in_air": value["in_air"],
-        "health": SimpleNamespace(
-            is_local_position_ok=value["position_ok"], is_global_position_ok=value["global_ok"]
-        ),
+        "health": named(**health),
     }.items():
         seen.take(name, content)
     for number, percent in value["batteries"].items():
@@ -160,12 +155,12 @@ def test_limits_on_the_way(program, changes, code, words):
     assert (result, words in sentence) == (code, True), sentence
 
 
-def test_only_numbers_enter_the_program(multisine, steps):
+def test_only_numbers_enter_the_program():
     blank = files("eivor.planning").joinpath("fly_plan.txt").read_text(encoding="utf-8")
     assert blank.count(MARK) == 1
     before, after = blank.split(MARK)
-    for plan in (multisine, steps):
-        text = program_text(plan)
+    for kind in ("multisine", "steps"):
+        text = program_text(kind)
         assert text.startswith(before)
         assert text.endswith(after)
         for statement in ast.parse(text[len(before) : len(text) - len(after)]).body:
@@ -174,11 +169,11 @@ def test_only_numbers_enter_the_program(multisine, steps):
             assert np.isfinite(value).all()
 
 
-def test_another_mavsdk_is_refused_with_the_installation_line(multisine, tmp_path):
+def test_another_mavsdk_is_refused_with_the_installation_line(tmp_path):
     package = tmp_path / "mavsdk"
     package.mkdir()
     (package / "__init__.py").write_text("class LegacyModuleError(Exception): ...\nraise LegacyModuleError\n")
-    (tmp_path / "fly.py").write_text(program_text(multisine), encoding="utf-8")
+    (tmp_path / "fly.py").write_text(program_text("multisine"), encoding="utf-8")
     run = subprocess.run([sys.executable, tmp_path / "fly.py"], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (3, "")
     assert "pip install 'mavsdk>=3,<4'" in run.stdout
@@ -189,7 +184,7 @@ def test_another_mavsdk_is_refused_with_the_installation_line(multisine, tmp_pat
 
 def short_program():
     """The program with the first setpoints of a plan, and shorter waits."""
-    lines = program_text(planned("multisine")).splitlines(keepends=True)
+    lines = program_text("multisine").splitlines(keepends=True)
     first = lines.index("SETPOINTS = (\n") + 1
     text = "".join(lines[: first + SHORT] + lines[lines.index(")\n", first) :])
     for old, new in QUICK.items():
@@ -242,23 +237,17 @@ def at(seconds, action):
     return once(lambda autopilot, _: autopilot.flying_s() >= seconds, action)
 
 
+def becomes(**changes):
+    """Other attributes."""
+    return lambda autopilot: vars(autopilot).update(changes)
+
+
 def mode(name, *, quiet=False, **changes):
     """Another mode, and other attributes."""
 
     def action(autopilot):
-        for key, value in changes.items():
-            setattr(autopilot, key, value)
+        vars(autopilot).update(changes)
         autopilot.change(name, quiet=quiet)
-
-    return action
-
-
-def becomes(**changes):
-    """Other attributes."""
-
-    def action(autopilot):
-        for key, value in changes.items():
-            setattr(autopilot, key, value)
 
     return action
 
@@ -291,13 +280,8 @@ def flown(case, folder):
     assert not case.replace[0] or text.count(case.replace[0]) == 1
     path.write_text(text.replace(*case.replace) if case.replace[0] else text, encoding="utf-8")
     with FlyingAutopilot(case.happens, **case.vehicle) as autopilot:
-        command = [
-            sys.executable,
-            str(path),
-            "--connect",
-            f"udpin://127.0.0.1:{autopilot.port}",
-            *case.options,
-        ]
+        address = f"udpin://127.0.0.1:{autopilot.port}"
+        command = [sys.executable, str(path), "--connect", address, *case.options]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         if case.closed:
             command = ["sh", "-c", 'exec "$@" >&-', "sh", *command]
@@ -351,11 +335,8 @@ def follows_the_plan(autopilot):
     missing = [height for height in plan if min(abs(np.array(heights) - height)) > 2e-3]
     last = autopilot.setpoints()[-1].message
     neutral = (last.vx, last.vy, last.vz, last.afx, last.afy, last.afz) == (0.0,) * 6
-    return (
-        ""
-        if not missing and neutral
-        else f"heights {missing} are missing, or the last is not neutral: {last}"
-    )
+    wrong = f"heights {missing} are missing, or the last is not neutral: {last}"
+    return "" if not missing and neutral else wrong
 
 
 def neutral(autopilot):
@@ -379,9 +360,8 @@ def end_child(name):
 
     def action(autopilot):
         autopilot.children = children(autopilot.process.pid)
-        os.kill(
-            next(value for key, value in autopilot.children.items() if key.startswith(name)), signal.SIGKILL
-        )
+        process = next(value for key, value in autopilot.children.items() if key.startswith(name))
+        os.kill(process, signal.SIGKILL)
 
     return action
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,44 +17,59 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import controller_gains
 from eivor.planning import plan as planning
-from eivor.planning.plan import csv_text, levels, qgc_text, ranked_std_errors
-from eivor.planning.vehicle import (
-    ROOM,
-    STEP_S,
-    Shape,
-    candidates,
-    read_vehicle,
-    rough_vehicle,
-    vehicle_of_result,
+from eivor.planning import vehicle as vehicles
+from eivor.planning.plan import (
+    ExpectedInterval,
+    csv_text,
+    levels,
+    mavsdk_text,
+    qgc_text,
+    ranked_std_errors,
 )
+from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, read_vehicle, vehicle_of_result
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from flights.flight_logs import prepare_vertical
 
 LIMITS = ev.FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
+SHORT = ev.FlightLimits(duration_s=30.0)
 
 
-@pytest.fixture(scope="module")
-def flown_first():
-    """Flights of the simulator, made ready, and the specification of the first."""
-    specs = [VerticalFlightSpec(gust_rms=0.5, seed=seed, duration=40.0) for seed in range(4)]
-    flights = simulate_vertical_flights(specs)
-    prepared = tuple(prepare_vertical(flight.recording, ev.FlightOptions()) for flight in flights)
-    return specs[0], prepared, Vertical().problem(prepared, NoInstruments())
+@cache
+def planned(kind):
+    """A plan without its simulations: the first shape of a kind, and half-widths that were written down."""
+    predicted = {
+        word: ExpectedInterval(width, value, (Status.IDENTIFIED, Status.WEAK))
+        for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
+    }
+    shape = next(candidates(SHORT, (kind,), 0))
+    return ev.FlightPlan(ev.VehicleGuess(), SHORT, "friction", shape, predicted, (4.0, 7.0, 1.5))
 
 
-def vertical_numbers(friction, gain, lag_s):
-    """Parameters and nuisances by name."""
-    return {"viscous_friction": friction, "input_gain": gain, "actuator_lag": lag_s, "delay": 0.0}
+def program_text(kind):
+    """The program that `eivor plan -o flight.py` writes of such a plan."""
+    return mavsdk_text(planned(kind))
+
+
+@pytest.fixture
+def multisine():
+    return planned("multisine")
+
+
+@pytest.fixture
+def steps():
+    return planned("steps")
 
 
 @pytest.mark.thorough
-def test_the_controller_is_read_off_a_flight(flown_first):
-    spec, prepared, problem = flown_first
-    numbers = vertical_numbers(spec.viscous_friction, spec.input_gain, spec.actuator_lag)
-    gains = controller_gains(problem, numbers, prepared)
-    for name, value in gains.items():
+def test_the_controller_is_read_off_a_flight():
+    specs = [VerticalFlightSpec(gust_rms=0.5, seed=seed, duration=40.0) for seed in range(4)]
+    flights = simulate_vertical_flights(specs)
+    prepared = tuple(prepare_vertical(flight.recording, ev.FlightOptions()) for flight in flights)
+    problem, spec = Vertical().problem(prepared, NoInstruments()), specs[0]
+    numbers = {name: getattr(spec, name) for name in ("viscous_friction", "input_gain", "actuator_lag")}
+    for name, value in controller_gains(problem, numbers | {"delay": 0.0}, prepared).items():
         assert value == pytest.approx(getattr(spec.controller, name), rel=0.2), name
 
 
@@ -63,12 +79,9 @@ def test_shapes_keep_their_limits_and_rest_at_the_ends(kind):
     assert len(shapes) > 10
     for shape in shapes:
         velocity, acceleration = shape.derivatives
-        used = (
-            np.abs(shape.offset).max() / (ROOM * 1.5),
-            np.abs(velocity).max() / (ROOM * LIMITS.speed),
-            np.abs(acceleration).max() / LIMITS.acceleration,
-        )
-        assert max(used) == pytest.approx(1.0)
+        limits = (ROOM * 1.5, ROOM * LIMITS.speed, LIMITS.acceleration)
+        used = zip((shape.offset, velocity, acceleration), limits, strict=True)
+        assert max(np.abs(series).max() / limit for series, limit in used) == pytest.approx(1.0)
         assert shape.offset.size == round(LIMITS.duration_s / STEP_S)
         for end in (slice(0, 100), slice(-50, None)):
             assert np.abs(velocity[end]).max() < 0.02 * LIMITS.speed
@@ -83,9 +96,8 @@ def test_the_formula_knows_what_slow_and_quick_flights_tell():
         series = sum(np.sin(2.0 * np.pi * f * time + f) / f for f in hertz)
         return Shape("multisine", "", window * series).within(ev.FlightLimits())
 
-    slow, quick = (
-        ranked_std_errors(sines(*f), ev.VehicleGuess()) for f in ((0.1, 0.2, 0.3), (0.6, 1.0, 1.5))
-    )
+    hertz = (0.1, 0.2, 0.3), (0.6, 1.0, 1.5)
+    slow, quick = (ranked_std_errors(sines(*item), ev.VehicleGuess()) for item in hertz)
     assert slow[0] < quick[0]
     assert quick[2] < slow[2]
     calm, windy = (ranked_std_errors(sines(0.1, 0.9), ev.VehicleGuess(gust_rms=g)) for g in (0.1, 1.0))
@@ -97,7 +109,9 @@ def test_the_formula_knows_what_slow_and_quick_flights_tell():
 def test_a_plan_is_chosen_by_flying_it(monkeypatch):
     monkeypatch.setattr(planning, "FINALISTS", 2)
     monkeypatch.setattr(planning, "RUNS", 2)
-    made = ev.plan(rough_vehicle(friction=0.5, gusts=0.1), target="lag", limits=LIMITS, shape="multisine")
+    made = ev.plan(
+        vehicles.rough_vehicle(friction=0.5, gusts=0.1), target="lag", limits=LIMITS, shape="multisine"
+    )
     assert made.target == "lag"
     result = made.predicted["lag"]
     assert len(result.verdicts) == 2
@@ -121,15 +135,10 @@ def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
 
 
 def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
-    def quantity(value, verdict):
-        return Quantity(value, "", 0.1, (0.3, 0.5), verdict)
-
-    quantities = {
-        "viscous_friction": quantity(0.42, Status.WEAK),
-        "input_gain": quantity(0.42, Status.IDENTIFIED),
-        "effective_lag": quantity(0.42, Status.WEAK),
-        "hover_input": quantity(0.6, Status.WEAK),
-    }
+    names = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
+    quantities = {name: Quantity(0.42, "", 0.1, (0.3, 0.5), Status.WEAK) for name in names}
+    quantities["input_gain"] = replace(quantities["input_gain"], verdict=Status.IDENTIFIED)
+    quantities["hover_input"] = replace(quantities["hover_input"], value=0.6)
     flown = {
         "taken": {"viscous_friction": 0.42, "lag_s": 0.03},
         "residual": {name: [1.0, 2.0] for name in ("frequency_hz", "force", "accelerometer", "velocity")},
@@ -145,13 +154,8 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
     assert replace(without, hover_input=0.5, requested="") == ev.VehicleGuess()
     with pytest.raises(UsageError, match="'rover_motion'"):
         vehicle_of_result("rover_motion", "square", quantities, {})
-    for damaged in (
-        3,
-        {"taken": 3},
-        {"taken": {"lag_s": None}},
-        {"residual": {"force": [1.0]}},
-        {"controller": {"speed": 1.0}},
-    ):
+    unsound = {"residual": {"force": [1.0]}}, {"controller": {"speed": 1.0}}
+    for damaged in (3, {"taken": 3}, {"taken": {"lag_s": None}}, *unsound):
         with pytest.raises(InputError, match=r"under prediction\.flown"):
             vehicle_of_result("vertical_motion", "square", quantities, damaged)
     with pytest.raises(InputError, match=r"under prediction\.flown"):
@@ -191,28 +195,16 @@ def test_a_plan_is_told(multisine):
     assert replace(multisine, predicted={**multisine.predicted, "friction": always}).is_informative
     assert on_terminal(plan_document(multisine)).renderables
     document = json.loads(json.dumps(plan_json(multisine), allow_nan=False))
-    assert document["predicted"]["lag"] == {
-        "half_width": 3.0,
-        "value": 50.0,
-        "unit": "ms",
-        "verdicts": ["identified", "weak"],
-    }
+    numbers = {"half_width": 3.0, "value": 50.0, "unit": "ms"}
+    assert document["predicted"]["lag"] == {**numbers, "verdicts": ["identified", "weak"]}
 
 
 HOME = (47.3977, 8.5456)
 NUMBER = (int, float)
 ITEM = {"type", "autoContinue", "command", "doJumpId", "frame", "params"}
 PLACED = ITEM | {"AMSLAltAboveTerrain", "Altitude", "AltitudeMode"}
-MISSION = {
-    "version": int,
-    "firmwareType": int,
-    "vehicleType": int,
-    "cruiseSpeed": NUMBER,
-    "hoverSpeed": NUMBER,
-    "globalPlanAltitudeMode": int,
-    "plannedHomePosition": list,
-    "items": list,
-}
+MISSION = dict.fromkeys(("version", "firmwareType", "vehicleType", "globalPlanAltitudeMode"), int)
+MISSION |= {"cruiseSpeed": NUMBER, "hoverSpeed": NUMBER, "plannedHomePosition": list, "items": list}
 
 
 def strictly_read(text):
