@@ -18,7 +18,7 @@ from coarse_search import full
 from exports.documents import document, refused, written
 from exports.identified import TRUE, px4_log
 from exports.test_autopilots import qgc
-from planning.conftest import planned as plan_of
+from planning.test_plan import planned as plan_of
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
