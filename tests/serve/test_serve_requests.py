@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import html
+import http.client
 import json
 import os
 import signal
@@ -13,7 +14,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from importlib import resources
 from pathlib import Path
 
@@ -28,9 +29,118 @@ from eivor.serve import app, jobs
 from eivor.serve.app import KEPT_S, ServeOptions, Server, page_text
 from eivor.serve.jobs import shown_name
 from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
-from serve.conftest import Asking, Clock, closed, wait_for
+from serve.quick_work import QuickWork
 
 NOBODY = "0" * 32
+
+
+def wait_for(condition):
+    """Return once it holds."""
+    end = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def closed(server):
+    """Return once no connection is open."""
+    wait_for(lambda: not server.connections)
+
+
+class Asking:
+    """A page of a server."""
+
+    def __init__(self, server):
+        self.server = server
+
+    def __call__(self, method, path, body=None, **headers):
+        """Status, body and headers of an answer; a header of None is left out."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
+            line.putrequest(method, path, skip_host="host" in headers, skip_accept_encoding=True)
+            given = {"x-eivor-token": self.server.token}
+            given |= {name.replace("_", "-"): value for name, value in headers.items()}
+            if body is not None:
+                given.setdefault("content-length", str(len(body)))
+            for name, value in given.items():
+                if value is not None:
+                    line.putheader(name, value)
+            line.endheaders()
+            if body is not None:
+                line.send(body)
+            answer = line.getresponse()
+            return answer.status, answer.read(), answer.headers
+
+    def json(self, method, path, body=None, **headers):
+        """JSON of an answer that is one."""
+        data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+        status, text, _ = self(method, path, data, **headers)
+        assert status == 200, text
+        return json.loads(text)
+
+    def refused(self, method, path, body=None, **headers):
+        """Status and sentence of a refusal, whose parts are all there."""
+        status, text, _ = self(method, path, body, **headers)
+        error = json.loads(text)["error"]
+        assert set(error) == {"expected", "received", "advice", "sentence"}
+        return status, error["sentence"]
+
+    def dropped(self, content, name="flight.csv"):
+        """Identifier of a log that is dropped."""
+        log: str = self.json("POST", "/logs", content, x_eivor_name=name)["log"]
+        return log
+
+    def job(self, content, name="flight.csv", **options):
+        """Identifier of a job of a log that is dropped."""
+        requested = {"logs": [self.dropped(content, name)], "options": options}
+        job: str = self.json("POST", "/jobs", requested)["job"]
+        return job
+
+    @contextmanager
+    def events(self, job):
+        """What is told of a job, as it comes."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
+            line.request("GET", f"/jobs/{job}/events", headers={"X-Eivor-Token": self.server.token})
+            answer = line.getresponse()
+            assert answer.status == 200
+            yield map(json.loads, answer)
+
+    def last(self, job):
+        """The last that is told of a job."""
+        with self.events(job) as events:
+            return list(events)[-1]
+
+
+class Clock:
+    """Seconds that pass when they are told to."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture(scope="module")
+def opening():
+    """Open servers whose processes do what logs say; they are closed in the end."""
+    servers: list[Server] = []
+
+    def opened(**options):
+        quick = {"work": QuickWork(), "limits": Limits(5.0, 0.5), "largest": 1000}
+        servers.append(Server(ServeOptions(**{**quick, **options})))
+        return Asking(servers[-1])
+
+    yield opened
+    for server in servers:
+        server.close()
+        assert not server.folder.exists()
+        assert not server.workers.pids()
+
+
+@pytest.fixture(scope="module")
+def page(opening):
+    """The page of a server for a whole file of tests."""
+    return opening()
 
 
 def test_the_page_comes_with_its_token_and_a_policy(page):
@@ -51,17 +161,13 @@ def test_the_page_comes_with_its_token_and_a_policy(page):
 @pytest.mark.parametrize(
     ("status", "headers"),
     [
-        (403, {"x_eivor_token": None}),
-        (403, {"x_eivor_token": "x"}),
-        (403, {"x_eivor_token": "é"}),
-        (403, {"origin": "http://evil.example"}),
-        (403, {"origin": "null"}),
-        (403, {"sec_fetch_site": "cross-site"}),
-        (403, {"sec_fetch_site": "same-site"}),
-        (421, {"host": "evil.example"}),
-        (421, {"host": "evil.example:80"}),
-        (421, {"host": "127.0.0.1"}),
-        (421, {"host": "127.0.0.1:1@evil.example"}),
+        *((403, {"x_eivor_token": token}) for token in (None, "x", "é")),
+        *((403, {"origin": origin}) for origin in ("http://evil.example", "null")),
+        *((403, {"sec_fetch_site": site}) for site in ("cross-site", "same-site")),
+        *(
+            (421, {"host": host})
+            for host in ("evil.example", "evil.example:80", "127.0.0.1", "127.0.0.1:1@e.x")
+        ),
     ],
 )
 @pytest.mark.parametrize(("method", "path"), [("GET", "/choices"), ("POST", "/logs")])
@@ -202,17 +308,13 @@ def test_a_name_is_shown_and_no_path(page, header, name):
     assert shown_name(header) == name
     log = page.json("POST", "/logs", b"x", x_eivor_name=header)
     assert log["name"] == name
+    for folder in (page.server.folder, *page.server.folder.iterdir()):
+        assert folder.stat().st_mode & 0o077 == 0
     (kept,) = page.server.folder.glob(f"logs/{log['log']}*")
     assert kept.suffix in {"", ".ulg", ".ini", ".csv"}
     page.json("DELETE", f"/logs/{log['log']}")
     assert not kept.exists()
     assert page.refused("DELETE", f"/logs/{log['log']}")[0] == 404
-
-
-def test_files_are_private(page):
-    page.dropped(b"x")
-    for folder in (page.server.folder, *page.server.folder.iterdir()):
-        assert folder.stat().st_mode & 0o077 == 0
 
 
 @pytest.mark.parametrize("more", ["", "X-Eivor-Files: a/3 b/497\r\n"])
@@ -320,36 +422,14 @@ def asked(**options):
 
 
 def test_options_are_words_of_the_command_line():
-    job = asked(
-        model="rates",
-        vehicle="crazyflie-2x",
-        map="rotorpy",
-        mass="1.5:0.02",
-        method="least_squares",
-        lag="70:15",
-        window=[4, 67.5],
-        compare=True,
-        max_tilt=20,
-        rotor_radius="0.12",
-        terms=["quadratic-drag"],
-        noise=["estimate"],
-        instruments="",
-        align=None,
-    )
-    assert (job.model, job.vehicle, job.channel_map, job.mass) == (
-        *("rates", "crazyflie-2x"),
-        *("rotorpy", "1.5:0.02"),
-    )
-    assert job.options == {
-        "method": "least_squares",
-        "lag": "70:15",
-        "window": "4.0:67.5",
-        "compare": True,
-        "max_tilt": 20.0,
-        "rotor_radius": 0.12,
-        "terms": ["quadratic-drag"],
-        "noise": ["estimate"],
-    }
+    words = {"method": "least_squares", "lag": "70:15", "compare": True, "noise": ["estimate"]}
+    words["terms"] = ["quadratic-drag"]
+    others = {"model": "rates", "vehicle": "crazyflie-2x", "map": "rotorpy", "mass": "1.5:0.02"}
+    numbers = {"window": [4, 67.5], "max_tilt": 20, "rotor_radius": "0.12"}
+    job = asked(**words, **others, **numbers, instruments="", align=None)
+    assert [job.model, job.vehicle, job.channel_map, job.mass] == list(others.values())
+    assert job.options == words | {"window": "4.0:67.5", "max_tilt": 20.0, "rotor_radius": 0.12}
+    assert asked(max_tilt=10**400).options == {"max_tilt": float("inf")}
     several = parse_job(json.dumps({"logs": [LOG, {"log": LOG, "window": [None, 3]}]}).encode())
     assert several == JobRequest(((LOG, ""), (LOG, ":3.0")))
 
@@ -381,10 +461,6 @@ def test_absurd_jobs_are_refused(body):
 def test_options_are_of_their_kind(options, sentence):
     with pytest.raises(RefusedError, match=sentence):
         asked(**options)
-
-
-def test_a_number_beyond_all_is_infinite():
-    assert asked(max_tilt=10**400).options == {"max_tilt": float("inf")}
 
 
 @pytest.mark.parametrize(
@@ -464,11 +540,8 @@ def test_a_job_tells_its_stages_and_has_a_result(page):
     job = page.job("a flight ü".encode(), "my ü flight.ulg", mass="1.5")
     with page.events(job) as events:
         reported = list(events)
-    assert list(dict.fromkeys(item["stage"] for item in reported[:-1])) == [
-        "waiting",
-        "reading",
-        "identifying",
-    ]
+    stages = dict.fromkeys(item["stage"] for item in reported[:-1])
+    assert list(stages) == ["waiting", "reading", "identifying"]
     assert all(item["elapsed"] >= 0.0 for item in reported[:-1])
     assert reported[-1] == {"done": {"status": "identified"}}
     assert page("GET", f"/jobs/{job}/result.json")[1].decode() == "a flight ü"
@@ -552,10 +625,8 @@ def test_a_verdict_stays_where_its_report_fails(page):
     job = page.job(b"unreported")
     assert page.last(job) == {"done": {"status": "identified"}}
     assert page("GET", f"/jobs/{job}/result.json")[1] == b"unreported"
-    assert page.refused("GET", f"/jobs/{job}/report.html") == (
-        500,
-        "Expected unreported; received unreported. unreported",
-    )
+    sentence = "Expected unreported; received unreported. unreported"
+    assert page.refused("GET", f"/jobs/{job}/report.html") == (500, sentence)
 
 
 def test_the_queue_is_bounded(opening):
