@@ -39,7 +39,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 36_722}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 36_166}  # To be 36,000
 
 
 def lint_imports(source):

@@ -17,3 +17,9 @@ def read(tmp_path):
         return ev.read_log(tmp_path / name, **options)
 
     return read
+
+
+@pytest.fixture
+def whole(monkeypatch):
+    """Files are whole: no child need decode them first."""
+    monkeypatch.setattr("eivor.logs.table.columnar.decode_in_child", lambda *_, **__: None)

@@ -244,6 +244,7 @@ def test_what_a_channel_that_is_missing_has_is_said(columns, words):
         ev.identify_flight(ev.recording_from_columns(columns))
 
 
+@pytest.mark.usefixtures("coarse_search", "unchecked_shapes")
 def test_an_accelerometer_without_an_attitude_is_said_to_be_of_no_use():
     result = ev.identify_flight(ev.recording_from_columns(COLUMNS))
     assert told(result, "no_accelerometer").startswith(

@@ -264,7 +264,7 @@ def same(first, other):
             assert getattr(channel, part) == getattr(twin, part)
 
 
-def test_parquet_reads_back_the_same(tmp_path):
+def test_parquet_reads_back_the_same(whole, tmp_path):
     r = ev.recording_from_columns(
         COLUMNS, frame=ev.Frame.NED, input_map="square", parameters={"a": 0.1}, estimated=("velocity_z",)
     )
@@ -277,7 +277,7 @@ def test_parquet_reads_back_the_same(tmp_path):
     assert ev.read_log(tmp_path / "again.parquet").sha256 == back.sha256
 
 
-def test_delays_and_sides_of_the_thrust_curve_are_kept(tmp_path):
+def test_delays_and_sides_of_the_thrust_curve_are_kept(whole, tmp_path):
     r = ev.recording_from_columns(COLUMNS)
     late = {name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
     behind = {"input": replace(r.channels["input"], curve_side=CurveSide.BEHIND)}
@@ -314,7 +314,7 @@ def test_what_cannot_be_written(tmp_path):
         ev.recording_from_columns(COLUMNS, estimated=("vz",))
 
 
-def test_channels_of_several_clocks_read_back_the_same(tmp_path):
+def test_channels_of_several_clocks_read_back_the_same(whole, tmp_path):
     quick, slow = np.arange(0.0, 2.0, 0.01), np.arange(0.003, 2.0, 0.02)
     channels = {
         name: Channel(name, time, np.sin(time), unit_of(name), source="x", held=held_by_default(name))

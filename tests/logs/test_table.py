@@ -462,12 +462,6 @@ column = "log.r"
 """
 
 
-@pytest.fixture
-def whole(monkeypatch):
-    """The files are whole: no child need decode them first."""
-    monkeypatch.setattr("eivor.logs.table.columnar.decode_in_child", lambda *_, **__: None)
-
-
 def columns(flight):
     values = {name: channel.values for name, channel in flight.channels.items()}
     return {"time": flight.channels["position_z"].time_s, **values}
