@@ -30,8 +30,8 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 210,
-    "lines": 69_182,  # To be 64,000 again
-    "lines of code without docstrings and imports": 45_379,  # And 41,000
+    "lines": 69_188,  # To be 64,000 again
+    "lines of code without docstrings and imports": 45_385,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
@@ -39,7 +39,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 36_166}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 36_169}  # To be 36,000
 
 
 def lint_imports(source):

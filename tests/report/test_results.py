@@ -383,6 +383,9 @@ def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monke
         ev.validate(still, recording)
     with pytest.raises(InputError, match="three seconds in the air"):
         ev.validate(fit, recording, window=(10.0, 11.0))
+    silent = {name: item for name, item in recording.channels.items() if "command" not in name}
+    with pytest.raises(InputError, match=r"the input of the fit.*; received a log without it"):
+        ev.validate(fit, replace(recording, channels=silent))
     (tmp_path / "fit.json").write_text(fit.to_json())
     other = ev.load_fit(tmp_path / "fit.json")
     other.document.model = msgspec.structs.replace(other.document.model, name="submarine")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.estimate import FlightState, estimated
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_SUMS
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
@@ -361,6 +361,12 @@ def _prepared(
         terms=tuple(map(str, terms)) if isinstance(terms, list) else (),
     )
     check_options(motion, options)
+    if prediction.input and not recording.family(prediction.input.rstrip("*").rstrip("_")):
+        raise MissingChannelError(
+            f"the input of the fit, '{prediction.input}', in {recording.name}",
+            "a log without it",
+            "Give a log with the same command, or name its column in a channel map (--map).",
+        )
     flight = prepare(recording, motion, options)
     if not flight.runs:
         raise InputError(
