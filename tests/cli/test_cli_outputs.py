@@ -16,22 +16,8 @@ import pytest
 import typer
 
 import eivor as ev
+from eivor.cli import outputs
 from eivor.cli.main import app
-from eivor.cli.outputs import (
-    FLEET_FILES,
-    FLEET_PARTS,
-    PAPER_FILES,
-    STUDY_FILES,
-    ReadableCommand,
-    Reads,
-    Writes,
-    declarations,
-    deliver,
-    figure_file,
-    fleet_paths,
-    output_file,
-    writing,
-)
 from eivor.errors import InputError, UsageError
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
@@ -81,7 +67,7 @@ COMMANDS = commands()
 
 def named(words, kind):
     """Parameters of a command that declare one kind of file."""
-    positions = declarations(COMMANDS[words])
+    positions = outputs.declarations(COMMANDS[words])
     return [param for param in COMMANDS[words].params if isinstance(positions.get(param.name), kind)]
 
 
@@ -95,18 +81,18 @@ ALIASES = cycle(("itself", "dots", "symbolic link", "hard link"))
 PAIRS = [
     pytest.param(words, source, output, alias, id=f"{' '.join(words)} {label(source)} {label(output)}")
     for words in COMMANDS
-    for source in (*named(words, Reads), *named((), Reads))
-    for output, alias in zip(named(words, Writes), ALIASES, strict=False)
+    for source in (*named(words, outputs.Reads), *named((), outputs.Reads))
+    for output, alias in zip(named(words, outputs.Writes), ALIASES, strict=False)
 ]
 OUTPUTS = [
     pytest.param(words, *pair, id=f"{' '.join(words)} {label(pair[0])} {label(pair[1])}")
     for words in COMMANDS
-    for pair in combinations(named(words, Writes), 2)
+    for pair in combinations(named(words, outputs.Writes), 2)
 ]
 
 
 def position_of(words, parameter):
-    return {**declarations(COMMANDS[()]), **declarations(COMMANDS[words])}[parameter.name]
+    return {**outputs.declarations(COMMANDS[()]), **outputs.declarations(COMMANDS[words])}[parameter.name]
 
 
 def called(words, given, folder):
@@ -137,8 +123,10 @@ def test_every_text_of_a_command_declares_its_files():
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
     unguarded = []
     for words, command in COMMANDS.items():
-        assert hasattr(command, "commands") or isinstance(command, ReadableCommand)  # which guards outputs
-        positions = declarations(command)
+        assert hasattr(command, "commands") or isinstance(
+            command, outputs.ReadableCommand
+        )  # which guards outputs
+        positions = outputs.declarations(command)
         known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
         for parameter in command.params:
             if parameter.name in COMPLETION:
@@ -155,16 +143,16 @@ def test_every_text_of_a_command_declares_its_files():
 @pytest.mark.parametrize(("words", "source", "output", "alias"), PAIRS)
 def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source, output, alias):
     reads, writes = position_of(words, source), position_of(words, output)
-    assert isinstance(reads, Reads)
-    assert isinstance(writes, Writes)
+    assert isinstance(reads, outputs.Reads)
+    assert isinstance(writes, outputs.Writes)
     (tmp_path / "sub").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     inside = Path(writes.inside[0].replace("*", "0")) if writes.inside else Path()
     target = tmp_path / "target.toml" / inside
     read = tmp_path / "read"
-    if reads.paths is fleet_paths:
+    if reads.paths is outputs.fleet_paths:
         read = read / "flights" / "part-0.parquet"
-    if alias in ("itself", "dots") and reads.paths is fleet_paths:
+    if alias in ("itself", "dots") and reads.paths is outputs.fleet_paths:
         target = read
     elif alias in ("itself", "dots"):
         read = target
@@ -175,7 +163,7 @@ def test_no_output_replaces_an_input(eivor, tmp_path, monkeypatch, words, source
         target.symlink_to(read)
     elif alias == "hard link":
         os.link(read, target)
-    typed = "read" if reads.paths is fleet_paths else os.path.relpath(read)
+    typed = "read" if reads.paths is outputs.fleet_paths else os.path.relpath(read)
     where = target.parents[len(inside.parts) - 1] if inside.parts else target
     written = f"sub/../{where.relative_to(tmp_path)}" if alias == "dots" else str(where)
     given = {source.name: (source, typed), output.name: (output, written)}
@@ -269,38 +257,38 @@ def test_the_files_of_folders_are_those_that_are_written(tmp_path):
         *map(str, figure_files(Path(), "nrmse", "coverage")),
     }
     for names, patterns in (
-        (fleet, (*FLEET_FILES, *FLEET_PARTS)),
-        (study, STUDY_FILES),
-        (set(map(str, figure_files(Path()))), PAPER_FILES),
+        (fleet, (*outputs.FLEET_FILES, *outputs.FLEET_PARTS)),
+        (study, outputs.STUDY_FILES),
+        (set(map(str, figure_files(Path()))), outputs.PAPER_FILES),
     ):
         assert not [name for name in names if not any(fnmatch(name, pattern) for pattern in patterns)]
 
 
 def test_an_output_needs_a_folder(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        output_file(str(tmp_path / "no" / "x.json"), option="--json")
+        outputs.output_file(str(tmp_path / "no" / "x.json"), option="--json")
     with pytest.raises(UsageError, match="the folder"):
-        output_file(str(tmp_path), option="--json")
+        outputs.output_file(str(tmp_path), option="--json")
     with pytest.raises(InputError, match="File name too long"):
-        output_file(str(tmp_path / ("x" * 300)), option="--json")
+        outputs.output_file(str(tmp_path / ("x" * 300)), option="--json")
     (tmp_path / "dangling").symlink_to("no/x.json")
     with pytest.raises(InputError, match="No such file"):
-        output_file(str(tmp_path / "dangling"), option="--json")
+        outputs.output_file(str(tmp_path / "dangling"), option="--json")
     example = Path(ev.__file__).parent / "data" / "example_flight.parquet"
     with pytest.raises(UsageError, match="belongs to Eivor"):
-        output_file(str(example), option="--json")
-    assert output_file(str(tmp_path / "x.json"), option="--json") == tmp_path / "x.json"
+        outputs.output_file(str(example), option="--json")
+    assert outputs.output_file(str(tmp_path / "x.json"), option="--json") == tmp_path / "x.json"
     assert [path.name for path in tmp_path.iterdir()] == ["dangling"]
 
 
 def test_a_figure_has_a_format(tmp_path):
-    assert figure_file(str(tmp_path / "x.PNG")) == tmp_path / "x.PNG"
+    assert outputs.figure_file(str(tmp_path / "x.PNG")) == tmp_path / "x.PNG"
     with pytest.raises(UsageError, match=r"\.png, \.svg, \.pdf"):
-        figure_file(str(tmp_path / "x.jpg"))
+        outputs.figure_file(str(tmp_path / "x.jpg"))
 
 
 def test_the_system_s_refusal_to_write_is_told(tmp_path):
-    with pytest.raises(InputError, match="No space left"), writing(tmp_path / "x"):
+    with pytest.raises(InputError, match="No space left"), outputs.writing(tmp_path / "x"):
         raise OSError(28, "No space left on device")
 
 
@@ -312,7 +300,9 @@ def test_every_part_is_delivered_whatever_happens_to_others(capsys):
         raise InputError("a file", f"number {number}", "Choose another.")
 
     with pytest.raises(InputError, match="number 1"):
-        deliver(lambda: done.append(0), lambda: refused(1), lambda: refused(2), lambda: done.append(3))
+        outputs.deliver(
+            lambda: done.append(0), lambda: refused(1), lambda: refused(2), lambda: done.append(3)
+        )
     assert done == [0, 1, 2, 3]
     assert capsys.readouterr().err == "eivor: Expected a file; received number 2. Choose another.\n"
 

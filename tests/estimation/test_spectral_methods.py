@@ -11,16 +11,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import EstimationError, FallbackWarning, InstrumentError, MissingNoiseError, UsageError
-from eivor.estimation import spectral_iv
+from eivor.estimation import sampled_motion, spectral_iv
 from eivor.estimation.pair_whitening import PairWhitening, corrected_spectrum, responses
-from eivor.estimation.sampled_motion import (
-    NoiseModel,
-    PairSpectrum,
-    SampledMotion,
-    SampledRecord,
-    sampled_problem,
-    unitary_bins,
-)
 from eivor.estimation.spectral_equations import (
     SpectralSolution,
     _meat,
@@ -231,7 +223,7 @@ def pair():
 
 
 def as_pair(dense):
-    return PairSpectrum(dense[:, 0, 0].real, dense[:, 1, 1].real, dense[:, 0, 1])
+    return sampled_motion.PairSpectrum(dense[:, 0, 0].real, dense[:, 1, 1].real, dense[:, 0, 1])
 
 
 def test_solutions_are_those_of_the_matrices(dense, pair):
@@ -241,12 +233,14 @@ def test_solutions_are_those_of_the_matrices(dense, pair):
 
 @pytest.fixture
 def sampled(problem_of):
-    return sampled_problem(problem_of("rich", 1001, 11), "spectral_giv")
+    return sampled_motion.sampled_problem(problem_of("rich", 1001, 11), "spectral_giv")
 
 
 @pytest.fixture(params=[False, True], ids=["held", "free rho"])
 def solution(sampled, request):
-    start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).values[:2].tolist())
+    start = sampled_motion.SampledMotion(
+        sampled.record, *consistent_estimate(sampled.problem).values[:2].tolist()
+    )
     pilot = pilot_at(start, sampled.input_variance)
     return solved_equations(pilot, sampled.input_variance, free_blend=request.param)
 
@@ -301,20 +295,20 @@ def motion_of(intersample, blend, samples=801):
     )
     signals = ev.simulate(scenario, np.random.default_rng(3)).signals
     names = ("acceleration_z", "velocity_z", "input")
-    bins = (unitary_bins(signals.channel(name)) for name in names)
-    record = SampledRecord(signals.step_s, samples, *bins)
-    return SampledMotion(record, scenario.viscous_friction, scenario.input_gain, blend)
+    bins = (sampled_motion.unitary_bins(signals.channel(name)) for name in names)
+    record = sampled_motion.SampledRecord(signals.step_s, samples, *bins)
+    return sampled_motion.SampledMotion(record, scenario.viscous_friction, scenario.input_gain, blend)
 
 
 def test_the_noise_model_is_the_covariance_of_what_noises_leave():
     """Residuals of simulated noises have the spectrum of the model, within chance."""
     motion, count = motion_of(Intersample.HOLD, 0.0, 4001), 4001
-    noise = NoiseModel(0.3, np.array([0.2, 0.4, 0.5]), np.zeros(3))
+    noise = sampled_motion.NoiseModel(0.3, np.array([0.2, 0.4, 0.5]), np.zeros(3))
     C = noise.spectrum(motion)
     rng = np.random.default_rng(7)
 
     def series(variance):
-        return unitary_bins(np.sqrt(variance) * rng.standard_normal(count))
+        return sampled_motion.unitary_bins(np.sqrt(variance) * rng.standard_normal(count))
 
     ratios: list[float] = []
     for _ in range(10):

@@ -11,23 +11,7 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
-from exports.documents import (
-    CORRELATIONS,
-    GAIN,
-    GRAVITY,
-    HOVER,
-    JOINT,
-    KNOWN_VEHICLE,
-    NUMBERS,
-    PRIORS,
-    document,
-    of_rigid_body,
-    of_speeds,
-    refused,
-    saved,
-    vehicle_file,
-    written,
-)
+from exports import documents
 from exports.test_simulators import WORSE
 
 LAW_DRAWS = 100_000
@@ -35,49 +19,51 @@ LAW_DRAWS = 100_000
 
 @pytest.mark.parametrize("degrees", [5.0, 8.0, None])
 def test_marginal_laws_and_correlations(degrees, tmp_path):
-    reported = document(degrees)
-    for name in JOINT:  # nothing beyond the covariance
-        reported["parameters"][name]["interval"] = [NUMBERS[name][0]] * 2
-    draws = ev.load_fit(written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
-    assert list(draws) == list(JOINT)
+    reported = documents.document(degrees)
+    for name in documents.JOINT:  # nothing beyond the covariance
+        reported["parameters"][name]["interval"] = [documents.NUMBERS[name][0]] * 2
+    draws = ev.load_fit(documents.written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
+    assert list(draws) == list(documents.JOINT)
     edge = stats.norm.ppf(0.975) if degrees is None else stats.t.ppf(0.975, degrees)
-    scaled = [(draws[name] - NUMBERS[name][0]) / NUMBERS[name][1] for name in JOINT]
+    scaled = [
+        (draws[name] - documents.NUMBERS[name][0]) / documents.NUMBERS[name][1] for name in documents.JOINT
+    ]
     for item in scaled:
         assert np.median(item) == pytest.approx(0.0, abs=0.002)
         assert np.quantile(item, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
-    np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
+    np.testing.assert_allclose(np.corrcoef(scaled), documents.CORRELATIONS, atol=0.01)
 
 
 def test_what_a_printed_interval_has_beyond_the_covariance_is_drawn(tmp_path):
-    reported = document(degrees=None)
-    value, std_error = NUMBERS["viscous_friction"]
+    reported = documents.document(degrees=None)
+    value, std_error = documents.NUMBERS["viscous_friction"]
     printed = [value - 5.0 * std_error, value + 3.0 * std_error]
     reported["parameters"]["viscous_friction"]["interval"] = printed
-    draws = ev.load_fit(written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
+    draws = ev.load_fit(documents.written(reported, tmp_path)).sample(LAW_DRAWS, seed=3)
     ends = (np.quantile(draws["viscous_friction"], [0.025, 0.975]) - value) / std_error
     np.testing.assert_allclose(ends, [-5.0, 3.0], atol=0.08)
 
 
 def test_a_document_of_several_delays_is_read_where_it_fits_best(tmp_path):
     """Documents of schema /1 of before the delay was continuous had a candidate for each delay."""
-    reported = document()
+    reported = documents.document()
     (best,) = reported["covariance"]["candidates"]
     other = {**best, "best": False, "excess": 2.0, "values": [0.3, 23.9, 0.04]}
     reported["covariance"]["candidates"] = [other, best]
-    fit = ev.load_fit(written(reported, tmp_path))
+    fit = ev.load_fit(documents.written(reported, tmp_path))
     np.testing.assert_array_equal(fit.joint.values, best["values"])
-    assert list(fit.sample(10)) == list(JOINT)
+    assert list(fit.sample(10)) == list(documents.JOINT)
 
 
 def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path):
-    reported = document()
+    reported = documents.document()
     covariance = reported["covariance"]
     (best,) = covariance.pop("candidates")
     spread = np.diag([0.01, 0.1, 0.02, 0.02]) ** 2
     spread[2, 3] = spread[3, 2] = -0.99 * 0.02**2
     parts = [{**best["parts"][0], "matrix": spread.tolist()}]
-    covariance |= {"names": [*JOINT, "delay"], "values": [0.3, 23.9, 0.05, 0.0], "parts": parts}
-    draws = ev.load_fit(written(reported, tmp_path)).sample(20_000, seed=1)
+    covariance |= {"names": [*documents.JOINT, "delay"], "values": [0.3, 23.9, 0.05, 0.0], "parts": parts}
+    draws = ev.load_fit(documents.written(reported, tmp_path)).sample(20_000, seed=1)
     assert (draws["delay"] >= 0.0).all()
     assert np.mean(draws["delay"] == 0.0) == pytest.approx(0.5, abs=0.02)
     assert np.std(draws["delay"] + draws["actuator_lag"]) == pytest.approx(0.0028, rel=0.2)
@@ -87,27 +73,29 @@ def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path):
 def test_what_cannot_be_drawn_is_told(tmp_path):
     with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
         drawn("gazebo", tmp_path)
-    fit = ev.load_fit(written(document(degrees=2.0), tmp_path))
+    fit = ev.load_fit(documents.written(documents.document(degrees=2.0), tmp_path))
     with pytest.raises(EstimationError, match="degrees of freedom"):
         fit.sample(10)
     for n, seed in ((0, 1), (10**8, 1), (5, -1)):
         with pytest.raises(UsageError, match="10,000,000 draws"):
             fit.sample(n, seed)
-    nothing = document()
+    nothing = documents.document()
     nothing["covariance"] = None
     with pytest.raises(EstimationError, match="with an estimate"):
-        ev.load_fit(written(nothing, tmp_path)).sample(10)
+        ev.load_fit(documents.written(nothing, tmp_path)).sample(10)
 
 
 COUNT = 2000
 
 #: Relative standard deviations of what is drawn.
-GAIN_SPREAD, MASS_SPREAD = 8e-9 / GAIN * (8.0 / 6.0) ** 0.5, 0.01
+GAIN_SPREAD, MASS_SPREAD = 8e-9 / documents.GAIN * (8.0 / 6.0) ** 0.5, 0.01
 
 
 def drawn(to, folder, record=None):
-    fit = ev.load_fit(written(record or of_speeds(), folder))
-    return fit.export(to, vehicle=vehicle_file(folder), priors=PRIORS, draws=COUNT, seed=3)
+    fit = ev.load_fit(documents.written(record or documents.of_speeds(), folder))
+    return fit.export(
+        to, vehicle=documents.vehicle_file(folder), priors=documents.PRIORS, draws=COUNT, seed=3
+    )
 
 
 def python_file(to, folder, **others):
@@ -124,7 +112,7 @@ def spread(column):
 def test_fields_of_mujoco_fit_its_model(tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     fields = {name: np.array(load) for name, load in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
-    model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
+    model = mujoco.MjModel.from_xml_path(documents.saved("mujoco", tmp_path))
     assert spread(fields["actuator_gainprm"] / fields["body_mass"]) == pytest.approx(GAIN_SPREAD, rel=0.1)
     row = int(np.argmax(fields["body_mass"]))
     model.body_mass[1], model.body_inertia[1] = fields["body_mass"][row], fields["body_inertia"][row]
@@ -139,14 +127,14 @@ def test_fields_of_mujoco_fit_its_model(tmp_path):
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data)
     lift = 4 * fields["actuator_gainprm"][row] / fields["body_mass"][row]
-    assert data.qvel[2] / model.opt.timestep == pytest.approx(lift - GRAVITY, abs=1e-3)
+    assert data.qvel[2] / model.opt.timestep == pytest.approx(lift - documents.GRAVITY, abs=1e-3)
 
 
 def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path):
     file = python_file("isaaclab", tmp_path)
     draws, thruster = file["draws"], file["thruster"]
     hover = np.sqrt(np.array(draws["mass"]) * 9.81 / (4 * np.array(draws["thrust_const"])))
-    assert np.median(hover) * 2.0 * np.pi == pytest.approx(HOVER, rel=1e-4)
+    assert np.median(hover) * 2.0 * np.pi == pytest.approx(documents.HOVER, rel=1e-4)
     assert spread(hover) < 0.002
     ends = file["events"]["randomize_rigid_body_mass"]["mass_distribution_params"]
     for (low, high), name in (
@@ -162,8 +150,8 @@ def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path):
 
 def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path):
     """Inertia over mass and arm is a ratio of gains, told to a tenth of a percent."""
-    rigid_body = of_rigid_body(KNOWN_VEHICLE)
-    fit = ev.load_fit(written(rigid_body, tmp_path))
+    rigid_body = documents.of_rigid_body(documents.KNOWN_VEHICLE)
+    fit = ev.load_fit(documents.written(rigid_body, tmp_path))
     fields = {
         name: np.array(load) for name, load in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()
     }
@@ -176,7 +164,7 @@ def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path):
 
 @pytest.mark.parametrize("to", ["rotorpy", "isaaclab", "mujoco"])
 def test_no_name_breaks_out_of_draws(to, tmp_path):
-    reported = refused(of_speeds(), "viscous_friction", WORSE)
+    reported = documents.refused(documents.of_speeds(), "viscous_friction", WORSE)
     reported["provenance"]["logs"][0]["name"] = WORSE
     text = drawn(to, tmp_path, reported)
     assert text.isascii()

@@ -13,28 +13,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import MissingReaderError, NotIdentifiedError, ParameterError, UsageError
-from exports.documents import (
-    FRICTION,
-    GAIN,
-    GRAVITY,
-    HOVER,
-    JOINT,
-    KNOWN_VEHICLE,
-    LAG,
-    PRIORS,
-    climb,
-    document,
-    exported,
-    lopsided_file,
-    of_rigid_body,
-    of_speeds,
-    quad_params,
-    quantity,
-    refused,
-    table,
-    vehicle_file,
-    written,
-)
+from exports import documents
 from exports.test_autopilots import HOSTILE, qgc
 
 
@@ -101,9 +80,9 @@ WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
 
 
 def test_rotorpy_by_hand(tmp_path):
-    params = quad_params(tmp_path)
-    assert params["k_eta"] == pytest.approx(0.03 * GAIN / 4 * 9.81 / GRAVITY)
-    assert params["k_z"] == pytest.approx(FRICTION * 0.03 / (4 * HOVER))
+    params = documents.quad_params(tmp_path)
+    assert params["k_eta"] == pytest.approx(0.03 * documents.GAIN / 4 * 9.81 / documents.GRAVITY)
+    assert params["k_z"] == pytest.approx(documents.FRICTION * 0.03 / (4 * documents.HOVER))
     assert params["k_m"] == pytest.approx(0.034 * params["k_eta"])
     assert (params["tau_m"], params["mass"], params["Izz"], params["k_d"]) == (0.072, 0.03, 2.7e-5, 0.0)
     np.testing.assert_array_equal(params["rotor_directions"], [-1, 1, -1, 1])
@@ -112,68 +91,70 @@ def test_rotorpy_by_hand(tmp_path):
 
 def test_a_rigid_body_tells_inertia_and_torque(tmp_path):
     """Of a flight that turns about all axes only the largest command is asked for."""
-    rigid_body = of_rigid_body(KNOWN_VEHICLE | {"name": WORSE})
-    fit = ev.load_fit(written(rigid_body, tmp_path))
-    result = table(fit.export("drone-models"))
+    rigid_body = documents.of_rigid_body(documents.KNOWN_VEHICLE | {"name": WORSE})
+    fit = ev.load_fit(documents.written(rigid_body, tmp_path))
+    result = documents.table(fit.export("drone-models"))
     np.testing.assert_allclose(np.diag(result["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)
     assert result["thrust2torque"] == pytest.approx(0.034, rel=1e-3)
     assert result["rpm2thrust"][2] == pytest.approx(2.3e-8 * (2.0 * np.pi / 60.0) ** 2)
     np.testing.assert_allclose(np.diag(result["drag_matrix"]), [-0.0075, -0.0081, -0.0054])
-    refused(rigid_body, "roll_coupling")
-    refused(rigid_body, "pitch_coupling")
-    fit = ev.load_fit(written(rigid_body, tmp_path))
+    documents.refused(rigid_body, "roll_coupling")
+    documents.refused(rigid_body, "pitch_coupling")
+    fit = ev.load_fit(documents.written(rigid_body, tmp_path))
     with pytest.raises(NotIdentifiedError, match=r"inertia in yaw .* torque over thrust"):
         fit.export("drone-models")
     given = fit.export("drone-models", priors={"inertia_zz": (2.6e-5, 1e-6), "torque_ratio": (0.03, 0.0)})
-    assert np.diag(table(given)["J"])[2] == 2.6e-5
+    assert np.diag(documents.table(given)["J"])[2] == 2.6e-5
 
 
 def test_shares_of_the_largest_command_need_no_largest_command(tmp_path):
     """Of a thrust setpoint SIH's largest thrust is mass times gain over the rotors."""
-    result = qgc(exported("sih", tmp_path, document(), "px4", largest_command=None))
+    result = qgc(documents.exported("sih", tmp_path, documents.document(), "px4", largest_command=None))
     assert result["SIH_T_MAX"] == pytest.approx(1 / 4 * 0.03 * 23.9, rel=1e-6)
-    assert result["MPC_THR_HOVER"] == pytest.approx(GRAVITY / 23.9, rel=1e-6)
+    assert result["MPC_THR_HOVER"] == pytest.approx(documents.GRAVITY / 23.9, rel=1e-6)
     assert result["THR_MDL_FAC"] == 0.0
     assert (result["SIH_T_TAU"], result["SIH_KDV"]) == pytest.approx((0.05, 0.009))
     assert result["SIH_L_ROLL"] == pytest.approx(0.043 / 2**0.5, rel=1e-6)
-    root = xml_tree(exported("pybullet", tmp_path, document(), "px4", largest_command=None))
-    assert float(root[0].attributes["thrust2weight"]) == pytest.approx(23.9 / GRAVITY)
+    root = xml_tree(
+        documents.exported("pybullet", tmp_path, documents.document(), "px4", largest_command=None)
+    )
+    assert float(root[0].attributes["thrust2weight"]) == pytest.approx(23.9 / documents.GRAVITY)
 
 
 def test_gym_pybullet_drones_finds_its_numbers(tmp_path):
     """It reads mass, inertia and collision body by their places in the tree."""
-    root = xml_tree(exported("pybullet", tmp_path, numbering="betaflight"))
+    root = xml_tree(documents.exported("pybullet", tmp_path, numbering="betaflight"))
     turn = 2.0 * np.pi / 60.0
     properties = {name: float(text) for name, text in root[0].attributes.items()}
-    assert 4 * properties["kf"] * (HOVER / turn) ** 2 == pytest.approx(0.03 * 9.8)
-    assert properties["drag_coeff_z"] * 4 * HOVER == pytest.approx(FRICTION * 0.03)
+    assert 4 * properties["kf"] * (documents.HOVER / turn) ** 2 == pytest.approx(0.03 * 9.8)
+    assert properties["drag_coeff_z"] * 4 * documents.HOVER == pytest.approx(documents.FRICTION * 0.03)
     assert float(root[1][0][1].attributes["value"]) == 0.03
     assert float(root[1][0][2].attributes["izz"]) == 2.7e-5
     assert float(root[1][2][1][0].attributes["radius"]) == 0.043
     assert root[1][2][0].attributes["xyz"] == "0 0 0"
     # Betaflight's rotors turn the other way in each quarter.
-    other = xml_tree(exported("pybullet", tmp_path))
+    other = xml_tree(documents.exported("pybullet", tmp_path))
     assert properties["km"] == pytest.approx(float(other[0].attributes["km"]))
     lag = "gym-pybullet-drones has no lag of the rotors, and actuator_lag 0.072 not in this file: a manoeuvre"
-    assert lag in exported("pybullet", tmp_path)
+    assert lag in documents.exported("pybullet", tmp_path)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_intervals_log_and_hash_stand_beside_the_numbers(target, tmp_path):
-    text = exported(target, tmp_path)
+    text = documents.exported(target, tmp_path)
     assert text.isascii()
     assert "lag of the rotors [s]: 0.072, 95 % interval [0.07, 0.074], identified" in text
     assert "flight.ulg, SHA-256 abab" in text
     assert "mass [kg]: 0.03, 95 % interval [0.029412, 0.030588], given" in text
-    assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
+    assert "back by 0.015 s" in documents.exported(target, tmp_path, documents.of_speeds(delay=(0.015, 0.0)))
 
 
 def test_elements_of_px4_by_hand(tmp_path):
-    root = xml_tree(exported("px4-gazebo", tmp_path))
+    root = xml_tree(documents.exported("px4-gazebo", tmp_path))
     (constant,) = root.numbers("motor/motorConstant")
-    assert constant == pytest.approx(0.03 * GAIN / 4 * 9.8 / GRAVITY)
+    assert constant == pytest.approx(0.03 * documents.GAIN / 4 * 9.8 / documents.GRAVITY)
     assert root.numbers("motor/momentConstant") == [0.034]
-    assert root.numbers("motor/timeConstantUp") == root.numbers("motor/timeConstantDown") == [LAG]
+    assert root.numbers("motor/timeConstantUp") == root.numbers("motor/timeConstantDown") == [documents.LAG]
     assert root.numbers("motor/maxRotVelocity") == pytest.approx([2500.0])
     assert root.numbers("inertial/mass") == [0.03]
     inertia = [root.numbers(f"inertial/i{axes}")[0] for axes in ("xx", "yy", "zz")]
@@ -182,12 +163,14 @@ def test_elements_of_px4_by_hand(tmp_path):
 
 @pytest.mark.parametrize("target", [*TARGETS, *OTHERS])
 def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
-    plain, speeds = exported(target, tmp_path), of_speeds()
+    plain, speeds = documents.exported(target, tmp_path), documents.of_speeds()
     for item in speeds["logs"], speeds["provenance"]["logs"]:
         item[0]["name"] = WORSE
     speeds["provenance"]["version"] = WORSE
-    hostile = exported(target, tmp_path, refused(speeds, "viscous_friction", WORSE))
-    without = exported(target, tmp_path, refused(of_speeds(), "viscous_friction"))
+    hostile = documents.exported(target, tmp_path, documents.refused(speeds, "viscous_friction", WORSE))
+    without = documents.exported(
+        target, tmp_path, documents.refused(documents.of_speeds(), "viscous_friction")
+    )
     assert hostile.isascii()
     assert content(target, hostile) == content(target, without)
     assert len(hostile.splitlines()) == len(without.splitlines())
@@ -199,9 +182,9 @@ def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
 def test_no_name_breaks_out_of_a_model(target, tmp_path):
     texts = []
     for name in ("A small quadrotor", WORSE):
-        reported = of_rigid_body(KNOWN_VEHICLE | {"name": name})
+        reported = documents.of_rigid_body(documents.KNOWN_VEHICLE | {"name": name})
         reported["provenance"] |= {"version": name, "logs": [{"name": name, "sha256": "ab" * 32}]}
-        texts.append(ev.load_fit(written(reported, tmp_path)).export(target))
+        texts.append(ev.load_fit(documents.written(reported, tmp_path)).export(target))
     plain, hostile = texts
     assert hostile.isascii()
     if target == "casadi":
@@ -223,27 +206,27 @@ def content(target, text):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_refused_lag_must_be_given(target, tmp_path):
-    reported = refused(of_speeds(), "actuator_lag", "Nothing moves.")
+    reported = documents.refused(documents.of_speeds(), "actuator_lag", "Nothing moves.")
     if target == "pybullet":  # has none
-        assert "actuator_lag is not written" in exported(target, tmp_path, reported)
+        assert "actuator_lag is not written" in documents.exported(target, tmp_path, reported)
         return
     with pytest.raises(NotIdentifiedError, match=r"refused. Nothing moves. .*--prior actuator_lag=VALUE:STD"):
-        exported(target, tmp_path, reported)
-    text = exported(target, tmp_path, reported, actuator_lag=(0.06, 0.01))
+        documents.exported(target, tmp_path, reported)
+    text = documents.exported(target, tmp_path, reported, actuator_lag=(0.06, 0.01))
     assert "lag of the rotors [s]: 0.06, 95 % interval [0.0404004, 0.0795996], given" in text
 
 
 def test_all_that_is_missing_is_said_at_once(tmp_path):
-    turning = of_speeds()
+    turning = documents.of_speeds()
     turning["model"]["name"] = "angular_rates"
     with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
-        exported("mujoco", tmp_path, turning)
-    fit = ev.load_fit(written(of_speeds(), tmp_path))
+        documents.exported("mujoco", tmp_path, turning)
+    fit = ev.load_fit(documents.written(documents.of_speeds(), tmp_path))
     with pytest.raises(NotIdentifiedError, match=r"--mass 1.53:0.02.* and .*--vehicle FILE.toml"):
         fit.export("rotorpy")
-    wanted = " ".join(f"--prior {name}=VALUE:STD" for name in PRIORS)
+    wanted = " ".join(f"--prior {name}=VALUE:STD" for name in documents.PRIORS)
     with pytest.raises(NotIdentifiedError, match=wanted):
-        fit.export("rotorpy", vehicle=vehicle_file(tmp_path))
+        fit.export("rotorpy", vehicle=documents.vehicle_file(tmp_path))
     short = tmp_path / "short.toml"
     short.write_text('[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n', encoding="utf-8")
     with pytest.raises(NotIdentifiedError, match="the arm's length"):
@@ -251,37 +234,37 @@ def test_all_that_is_missing_is_said_at_once(tmp_path):
     with pytest.raises(UsageError, match="no vehicle for px4"):
         fit.export("px4", vehicle=short)
     with pytest.raises(UsageError, match="priors that MuJoCo uses"):
-        fit.export("mujoco", vehicle=vehicle_file(tmp_path), priors={"thrust": (1.0, 0.0)})
+        fit.export("mujoco", vehicle=documents.vehicle_file(tmp_path), priors={"thrust": (1.0, 0.0)})
 
 
 @pytest.mark.parametrize("name", ["inertia_xx", "largest_command", "speed_scale"])
 def test_what_no_vehicle_has_is_refused(name, tmp_path):
     with pytest.raises(UsageError, match=f"a {name} above zero"):
-        exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
-    reported = refused(of_speeds(), "viscous_friction")
-    assert 'gear="0 0 1 0 0 0" gainprm="0" biastype="affine" biasprm="0 0 0.0"' in exported(
+        documents.exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
+    reported = documents.refused(documents.of_speeds(), "viscous_friction")
+    assert 'gear="0 0 1 0 0 0" gainprm="0" biastype="affine" biasprm="0 0 0.0"' in documents.exported(
         "mujoco", tmp_path, reported, viscous_friction=(0.0, 0.1)
     )
 
 
 def test_moments_of_inertia_are_those_of_a_body(tmp_path):
     """RotorPy's own Crazyflie is beyond by 1 %, which simulators that check refuse."""
-    near = exported("mujoco", tmp_path, inertia_zz=(2.9e-5, 0.0))
+    near = documents.exported("mujoco", tmp_path, inertia_zz=(2.9e-5, 0.0))
     assert "are those of no body: the largest is put at the sum of the others" in near
     assert 'diaginertia="1.43e-05 1.45e-05 2.8799971' in near
     with pytest.raises(ParameterError, match="none of which is larger"):
-        exported("mujoco", tmp_path, inertia_zz=(3.5e-5, 0.0))
+        documents.exported("mujoco", tmp_path, inertia_zz=(3.5e-5, 0.0))
 
 
 def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path):
-    vehicle_file(tmp_path)
+    documents.vehicle_file(tmp_path)
     plus = tmp_path / "plus.toml"
     text = (tmp_path / "vehicle.toml").read_text().replace("quad-x", "quad-plus").replace("crazyflie", "px4")
     plus.write_text(text, encoding="utf-8")
-    fit = ev.load_fit(written(of_speeds(), tmp_path))
+    fit = ev.load_fit(documents.written(documents.of_speeds(), tmp_path))
     with pytest.raises(UsageError, match="one in each quarter"):
-        fit.export("pybullet", vehicle=plus, priors=PRIORS)
-    assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=PRIORS)
+        fit.export("pybullet", vehicle=plus, priors=documents.PRIORS)
+    assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=documents.PRIORS)
 
 
 def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path):
@@ -351,10 +334,10 @@ def body(link):
     return mass, position[:3] + centre[:3], matrix
 
 
-@pytest.mark.parametrize("vehicle", [vehicle_file, lopsided_file])
+@pytest.mark.parametrize("vehicle", [documents.vehicle_file, documents.lopsided_file])
 def test_links_together_are_the_vehicle(vehicle, tmp_path):
-    fit = ev.load_fit(written(of_speeds(), tmp_path))
-    root = xml_tree(fit.export("gazebo", vehicle=vehicle(tmp_path), priors=PRIORS))
+    fit = ev.load_fit(documents.written(documents.of_speeds(), tmp_path))
+    root = xml_tree(fit.export("gazebo", vehicle=vehicle(tmp_path), priors=documents.PRIORS))
     check(root)
     assert (root.name, root.attributes["version"]) == ("sdf", "1.9")
     model = root.one("model")
@@ -370,7 +353,7 @@ def test_links_together_are_the_vehicle(vehicle, tmp_path):
 
 
 def test_motors_are_those_of_the_flight(tmp_path):
-    text = exported("gazebo", tmp_path)
+    text = documents.exported("gazebo", tmp_path)
     model = xml_tree(text).one("model")
     links = {link.attributes["name"] for link in model.all("link")}
     joints = {joint.attributes["name"]: joint for joint in model.all("joint")}
@@ -384,26 +367,28 @@ def test_motors_are_those_of_the_flight(tmp_path):
         assert {joint.one("parent").text, joint.one("child").text} <= links
         assert motor.one("turningDirection").text == ("ccw", "cw")[number % 2]
         assert motor.numbers("actuator_number") == [number]
-        assert motor.numbers("timeConstantUp") == motor.numbers("timeConstantDown") == [LAG]
+        assert motor.numbers("timeConstantUp") == motor.numbers("timeConstantDown") == [documents.LAG]
         assert motor.numbers("momentConstant") == [0.034]
-    lift = 4 * motors[0].numbers("motorConstant")[0] * HOVER**2
+    lift = 4 * motors[0].numbers("motorConstant")[0] * documents.HOVER**2
     assert lift == pytest.approx(0.03 * 9.8)
-    assert motors[0].numbers("motorConstant")[0] == pytest.approx(0.03 * GAIN / 4 * 9.8 / GRAVITY)
+    assert motors[0].numbers("motorConstant")[0] == pytest.approx(
+        0.03 * documents.GAIN / 4 * 9.8 / documents.GRAVITY
+    )
     assert "Gazebo has no drag along the rotors' axes, and drag_z" in text
 
 
 def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path):
-    reported = document()
+    reported = documents.document()
     reported["model"]["input_map"] = "square"
     reported["model"]["input_measured"] = True
-    made = ev.load_fit(written(reported, tmp_path)).to_statespace()
+    made = ev.load_fit(documents.written(reported, tmp_path)).to_statespace()
     assert made.B.item() == pytest.approx(23.9 * 2.0 * 0.41)
     assert (made.A.item(), made.states) == (-0.3, ("velocity_z",))
 
 
-@pytest.mark.parametrize("name", [*JOINT, "delay", "hover_input"])
+@pytest.mark.parametrize("name", [*documents.JOINT, "delay", "hover_input"])
 def test_what_is_refused_must_be_given(name, tmp_path):
-    fit = ev.load_fit(written(refused(document(), name), tmp_path))
+    fit = ev.load_fit(documents.written(documents.refused(documents.document(), name), tmp_path))
     with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not identify it"):
         fit.to_statespace()
     reported = json.loads(fit.export("statespace", priors={name: (0.2, 0.01)}))
@@ -414,7 +399,7 @@ def test_what_is_refused_must_be_given(name, tmp_path):
 
 
 def test_wrong_priors_are_told(tmp_path):
-    fit = ev.load_fit(written(document(), tmp_path))
+    fit = ev.load_fit(documents.written(documents.document(), tmp_path))
     with pytest.raises(UsageError, match="priors that statespace uses"):
         fit.export("statespace", priors={"drag": (0.2, 0.01)})
     with pytest.raises(UsageError, match="not below zero"):
@@ -426,17 +411,19 @@ def test_wrong_priors_are_told(tmp_path):
 @pytest.mark.thorough  # python-control takes seconds to import
 def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path):
     control = pytest.importorskip("control", reason="python-control is not installed")
-    speeds = of_speeds(delay=(0.02, 0.0))
-    speeds["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
-    linear = ev.load_fit(written(speeds, tmp_path)).to_statespace()
+    speeds = documents.of_speeds(delay=(0.02, 0.0))
+    speeds["parameters"]["viscous_friction"] = documents.quantity(documents.FRICTION, 0.02)
+    linear = ev.load_fit(documents.written(speeds, tmp_path)).to_statespace()
     made = linear.to_control()
     assert made.input_labels == ["rotor_command"]
     assert made.output_labels == ["velocity_z"]
     assert made.state_labels == ["actuator", "velocity_z"]
     hover = speeds["derived"]["hover_input"]["value"]
-    assert float(np.real(control.dcgain(made))) == pytest.approx(2.0 * GAIN * hover / FRICTION)
+    assert float(np.real(control.dcgain(made))) == pytest.approx(
+        2.0 * documents.GAIN * hover / documents.FRICTION
+    )
     answer = control.step_response(made, T=np.linspace(0.0, 1.0, 101))
-    assert 1e-4 * hover * answer.outputs[-1] == pytest.approx(climb(1.0 + 1e-4, 1.0), rel=1e-3)
+    assert 1e-4 * hover * answer.outputs[-1] == pytest.approx(documents.climb(1.0 + 1e-4, 1.0), rel=1e-3)
     late = made * control.tf(*control.pade(linear.delay_s, 4))
     behind = control.step_response(late, T=np.linspace(0.0, 1.0, 101)).outputs
     np.testing.assert_allclose(behind[20:], answer.outputs[18:-2], rtol=1e-3)
@@ -445,4 +432,4 @@ def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path):
 def test_without_python_control_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "control", None)
     with pytest.raises(MissingReaderError, match="pip install control"):
-        ev.load_fit(written(document(), tmp_path)).to_statespace().to_control()
+        ev.load_fit(documents.written(documents.document(), tmp_path)).to_statespace().to_control()

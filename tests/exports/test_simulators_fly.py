@@ -31,21 +31,8 @@ from eivor.exports.vehicle import (
 from eivor.motions.rigid_body.dynamics import body_derivative, speed_derivative
 from eivor.motions.rigid_body.vehicle import KnownNumber
 from eivor.signals.thrust_map import Mixed
-from exports.documents import (
-    COMBINATIONS,
-    GAIN,
-    GRAVITY,
-    HOVER,
-    KNOWN_VEHICLE,
-    LAG,
-    climb,
-    document,
-    of_rigid_body,
-    quad_params,
-    quantity,
-    saved,
-    written,
-)
+from exports import documents
+from exports.documents import document
 
 STEP, SECONDS = 1.02, 1.0
 
@@ -55,11 +42,11 @@ def flown(parameters, command):
     from rotorpy.vehicles.multirotor import Multirotor
 
     start, step_s = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}, 0.01
-    state = start | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, HOVER)}
+    state = start | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, documents.HOVER)}
     vehicle = Multirotor(
         parameters, state, "cmd_motor_speeds", integrator_kwargs={"rtol": 1e-8, "atol": 1e-10}
     )
-    speeds = [HOVER]
+    speeds = [documents.HOVER]
     for _ in range(round(SECONDS / step_s)):
         state = vehicle.step(state, {"cmd_motor_speeds": np.full(4, command)}, step_s)
         speeds.append(state["rotor_speeds"][0])
@@ -69,32 +56,32 @@ def flown(parameters, command):
 @pytest.mark.thorough
 def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path):
     pytest.importorskip("rotorpy", reason="RotorPy is not installed")
-    parameters = quad_params(tmp_path)
-    rate, speeds = flown(parameters, STEP * HOVER)
-    assert rate == pytest.approx(climb(STEP, SECONDS), rel=0.01)
-    left = (STEP - speeds / HOVER) / (STEP - 1.0)
-    assert 0.1 / -np.log(left[10]) == pytest.approx(LAG, abs=0.002)
-    assert flown(parameters, HOVER)[0] == pytest.approx(0.0, abs=1e-4)
+    parameters = documents.quad_params(tmp_path)
+    rate, speeds = flown(parameters, STEP * documents.HOVER)
+    assert rate == pytest.approx(documents.climb(STEP, SECONDS), rel=0.01)
+    left = (STEP - speeds / documents.HOVER) / (STEP - 1.0)
+    assert 0.1 / -np.log(left[10]) == pytest.approx(documents.LAG, abs=0.002)
+    assert flown(parameters, documents.HOVER)[0] == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.thorough  # of the extra `simulators`
 def test_mujoco_climbs_as_the_flight_did(tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
+    model = mujoco.MjModel.from_xml_path(documents.saved("mujoco", tmp_path))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data, 500)
     np.testing.assert_allclose(data.qvel, 0.0, atol=1e-9)
     data.ctrl[:4] = STEP**2
     mujoco.mj_step(model, data, round(SECONDS / model.opt.timestep))
-    assert data.qvel[2] == pytest.approx(climb(STEP, SECONDS, lagged="thrust"), rel=0.002)
-    assert data.qvel[2] == pytest.approx(climb(STEP, SECONDS), rel=0.01)
+    assert data.qvel[2] == pytest.approx(documents.climb(STEP, SECONDS, lagged="thrust"), rel=0.002)
+    assert data.qvel[2] == pytest.approx(documents.climb(STEP, SECONDS), rel=0.01)
     data.ctrl[:4] = [1.0, 1.0, 1.02, 1.02]  # the rotors on the left
     mujoco.mj_step(model, data, 50)
     assert data.qvel[3] > 0.1  # rolls to the right, about the axis that points forward
     np.testing.assert_allclose(data.qvel[[4, 5]], 0.0, atol=1e-3)
     np.testing.assert_allclose(model.body_inertia[1], [1.43e-5, 1.45e-5, 2.7e-5])
-    assert model.actuator_ctrlrange[0, 1] == pytest.approx((2500.0 / HOVER) ** 2)
+    assert model.actuator_ctrlrange[0, 1] == pytest.approx((2500.0 / documents.HOVER) ** 2)
 
 
 #: In a process of its own: drone-models must be imported before SciPy.
@@ -117,7 +104,13 @@ print(json.dumps([one.tolist() for one in found[2:]]))
 def test_drone_models_accelerate_as_the_flight_says(tmp_path):
     pytest.importorskip("casadi", reason="drone-models is not installed")
     run = subprocess.run(
-        [sys.executable, "-c", ACCELERATION, saved("drone-models", tmp_path), repr(HOVER)],
+        [
+            sys.executable,
+            "-c",
+            ACCELERATION,
+            documents.saved("drone-models", tmp_path),
+            repr(documents.HOVER),
+        ],
         capture_output=True,
         text=True,
         check=True,
@@ -125,10 +118,10 @@ def test_drone_models_accelerate_as_the_flight_says(tmp_path):
     )
     velocity, rates, speeds = json.loads(run.stdout)
     lift = 0.5 + 0.5 * 1.02**2
-    assert velocity[2] == pytest.approx(GRAVITY * (lift - 1.0) - 0.3, rel=1e-6)
-    arm, thrust = 0.043 / 2**0.5, 0.03 * GAIN / 4 * HOVER**2
+    assert velocity[2] == pytest.approx(documents.GRAVITY * (lift - 1.0) - 0.3, rel=1e-6)
+    arm, thrust = 0.043 / 2**0.5, 0.03 * documents.GAIN / 4 * documents.HOVER**2
     assert rates[0] == pytest.approx(2 * arm * thrust * (1.02**2 - 1.0) / 1.43e-5, rel=1e-6)
-    assert speeds[0] / 60.0 * 2.0 * np.pi == pytest.approx(0.02 * HOVER / LAG, rel=1e-6)
+    assert speeds[0] / 60.0 * 2.0 * np.pi == pytest.approx(0.02 * documents.HOVER / documents.LAG, rel=1e-6)
 
 
 #: What a flight of a lopsided vehicle in fast flight identifies beside `COMBINATIONS`.
@@ -148,8 +141,8 @@ BESIDE = {
 @pytest.fixture(name="lopsided")
 def of_lopsided(tmp_path, monkeypatch):
     """Saved result of that vehicle, and its description with commands and states of a manoeuvre."""
-    monkeypatch.setattr("exports.documents.COMBINATIONS", COMBINATIONS | BESIDE)
-    fit = ev.load_fit(written(of_rigid_body(KNOWN_VEHICLE), tmp_path))
+    monkeypatch.setattr("exports.documents.COMBINATIONS", documents.COMBINATIONS | BESIDE)
+    fit = ev.load_fit(documents.written(documents.of_rigid_body(documents.KNOWN_VEHICLE), tmp_path))
     supplied = Supplied(priors={"largest_command": KnownNumber(2500.0)})
     made = describe(fit.fitted, supplied, "all", WITH_LARGEST)
     commands = manoeuvre(made, 20.0)
@@ -217,10 +210,10 @@ def test_rotorpy_turns_as_the_result_predicts(lopsided, tmp_path):
 
 
 def test_accepted_verdicts_are_written_and_marked(tmp_path):
-    reported = of_rigid_body(KNOWN_VEHICLE)
+    reported = documents.of_rigid_body(documents.KNOWN_VEHICLE)
     for name in ("roll_gain", "pitch_gain", "drag_x"):
         reported["parameters"][name] |= {"verdict": "weak", "reasons": ["The interval is wide."]}
-    fit = ev.load_fit(written(reported, tmp_path))
+    fit = ev.load_fit(documents.written(reported, tmp_path))
     with pytest.raises(NotIdentifiedError) as refusal:
         fit.export("mujoco")
     assert str(refusal.value).count("The interval is wide.") == 1
@@ -232,7 +225,7 @@ def test_accepted_verdicts_are_written_and_marked(tmp_path):
 
 
 def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
-    path = written(of_rigid_body(KNOWN_VEHICLE), tmp_path)
+    path = documents.written(documents.of_rigid_body(documents.KNOWN_VEHICLE), tmp_path)
     run = CliRunner().invoke(
         app,
         ["export", str(path), "--to", "all", "--prior", "largest_command=2500", "-o", str(tmp_path / "all")],
@@ -264,7 +257,7 @@ def test_a_state_space_of_six_axes_is_the_slope_of_the_equations(lopsided):
     fit = lopsided[0]
     space = fit.to_statespace()
     at = {name: number for number, name in enumerate(space.states)}
-    assert space.A[at["velocity_x"], at["pitch"]] == pytest.approx(GRAVITY, rel=1e-3)
+    assert space.A[at["velocity_x"], at["pitch"]] == pytest.approx(documents.GRAVITY, rel=1e-3)
     assert space.A[at["velocity_x"], at["velocity_x"]] == pytest.approx(-0.25, rel=0.01)
     assert space.A[at["angular_rate_x"], at["angular_rate_x"]] == pytest.approx(-0.35, rel=0.03)
     assert space.A[at["rotor_speed_1"], at["rotor_speed_1"]] == pytest.approx(-1.0 / 0.068)
@@ -280,9 +273,9 @@ def test_a_state_space_of_rates_has_each_axis(tmp_path):
     reported = document()
     reported["model"] |= {"name": "rates"}
     numbers = {"roll_effectiveness": 150.0, "roll_damping": 2.0, "actuator_lag": 0.05, "delay": 0.01}
-    reported["parameters"] = {name: quantity(value, 0.01) for name, value in numbers.items()}
+    reported["parameters"] = {name: documents.quantity(value, 0.01) for name, value in numbers.items()}
     reported["covariance"] = None
-    space = ev.load_fit(written(reported, tmp_path)).to_statespace()
+    space = ev.load_fit(documents.written(reported, tmp_path)).to_statespace()
     np.testing.assert_allclose(space.A, [[-20.0, 0.0], [150.0, -2.0]])
     assert (space.inputs, space.delay_s) == (("torque_setpoint_x",), 0.01)
 
@@ -306,7 +299,7 @@ def test_sitl_hovers_and_drags_as_the_flight_says(lopsided):
     text = fit.export("sitl", priors={"largest_command": (2500.0, 0.0)})
     frame = json.loads("\n".join(line for line in text.splitlines() if not line.startswith("#")))
     thrust = 2.3e-8 * 2500.0**2 * 4
-    assert frame["hoverThrOut"] == pytest.approx(0.03 * GRAVITY / thrust)
+    assert frame["hoverThrOut"] == pytest.approx(0.03 * documents.GRAVITY / thrust)
     speed = frame["refSpd"]
     push = 0.03 * (0.25 * speed + 0.065 * speed**2)
-    assert push == pytest.approx(0.03 * GRAVITY * np.tan(np.radians(frame["refAngle"])))
+    assert push == pytest.approx(0.03 * documents.GRAVITY * np.tan(np.radians(frame["refAngle"])))

@@ -19,40 +19,18 @@ from statsmodels.stats.outliers_influence import OLSInfluence
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, steps
+from eivor.inference import kernel as kernels
 from eivor.inference.bootstrap import autocovariance, automatic_block_length
-from eivor.inference.covariance import (
-    COSINE_AVERAGES,
-    FLIGHT_DEFAULT,
-    TABLE,
-    ByRow,
-    CovariancePart,
-    JointCovariance,
-    cosine_covariance,
-    fixed_b_reference,
-    joint_draws,
-    long_run_mean_variance,
-    sandwich,
-)
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
-from eivor.inference.kernel import (
-    AndrewsRule,
-    Bartlett,
-    FixedBandwidth,
-    NeweyWestRule,
-    Parzen,
-    QuadraticSpectral,
-    SquareRootRule,
-    bartlett_covariance,
-    kernel_sum_covariance,
-    newey_west_bandwidth,
-)
 from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.inference.random_effects import Grouped, Groups, one_group
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_scenario
 from inference import instrument_data as data
 from reference import constants as truth
+
+cov = ev.covariances
 
 
 def least_squares_equation(G, e, flight_of_row):
@@ -67,9 +45,9 @@ def test_cosine_averages_are_their_formula():
         for j in range(1, 9)
     ]
     wanted = 50.0 / 8.0 * sum(np.outer(l, l) for l in L)  # noqa: E741 - the equation's letter
-    np.testing.assert_allclose(cosine_covariance([scores], scores.shape[0]), wanted, rtol=1e-10)
+    np.testing.assert_allclose(cov.cosine_covariance([scores], scores.shape[0]), wanted, rtol=1e-10)
     # A constant is not in them: scores need not be centred.
-    np.testing.assert_allclose(cosine_covariance([scores + 7.0], scores.shape[0]), wanted, rtol=1e-9)
+    np.testing.assert_allclose(cov.cosine_covariance([scores + 7.0], scores.shape[0]), wanted, rtol=1e-9)
 
 
 @pytest.mark.calibration
@@ -80,8 +58,8 @@ def test_intervals_of_a_mean_cover_in_autocorrelated_noise(memory):
         [1.0], [1.0, -memory], np.random.default_rng(3).standard_normal((count + 200, runs)), axis=0
     )
     noise = noise[200:]
-    half = t_quantile(level, COSINE_AVERAGES) * np.sqrt(
-        [long_run_mean_variance(noise[:, run].copy()) for run in range(runs)]
+    half = t_quantile(level, cov.COSINE_AVERAGES) * np.sqrt(
+        [cov.long_run_mean_variance(noise[:, run].copy()) for run in range(runs)]
     )
     covered = int((np.abs(noise.mean(axis=0)) <= half).sum())
     low, high = stats.binom.ppf([5e-5, 1.0 - 5e-5], runs, level)
@@ -100,7 +78,7 @@ def test_sandwich_is_its_formula_in_any_units(seed, scale):
     inverse = np.linalg.inv(M)
     wanted = inverse @ (root @ root.T) @ inverse.T
     units = np.diag([1.0, scale, 1.0])
-    result = sandwich(units @ M @ units, units @ root @ root.T @ units)
+    result = cov.sandwich(units @ M @ units, units @ root @ root.T @ units)
     np.testing.assert_allclose(units @ result @ units, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
     np.testing.assert_array_equal(result, result.T)
 
@@ -112,7 +90,7 @@ def test_clusters_count_from_ten_flights_on(flights):
     G, flight_of_row = rng.standard_normal((rows, 2)), np.repeat(np.arange(flights), 20)
     # The whole of a flight shares its error: only the clustered covariance knows.
     e = np.repeat(rng.standard_normal(flights), 20) * G[:, 0] + 0.1 * rng.standard_normal(rows)
-    made = FLIGHT_DEFAULT.joint(least_squares_equation(G, e, flight_of_row))
+    made = cov.FLIGHT_DEFAULT.joint(least_squares_equation(G, e, flight_of_row))
     if flights < 10:
         assert [part.name for part in made.parts] == ["equal_weighted_cosines", "classical"]
         return
@@ -129,11 +107,11 @@ def test_clusters_count_from_ten_flights_on(flights):
 def test_widest_assumption_makes_the_interval():
     white, robust, clustered = np.diag([4.0, 1.0]), np.diag([1.0, 9.0]), np.diag([0.5, 0.1])
     parts = (
-        CovariancePart("robust", robust, 8.0),
-        CovariancePart("white", white),
-        CovariancePart("clustered", clustered, 11.0),
+        cov.CovariancePart("robust", robust, 8.0),
+        cov.CovariancePart("white", white),
+        cov.CovariancePart("clustered", clustered, 11.0),
     )
-    made = JointCovariance(parts)
+    made = cov.JointCovariance(parts)
     first, second = np.eye(2)
     assert made.std_error(first) == 2.0
     assert made.std_error(second) == 3.0
@@ -144,7 +122,7 @@ def test_widest_assumption_makes_the_interval():
         max(stats.norm.ppf(0.975) * 3.0, stats.t(8).ppf(0.975) * np.sqrt(6.0))
     )
     np.testing.assert_allclose(np.diag(made.matrix), [4.0, 9.0])
-    tilted = JointCovariance((CovariancePart("robust", np.array([[1.0, 0.6], [0.6, 9.0]])), parts[1]))
+    tilted = cov.JointCovariance((cov.CovariancePart("robust", np.array([[1.0, 0.6], [0.6, 9.0]])), parts[1]))
     with pytest.raises(UsageError, match="out of robust, white; received 'grey'"):
         tilted.part("grey")
     np.testing.assert_allclose(tilted.matrix[0, 1] / np.sqrt(4.0 * 9.0), 0.6 / 3.0)
@@ -159,13 +137,13 @@ def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
         for s in range(count):
             weight = max(0.0, 1.0 - abs(t - s) / (bandwidth + 1.0))
             wanted += weight * np.outer(scores[t], scores[s]) / count
-    covariance = bartlett_covariance(scores, bandwidth)
+    covariance = kernels.bartlett_covariance(scores, bandwidth)
     np.testing.assert_allclose(covariance, wanted, atol=1e-12)
     assert np.linalg.eigvalsh(covariance)[0] > -1e-12
 
 
 def test_rule_of_thumb_and_quantiles_are_the_published_ones():
-    assert [newey_west_bandwidth(n) for n in (100, 1000, 100_000)] == [4, 6, 18]
+    assert [kernels.newey_west_bandwidth(n) for n in (100, 1000, 100_000)] == [4, 6, 18]
     assert normal_quantile(0.95) == pytest.approx(1.959963984540054)
     assert t_quantile(0.95, 8) == pytest.approx(2.306004135204166)
     assert t_quantile(0.95, 0) == float("inf")
@@ -175,7 +153,6 @@ def test_rule_of_thumb_and_quantiles_are_the_published_ones():
     assert 0.0 < chi_square_tail(400.0, 3) < 1e-80
 
 
-cov = ev.covariances
 METHODS = (
     (ev.methods.least_squares(), ()),
     (ev.methods.total_least_squares(), ()),
@@ -248,7 +225,7 @@ def chunks_of(record, size, last=None):
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
 def test_chunks_give_the_covariance_of_the_whole_record(record, method, instruments):
     whole = ev.identify(MOTION.regression(record, instruments), method)
-    for name, make in TABLE.items():
+    for name, make in cov.TABLE.items():
         identify_chunks = ev.identify_chunks(
             chunks_of(record, 457), model=MOTION, method=method, instruments=instruments, covariance=make()
         )
@@ -347,7 +324,7 @@ def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):
         assert bounds[1][0] < low < high < bounds[1][1]
 
 
-KERNELS = (Bartlett(), Parzen(), QuadraticSpectral())
+KERNELS = (cov.Bartlett(), cov.Parzen(), cov.QuadraticSpectral())
 PEERS = {"bartlett": "bartlett", "parzen": "parzen", "quadratic_spectral": "qs"}
 
 
@@ -369,7 +346,7 @@ def test_covariance_is_its_double_sum_however_scores_are_cut(kernel, count, band
     if kernel.ends:
         weights = np.where(lag <= bandwidth, weights, 0.0)
     blocks = [scores[:cut], scores[cut:]] if cut < count else [scores]
-    covariance = kernel_sum_covariance(blocks, count, kernel, float(bandwidth))
+    covariance = kernels.kernel_sum_covariance(blocks, count, kernel, float(bandwidth))
     np.testing.assert_allclose(covariance, scores.T @ weights @ scores, atol=1e-10)
 
 
@@ -378,7 +355,7 @@ def test_covariance_is_its_double_sum_however_scores_are_cut(kernel, count, band
 def test_kernels_are_those_of_linearmodels(kernel, bandwidth):
     scores = lfilter([1.0], [1.0, -0.7], np.random.default_rng(5).standard_normal((300, 3)), axis=0)
     peer = cov_kernel(scores, peer_weights(kernel, bandwidth, 300))
-    result = kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
+    result = kernels.kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
     np.testing.assert_allclose(result, peer, rtol=1e-10)
 
 
@@ -404,13 +381,13 @@ def test_bandwidths_are_their_formulas():
         1.3221 * (second * 4000) ** 0.2,
     )
     for kernel, span in zip(KERNELS, spans, strict=True):
-        lags = AndrewsRule().lags(blocks, 4000, kernel)
+        lags = cov.AndrewsRule().lags(blocks, 4000, kernel)
         assert lags == np.ceil(span - (1.0 if kernel.ends else 0.0))
-    assert NeweyWestRule().lags(blocks, 1000, Bartlett()) == 6.0
-    assert SquareRootRule().lags(blocks, 400, Bartlett()) == pytest.approx(25.0)
-    assert FixedBandwidth(3.0).lags(blocks, 400, Bartlett()) == 3.0
+    assert cov.NeweyWestRule().lags(blocks, 1000, cov.Bartlett()) == 6.0
+    assert cov.SquareRootRule().lags(blocks, 400, cov.Bartlett()) == pytest.approx(25.0)
+    assert cov.FixedBandwidth(3.0).lags(blocks, 400, cov.Bartlett()) == 3.0
     with pytest.raises(UsageError, match="zero lags or more; received -1"):
-        FixedBandwidth(-1.0)
+        cov.FixedBandwidth(-1.0)
 
 
 @pytest.mark.parametrize(
@@ -419,7 +396,7 @@ def test_bandwidths_are_their_formulas():
 def test_fixed_b_quantiles_are_near_the_published_ones(b, share):
     """Kiefer and Vogelsang (2005): 95 % two-sided, Bartlett kernel, a cubic in b."""
     published = 1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3
-    degrees, seen = fixed_b_reference(Bartlett(), b)
+    degrees, seen = cov.fixed_b_reference(cov.Bartlett(), b)
     result = t_quantile(0.95, degrees) / np.sqrt(seen)
     assert result == pytest.approx(published, rel=share)
 
@@ -509,7 +486,7 @@ def test_it_is_hc3_with_t_of_each_parameters_own_rows():
     rng = np.random.default_rng(0)
     P, e = rng.standard_normal((40, 2)) * [1.0, 3.0], rng.standard_normal(40)
     P[5:, 1] *= 0.1
-    (part,) = ByRow().parts(equation_of(P, e))
+    (part,) = cov.ByRow().parts(equation_of(P, e))
     inverse = np.linalg.inv(P.T @ P)
     influence = P @ inverse
     leverage = np.einsum("ti,ij,tj->t", P, inverse, P)
@@ -523,7 +500,7 @@ def test_it_is_hc3_with_t_of_each_parameters_own_rows():
 
 
 def test_a_column_in_a_single_row_is_no_error():
-    (part,) = ByRow().parts(equation_of(np.column_stack([np.ones(8), np.eye(8)[0]]), np.arange(8.0)))
+    (part,) = cov.ByRow().parts(equation_of(np.column_stack([np.ones(8), np.eye(8)[0]]), np.arange(8.0)))
     assert np.isfinite(part.matrix).all()
 
 
@@ -646,9 +623,11 @@ def test_few_of_normal_estimates_are_isolated():
 
 def test_different_degrees_keep_their_correlation():
     matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
-    wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
-    plain = CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
-    draws = joint_draws(np.zeros(2), JointCovariance((wide, plain)), 100_000, np.random.default_rng(1))
+    wide = cov.CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
+    plain = cov.CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
+    draws = cov.joint_draws(
+        np.zeros(2), cov.JointCovariance((wide, plain)), 100_000, np.random.default_rng(1)
+    )
     assert np.corrcoef(draws.T)[0, 1] == pytest.approx(0.8, abs=0.01)
     edges = [stats.t.ppf(0.975, 5.0), stats.norm.ppf(0.975) / 0.9]
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)

@@ -10,13 +10,7 @@ import pytest
 from scipy import stats
 
 from eivor.inference.covariance import cosine_averages
-from eivor.inference.diagnostics.excitation import (
-    Periodicity,
-    band_power,
-    block_sums,
-    blocks_of,
-    strongest_swings,
-)
+from eivor.inference.diagnostics import excitation, residuals
 from eivor.inference.diagnostics.instruments import critical_value, endogeneity, hansen_j, strength
 from eivor.inference.diagnostics.record import (
     Subject,
@@ -26,19 +20,6 @@ from eivor.inference.diagnostics.record import (
     hotelling_p_value,
     joint_averages,
     orthonormal_basis,
-)
-from eivor.inference.diagnostics.residuals import (
-    GROUPS,
-    LONGEST,
-    QUANTILES,
-    TAILS,
-    constancy,
-    influences,
-    p_value,
-    residual_memory,
-    residual_whiteness,
-    segment_leverage,
-    wald_path,
 )
 from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from eivor.inference.verdict import Reason, Status, verdict
@@ -364,7 +345,7 @@ def test_critical_values_of_products_beyond_all_numbers_are_unknown():
 
 def test_whiteness_is_its_formulas():
     e = data.autoregression(np.random.default_rng(0), (70_000,), 0.3)  # longer than a block
-    whiteness = residual_whiteness(e, 12)
+    whiteness = residuals.residual_whiteness(e, 12)
     r = np.array([e[lag:] @ e[:-lag] for lag in range(1, 13)]) / (e @ e)
     np.testing.assert_allclose(whiteness.autocorrelation, r, rtol=1e-9)
     Q = e.size * (e.size + 2) * sum(r[lag - 1] ** 2 / (e.size - lag) for lag in range(1, 13))
@@ -380,15 +361,15 @@ def test_statsmodels_ljung_box():
     e = data.autoregression(np.random.default_rng(1), (500,), 0.1)
     e -= e.mean()
     peer = diagnostic.acorr_ljungbox(e, lags=[20])
-    whiteness = residual_whiteness(e)
+    whiteness = residuals.residual_whiteness(e)
     assert whiteness.ljung_box == pytest.approx(float(peer["lb_stat"].iloc[0]), rel=1e-6)
     assert whiteness.p_value == pytest.approx(float(peer["lb_pvalue"].iloc[0]), rel=1e-6)
 
 
 def test_a_residual_of_zeros_or_of_few_samples_is_white():
-    assert residual_whiteness(np.zeros(100)).p_value == 1.0
-    assert residual_whiteness(np.zeros(100)).durbin_watson == 2.0
-    assert residual_whiteness(np.array([1.0, -1.0, 1.0])).autocorrelation.size == 1
+    assert residuals.residual_whiteness(np.zeros(100)).p_value == 1.0
+    assert residuals.residual_whiteness(np.zeros(100)).durbin_watson == 2.0
+    assert residuals.residual_whiteness(np.array([1.0, -1.0, 1.0])).autocorrelation.size == 1
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.3, 0.45])
@@ -396,17 +377,17 @@ def test_memory_of_a_long_record_is_found_from_its_means(memory):
     """Fractional noises of 40,000 samples, averaged five to one: the error is the one that is told."""
     runs, z = 60, []
     for seed in range(runs):
-        white = np.random.default_rng(seed).standard_normal(5 * LONGEST)
-        result = residual_memory(np.asarray(fractional_difference(white, -memory)))
+        white = np.random.default_rng(seed).standard_normal(5 * residuals.LONGEST)
+        result = residuals.residual_memory(np.asarray(fractional_difference(white, -memory)))
         z.append((result.memory - memory) / result.order_error)
     assert abs(np.mean(z)) < 4.0 / np.sqrt(runs) + 0.3  # the noise starts with its record, hence the .3
     assert 0.6 < np.std(z) < 1.4
 
 
 def test_memory_needs_a_record():
-    assert residual_memory(np.zeros(1000)) is None
-    assert residual_memory(np.ones(1000) * 3.3) is None
-    assert residual_memory(np.arange(16.0)) is None
+    assert residuals.residual_memory(np.zeros(1000)) is None
+    assert residuals.residual_memory(np.ones(1000) * 3.3) is None
+    assert residuals.residual_memory(np.arange(16.0)) is None
 
 
 def test_where_the_input_is_below_the_residual():
@@ -414,7 +395,7 @@ def test_where_the_input_is_below_the_residual():
     count, rate = 8192, 10.0
     t = np.arange(count) / rate
     swing, residual = np.sin(2.0 * np.pi * 0.5 * t), np.random.default_rng(4).standard_normal(count)
-    power = band_power([swing], [1.0], residual, rate, [float(swing @ swing)])
+    power = excitation.band_power([swing], [1.0], residual, rate, [float(swing @ swing)])
     inside = (power.low_hz <= 0.5) & (power.high_hz >= 0.5)
     np.testing.assert_array_equal(power.input_power[:, 0] > power.residual_power, inside)
     assert power.share_above[0] > 0.99
@@ -437,13 +418,15 @@ def scores_of(seed, count=2560, memory=0.0, change=0.0, nuisances=0.6):
 
 def constancy_of(seed, **circumstances):
     scores, M, *_ = scores_of(seed, **circumstances)
-    return constancy(scores.reshape(128, -1, 2).sum(axis=1), M)
+    return residuals.constancy(scores.reshape(128, -1, 2).sum(axis=1), M)
 
 
 def test_wald_path_is_its_formula():
-    groups = np.random.default_rng(0).standard_normal((GROUPS, 2)) @ np.array([[1.0, 0.3], [0.0, 2.0]])
-    path = wald_path(groups)
-    assert path.size == GROUPS - 20 + 1
+    groups = np.random.default_rng(0).standard_normal((residuals.GROUPS, 2)) @ np.array(
+        [[1.0, 0.3], [0.0, 2.0]]
+    )
+    path = residuals.wald_path(groups)
+    assert path.size == residuals.GROUPS - 20 + 1
     for k in (10, 31, 54):
         S = np.zeros((2, 2))
         for side in (groups[:k], groups[k:]):
@@ -454,7 +437,7 @@ def test_wald_path_is_its_formula():
                 )
                 S += np.outer(L, L) / 12.0
         difference = groups[:k].mean(axis=0) - groups[k:].mean(axis=0)
-        W = difference @ np.linalg.solve(S * (1.0 / k + 1.0 / (GROUPS - k)), difference)
+        W = difference @ np.linalg.solve(S * (1.0 / k + 1.0 / (residuals.GROUPS - k)), difference)
         assert path[k - 10] == pytest.approx(W * (12 - 2 + 1) / (12 * 2), rel=1e-6)
 
 
@@ -464,13 +447,15 @@ def test_table_is_what_the_simulation_draws(unknowns):
     """Shares of a fresh simulation beyond each quantile, within their binomial error."""
     runs = 3000
     rng = np.random.default_rng(100 + unknowns)
-    suprema = np.array([wald_path(rng.standard_normal((GROUPS, unknowns))).max() for _ in range(runs)])
-    for tail, quantile in zip(TAILS[:6], QUANTILES[unknowns], strict=False):
+    suprema = np.array(
+        [residuals.wald_path(rng.standard_normal((residuals.GROUPS, unknowns))).max() for _ in range(runs)]
+    )
+    for tail, quantile in zip(residuals.TAILS[:6], residuals.QUANTILES[unknowns], strict=False):
         low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], runs, tail)
         assert low <= np.sum(suprema > quantile) <= high
-        assert p_value(quantile, unknowns) == pytest.approx(tail)
-    assert p_value(1e9, unknowns) == pytest.approx(0.001)
-    assert p_value(0.0, unknowns) == pytest.approx(0.5)
+        assert residuals.p_value(quantile, unknowns) == pytest.approx(tail)
+    assert residuals.p_value(1e9, unknowns) == pytest.approx(0.001)
+    assert residuals.p_value(0.0, unknowns) == pytest.approx(0.5)
 
 
 @pytest.mark.calibration
@@ -496,7 +481,7 @@ def test_a_change_is_found_where_and_what_it_is():
 
 
 def test_scores_of_zero_are_constant():
-    assert constancy(np.zeros((64, 2)), np.eye(2)).p_value == pytest.approx(0.5)
+    assert residuals.constancy(np.zeros((64, 2)), np.eye(2)).p_value == pytest.approx(0.5)
 
 
 def test_leverage_is_the_estimate_without_the_stretch():
@@ -504,7 +489,7 @@ def test_leverage_is_the_estimate_without_the_stretch():
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
     sums = scores.reshape(10, -1, 2).sum(axis=1)
     current = np.einsum("kti,ktj->kij", X.reshape(10, -1, 2), X.reshape(10, -1, 2))
-    leverage = segment_leverage(sums, current, np.array([0.1, 0.2]), tenths(len(sums)))
+    leverage = residuals.segment_leverage(sums, current, np.array([0.1, 0.2]), tenths(len(sums)))
     for k in range(10):
         rest = np.ones(len(y), dtype=bool)
         rest[k * 256 : (k + 1) * 256] = False
@@ -531,12 +516,14 @@ def found_of(seed, *, slope=0.0, pushed=0.0, period=5.0, memory=0.5, count=2560,
     y += data.autoregression(rng, (count,), memory)
     residual = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
     sums = (X[:, :2] * residual[:, None]).reshape(BLOCKS, -1, 2).sum(axis=1)
-    made = influences(sums, X[:, :2].T @ X[:, :2])
+    made = residuals.influences(sums, X[:, :2].T @ X[:, :2])
     counts = np.full(BLOCKS, count / BLOCKS)
-    of_parameters = block_sums(made, counts, times, STEP)
-    return Periodicity(
-        strongest_swings(of_parameters, (("slope", "N/m"), ("other", ""))),
-        strongest_swings(blocks_of(residual, times, STEP, BLOCKS), (("push", "N"),), 1.0 / count),
+    of_parameters = excitation.block_sums(made, counts, times, STEP)
+    return excitation.Periodicity(
+        excitation.strongest_swings(of_parameters, (("slope", "N/m"), ("other", ""))),
+        excitation.strongest_swings(
+            excitation.blocks_of(residual, times, STEP, BLOCKS), (("push", "N"),), 1.0 / count
+        ),
         "s",
         1.0 / of_parameters.span,
     )
@@ -573,7 +560,7 @@ def test_sentences_have_number_unit_and_period():
 
 
 def test_few_blocks_and_no_power_say_nothing():
-    few = blocks_of(np.ones(31), STEP * np.arange(31), STEP, 31)
-    assert strongest_swings(few, (("a", ""),)) == ()
-    still = blocks_of(np.ones(640), STEP * np.arange(640), STEP, 64)
-    assert strongest_swings(still, (("a", ""),))[0].p_value == 1.0
+    few = excitation.blocks_of(np.ones(31), STEP * np.arange(31), STEP, 31)
+    assert excitation.strongest_swings(few, (("a", ""),)) == ()
+    still = excitation.blocks_of(np.ones(640), STEP * np.arange(640), STEP, 64)
+    assert excitation.strongest_swings(still, (("a", ""),))[0].p_value == 1.0

@@ -9,14 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.errors import (
-    DataError,
-    EstimationError,
-    InstrumentError,
-    ParameterError,
-    TooFewSamplesError,
-    UsageError,
-)
+from eivor import errors
 from eivor.logs.mapping import recording_from_columns
 from eivor.models.frequency_response import frequency_response
 from eivor.models.transfer_functions import (
@@ -109,7 +102,7 @@ def test_shown_only_where_the_reference_reaches(first):
         "at no three neighbouring frequencies: nothing is shown. Fly a sweep."
     )
     assert np.isnan(nothing.bands[0][:, 1]).mean() > 0.5
-    with pytest.raises(EstimationError, match="a reference that reaches 6 frequencies"):
+    with pytest.raises(errors.EstimationError, match="a reference that reaches 6 frequencies"):
         transfer_functions(nothing)
     assert first.shown_ranges
     frame = first.to_frame()
@@ -135,14 +128,14 @@ def test_without_a_reference_it_is_the_direct_estimate_and_says_so(swept):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"y": np.ones(99)}, DataError, "arrays of the same lengths"),
-        ({"u": np.ones(4000)}, DataError, "a u that changes"),
-        ({"rate_hz": 0.0}, ParameterError, "rate_hz above zero"),
-        ({"rate_hz": 2000.0}, TooFewSamplesError, "a run of 5 s or more"),
-        ({"level": 1.0}, ParameterError, "a level between 0 and 1"),
-        ({"frequency_hz": [1.0, 60.0]}, ParameterError, "frequencies between 0 and 50 Hz"),
-        ({"period_s": 0.0123}, ParameterError, "a whole number of samples"),
-        ({"period_s": 30.0}, TooFewSamplesError, "a run of two periods"),
+        ({"y": np.ones(99)}, errors.DataError, "arrays of the same lengths"),
+        ({"u": np.ones(4000)}, errors.DataError, "a u that changes"),
+        ({"rate_hz": 0.0}, errors.ParameterError, "rate_hz above zero"),
+        ({"rate_hz": 2000.0}, errors.TooFewSamplesError, "a run of 5 s or more"),
+        ({"level": 1.0}, errors.ParameterError, "a level between 0 and 1"),
+        ({"frequency_hz": [1.0, 60.0]}, errors.ParameterError, "frequencies between 0 and 50 Hz"),
+        ({"period_s": 0.0123}, errors.ParameterError, "a whole number of samples"),
+        ({"period_s": 30.0}, errors.TooFewSamplesError, "a run of two periods"),
     ],
 )
 def test_wrong_input_is_refused(change, error, words):
@@ -168,7 +161,7 @@ def test_models_find_order_lag_and_delay(swept):
     assert np.mean(held) > 0.75
     poles = models.by_order[4].poles
     assert poles.size == 4
-    with pytest.raises(UsageError, match="orders out of 1, 2, 3 and 4"):
+    with pytest.raises(errors.UsageError, match="orders out of 1, 2, 3 and 4"):
         transfer_functions(result, orders=(5,))
 
 
@@ -243,14 +236,14 @@ def test_one_axis_of_a_log_suffices(log):
 
 
 def test_references_of_the_loop_are_refused(log):
-    with pytest.raises(UsageError, match="an axis out of"):
+    with pytest.raises(errors.UsageError, match="an axis out of"):
         response_paths("wing")
-    with pytest.raises(UsageError, match="a channel out of"):
+    with pytest.raises(errors.UsageError, match="a channel out of"):
         responses(log, "nothing")
     channel = log.channels["injected_torque_x"]
     name = "feedback_reference_angular_rate_x"
     made = replace(log, channels={**log.channels, name: replace(channel, name=name)})
-    with pytest.raises(InstrumentError, match="a loop makes"):
+    with pytest.raises(errors.InstrumentError, match="a loop makes"):
         responses(made, name)
     bare = {key: value for key, value in log.channels.items() if not key.startswith("injected")}
     (item,) = responses(replace(log, channels=bare))
@@ -289,7 +282,7 @@ def test_order_of_turning_is_chosen():
     assert [order for order, fit in fits.items() if "second_lag" in fit.quantities] == [None, 3]
     low, high = fits[None].quantities["delay"].interval
     assert low <= truth <= high
-    with pytest.raises(UsageError, match="an order of 1, 2 or 3"):
+    with pytest.raises(errors.UsageError, match="an order of 1, 2 or 3"):
         ev.identify_flight(log, model="rates", order=4)
 
 
@@ -323,7 +316,7 @@ def test_declared_machine_has_a_response():
     assert values["gain"] == pytest.approx(5.0, rel=0.03)
     assert values["damping"] == pytest.approx(0.8, rel=0.1)
     assert values["delay"] + item.models.chosen.lag_s == pytest.approx(0.15, abs=0.005)
-    with pytest.raises(UsageError, match="an axis out of"):
+    with pytest.raises(errors.UsageError, match="an axis out of"):
         response_paths("roll", cart)
 
 

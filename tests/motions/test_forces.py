@@ -18,6 +18,8 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body import vehicle as vehicles
+from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.dynamics import (
     body_derivative,
     coefficients_of,
@@ -41,23 +43,6 @@ from eivor.motions.rigid_body.regression import (
     body_velocity,
     force_by_velocity,
     inferred_velocity,
-)
-from eivor.motions.rigid_body.vehicle import (
-    LAYOUTS,
-    BodyDrag,
-    KnownNumber,
-    KnownVehicle,
-    Rotors,
-    Vehicle,
-    load_vehicle,
-    vehicle_template,
-)
-from eivor.motions.rigid_body.verdict import (
-    identified_ratios,
-    observed_order,
-    rotor_inertia_ratios,
-    with_common_rotor_inertia,
-    with_gyroscopic_moments,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
@@ -234,10 +219,10 @@ def free(problem):
 def test_columns_are_sums_of_those_that_they_replace(problem):
     ratios = (1.7, 1.5)
     problem.bins(AT)  # remembers spectra, which the other problem takes
-    linked = with_common_rotor_inertia(problem, ratios)
+    linked = verdict.with_common_rotor_inertia(problem, ratios)
     anew = replace(linked)  # remembers nothing
-    assert rotor_inertia_ratios(problem) is None
-    assert rotor_inertia_ratios(linked) == ratios
+    assert verdict.rotor_inertia_ratios(problem) is None
+    assert verdict.rotor_inertia_ratios(linked) == ratios
     assert not set(GYROSCOPIC_MOMENT) & set(linked.parameters)
     names = [parameter.name for parameter in problem.parameters]
     kept = [index for index, parameter in enumerate(problem.parameters) if parameter not in GYROSCOPIC_MOMENT]
@@ -259,7 +244,7 @@ def test_columns_are_sums_of_those_that_they_replace(problem):
 @pytest.mark.usefixtures("coarse_search")
 def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free):
     flight = identify_flight(spun.recording, model=BODY, method=METHOD.name)
-    assert rotor_inertia_ratios(flight.fit.problem) is not None
+    assert verdict.rotor_inertia_ratios(flight.fit.problem) is not None
     for item, inertia in zip((*GYROSCOPIC_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
         low, high = flight.quantities[item.name].interval
         assert low <= ONE_INERTIA / inertia <= high
@@ -272,18 +257,18 @@ def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free)
 
 @pytest.mark.thorough
 def test_couplings_that_are_not_told_leave_three_columns(problem, free):
-    assert identified_ratios(free) is not None
+    assert verdict.identified_ratios(free) is not None
     hardly = np.where(np.arange(problem.columns[0].fixed.shape[1]) < 3, 1e-9, 1.0)  # products of rates
     blind = replace(
         problem, columns=tuple(replace(item, fixed=item.fixed * hardly) for item in problem.columns)
     )
-    assert identified_ratios(identify(blind, METHOD)) is None
+    assert verdict.identified_ratios(identify(blind, METHOD)) is None
 
 
 def test_predictions_know_what_all_axes_have():
     values = combinations(effective_parameters(SPINNING)) | {REACTION.name: ONE_INERTIA / THIRD}
     other = {REACTION.name: 2.0}
-    spin_moments = with_gyroscopic_moments(
+    spin_moments = verdict.with_gyroscopic_moments(
         {"fit": SimpleModel("", values), "other": SimpleModel("", other)}, "fit"
     )
     for item, inertia in zip(GYROSCOPIC_MOMENT, (FIRST, SECOND), strict=True):
@@ -296,7 +281,7 @@ def test_predictions_know_what_all_axes_have():
             | {GYROSCOPIC_MOMENT[ROLL_EQUATION].name: 3.0, GYROSCOPIC_MOMENT[PITCH_EQUATION].name: 4.0},
         )
     }
-    assert with_gyroscopic_moments(before, "fit") == before
+    assert verdict.with_gyroscopic_moments(before, "fit") == before
 
 
 # Vehicle files: what they hold, and what each mistake in one is answered with.
@@ -310,7 +295,7 @@ def loaded(tmp_path):
     def load(top="", rotors=X):
         path = tmp_path / "mine.toml"
         path.write_text(f"{top}\n[rotors]\n{rotors}", encoding="utf-8")
-        return load_vehicle(path)
+        return vehicles.load_vehicle(path)
 
     return load
 
@@ -324,14 +309,14 @@ def test_everything_is_read(loaded):
         'thrust_map = "mixed:0.3"',
     )
     assert vehicle.name == "Mine"
-    assert vehicle.mass == KnownNumber(1.2, 0.01)
-    assert vehicle.yaw_inertia_ratio == KnownNumber(1.8)
-    assert vehicle.delay == KnownNumber(0.004, 0.001)
+    assert vehicle.mass == vehicles.KnownNumber(1.2, 0.01)
+    assert vehicle.yaw_inertia_ratio == vehicles.KnownNumber(1.8)
+    assert vehicle.delay == vehicles.KnownNumber(0.004, 0.001)
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
     assert vehicle.arm == pytest.approx(0.2)
-    assert vehicle.arm_scale == KnownNumber(1.0, 0.01)
-    assert vehicle.speed_scale == KnownNumber(0.10472)
-    assert vehicle.torque_ratio == KnownNumber(0.016)
+    assert vehicle.arm_scale == vehicles.KnownNumber(1.0, 0.01)
+    assert vehicle.speed_scale == vehicles.KnownNumber(0.10472)
+    assert vehicle.torque_ratio == vehicles.KnownNumber(0.016)
     assert vehicle.thrust_map == "mixed:0.3"
 
 
@@ -340,7 +325,7 @@ def test_rotors_one_by_one(loaded, spins):
     vehicle = loaded(rotors=f"{EACH}spins = {spins}\npositions_std = 0.02")
     assert vehicle.positions == ((0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1))
     assert vehicle.spins == (-1, -1, 1, 1)
-    assert vehicle.arm_scale == KnownNumber(1.0, 0.02)
+    assert vehicle.arm_scale == vehicles.KnownNumber(1.0, 0.02)
 
 
 @pytest.mark.parametrize(
@@ -354,7 +339,7 @@ def test_rotors_one_by_one(loaded, spins):
 )
 def test_numberings_of_the_autopilots(numbering, mixed):
     """Torques about forward, left, up: (y, -x, spin) of thrust."""
-    rotors = LAYOUTS["quad-x"][numbering]
+    rotors = vehicles.LAYOUTS["quad-x"][numbering]
     assert [(np.sign(y), -np.sign(x), spin) for x, y, spin in rotors] == mixed
 
 
@@ -394,48 +379,48 @@ def test_what_is_no_vehicle(tmp_path):
         ("x" * 5000, "eivor vehicle new"),
     ):
         with pytest.raises(InputError, match=item):
-            load_vehicle(source)
+            vehicles.load_vehicle(source)
 
 
 def test_the_crazyflie_is_as_published():
-    vehicle = load_vehicle("crazyflie-2x")
+    vehicle = vehicles.load_vehicle("crazyflie-2x")
     assert vehicle.mass is not None
     assert vehicle.mass.value == 0.027
     np.testing.assert_allclose(np.abs(vehicle.positions), 0.028, atol=1e-4)
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
     assert vehicle.rotor_radius == 0.0225
-    assert load_vehicle("crazyflie-2.1-brushless").rotor_radius == 0.0275
+    assert vehicles.load_vehicle("crazyflie-2.1-brushless").rotor_radius == 0.0275
     assert vehicle.torque_ratio is None, "Izz is not to rest on what the user has not said"
 
 
 def test_template_is_a_vehicle_with_every_key(tmp_path):
     path = tmp_path / "new.toml"
-    path.write_text(vehicle_template(), encoding="utf-8")
-    assert load_vehicle(path).mass is None
-    path.write_text(re.sub(r"(?m)^# (\w+ = )", r"\1", vehicle_template()), encoding="utf-8")
-    full = load_vehicle(path)
-    names = set(KnownVehicle.__dataclass_fields__)
+    path.write_text(vehicles.vehicle_template(), encoding="utf-8")
+    assert vehicles.load_vehicle(path).mass is None
+    path.write_text(re.sub(r"(?m)^# (\w+ = )", r"\1", vehicles.vehicle_template()), encoding="utf-8")
+    full = vehicles.load_vehicle(path)
+    names = set(vehicles.KnownVehicle.__dataclass_fields__)
     assert all(getattr(full, name) is not None for name in names)
-    each = re.sub(r"(?m)^(layout|numbering) .*$", "", vehicle_template())
+    each = re.sub(r"(?m)^(layout|numbering) .*$", "", vehicles.vehicle_template())
     path.write_text(re.sub(r"(?m)^#   (\w+ = )", r"\1", each), encoding="utf-8")
-    assert load_vehicle(path).arm_scale == KnownNumber(1.0, 0.01)
+    assert vehicles.load_vehicle(path).arm_scale == vehicles.KnownNumber(1.0, 0.01)
 
 
 def test_known_numbers_and_vehicles_are_checked_in_python():
     with pytest.raises(ParameterError, match="finite value"):
-        KnownNumber(float("nan"))
+        vehicles.KnownNumber(float("nan"))
     with pytest.raises(ParameterError, match="std of zero or more"):
-        KnownNumber(1.0, -0.1)
+        vehicles.KnownNumber(1.0, -0.1)
     corners = ((1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0))
     with pytest.raises(ParameterError, match="mass between"):
-        KnownVehicle("x", corners, (-1, -1, 1, 1), mass=KnownNumber(-1.0))
+        vehicles.KnownVehicle("x", corners, (-1, -1, 1, 1), mass=vehicles.KnownNumber(-1.0))
     with pytest.raises(ParameterError, match="Leave its height out"):
-        KnownVehicle("x", tuple((*corner, 0.0) for corner in corners), (-1, -1, 1, 1))
+        vehicles.KnownVehicle("x", tuple((*corner, 0.0) for corner in corners), (-1, -1, 1, 1))
     with pytest.raises(UsageError, match="input map"):
-        KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
+        vehicles.KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
 
 
-TWO_ROTORS = Rotors(
+TWO_ROTORS = vehicles.Rotors(
     positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
     spins=(1, -1),
     highest_speed=1000.0,
@@ -444,7 +429,7 @@ TWO_ROTORS = Rotors(
     lag_up=0.05,
     lag_down=0.05,
 )
-TWO_ROTORED = Vehicle(1.0, (0.01, 0.02, 0.025), TWO_ROTORS)
+TWO_ROTORED = vehicles.Vehicle(1.0, (0.01, 0.02, 0.025), TWO_ROTORS)
 
 
 @pytest.mark.parametrize(("linear", "quadratic"), [(0.0, 1e-5), (2e-3, 0.0), (2e-3, 1e-5)])
@@ -468,8 +453,8 @@ def test_speed_of_thrust_inverts_it(linear, quadratic):
         (TWO_ROTORS, {"inertia": -1.0}, "inertia of zero or more"),
         (TWO_ROTORS, {"thrust_quadratic": 0.0}, "rotors with thrust"),
         (TWO_ROTORS, {"lowest_speed": 1000.0}, "below the highest_speed"),
-        (BodyDrag(), {"linear": (1.0,)}, "three numbers"),
-        (BodyDrag(), {"quadratic": (0.0, 0.0, -1.0)}, "zero or more"),
+        (vehicles.BodyDrag(), {"linear": (1.0,)}, "three numbers"),
+        (vehicles.BodyDrag(), {"quadratic": (0.0, 0.0, -1.0)}, "zero or more"),
     ],
 )
 def test_vehicles_rotors_and_drag_are_checked(of, change, message):
@@ -483,7 +468,7 @@ def test_several_need_equally_many_rotors():
         side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=three)])
 
 
-def ordered(*acts_as: int) -> KnownVehicle:
+def ordered(*acts_as: int) -> vehicles.KnownVehicle:
     """A vehicle file in which the true rotors have these numbers, below zero with the other spin."""
     positions, spins = [(0.0, 0.0)] * 4, [0] * 4
     for true, number in enumerate(acts_as):
@@ -508,7 +493,7 @@ def flight() -> PreparedFlight:
     ],
 )
 def test_another_order_is_named(flight, acts_as, words):
-    result = observed_order([flight], ordered(*acts_as))
+    result = verdict.observed_order([flight], ordered(*acts_as))
     assert result is not None
     assert tuple(result.numbers.values())[:4] == acts_as
     assert result.sentence.startswith(words)
@@ -518,7 +503,7 @@ def test_another_order_is_named(flight, acts_as, words):
 def test_the_right_order_is_not_accused_and_signs_alone_are_left_to_the_gains(flight):
     turned = replace(TRUE, spins=tuple(-spin for spin in TRUE.spins))
     mirrored = replace(TRUE, positions=tuple((x, -y) for x, y in TRUE.positions))
-    assert [observed_order([flight], vehicle) for vehicle in (TRUE, turned, mirrored)] == [None] * 3
+    assert [verdict.observed_order([flight], vehicle) for vehicle in (TRUE, turned, mirrored)] == [None] * 3
 
 
 @pytest.mark.thorough
@@ -530,14 +515,14 @@ def test_of_more_rotors_two_may_be_exchanged():
         positions=tuple((0.043 * x, 0.043 * y, 0.0) for x, y in positions),
         spins=(1, -1, 1, -1, 1, -1),
     )
-    six = KnownVehicle("six", positions, rotors.spins)
+    six = vehicles.KnownVehicle("six", positions, rotors.spins)
     made = body_flown(vehicle=replace(VEHICLE, mass=0.045, rotors=rotors), duration=8.0, seed=0)
     flight = prepare(made.recording, RigidBody(six), FlightOptions())
     swapped = replace(
         six, positions=(*positions[:3], positions[4], positions[3], positions[5]), spins=(1, -1, 1, 1, -1, -1)
     )
-    assert observed_order([flight], six) is None
-    result = observed_order([flight], swapped)
+    assert verdict.observed_order([flight], six) is None
+    result = verdict.observed_order([flight], swapped)
     assert result is not None
     assert tuple(result.numbers.values())[:6] == (1, 2, 3, 5, 4, 6)
 

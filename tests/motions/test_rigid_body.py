@@ -17,12 +17,7 @@ from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import (
-    body_derivative,
-    coefficients_of,
-    effective_parameters,
-    specific_force,
-)
+from eivor.motions.rigid_body import dynamics
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
@@ -192,7 +187,7 @@ AXES = "xyz"
 
 def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
     """What a flight shows: commands in units of so many rad/s, positions in units of so many metres."""
-    parameters = effective_parameters(vehicle)
+    parameters = dynamics.effective_parameters(vehicle)
     alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in parameters.torque_gains)
     return combinations(parameters) | {
         "roll_gain": alpha_p * arm,
@@ -516,13 +511,13 @@ DRAGGED_VEHICLE = Vehicle(
 def test_equations_hold_at_hover(thrust):
     """The equations of the module's docstring at hover speeds, term by term."""
     vehicle = replace(DRAGGED_VEHICLE, rotors=replace(ROTORS, **thrust))
-    parameters, rotors = effective_parameters(vehicle), vehicle.rotors
+    parameters, rotors = dynamics.effective_parameters(vehicle), vehicle.rotors
     hover = vehicle.hover_speed
     change = np.array([300.0, -200.0, 100.0, 50.0])
     p, q, r, vx, vy, vz = 0.3, -0.2, 0.4, 1.0, -2.0, 0.5
-    coefficients, still = coefficients_of(vehicle), (0.0, 0.0, 0.0)
+    coefficients, still = dynamics.coefficients_of(vehicle), (0.0, 0.0, 0.0)
     body = [0.0, 0.0, 0.0, vx, vy, vz, 1.0, 0.0, 0.0, 0.0, p, q, r]
-    slope = body_derivative(coefficients, body, [hover] * 4, change.tolist(), still, still)
+    slope = dynamics.body_derivative(coefficients, body, [hover] * 4, change.tolist(), still, still)
     phi = (
         hover
         if rotors.thrust_quadratic == 0.0
@@ -535,7 +530,7 @@ def test_equations_hold_at_hover(thrust):
     reaction = parameters.rotor_reaction * (change @ rotors.spins)
     assert slope[12] == pytest.approx(third * p * q - parameters.rate_damping[2] * r + reaction, rel=1e-9)
     speed = np.sqrt(vx**2 + vy**2 + vz**2)
-    force = specific_force(coefficients, body, [hover] * 4, still)
+    force = dynamics.specific_force(coefficients, body, [hover] * 4, still)
     for axis, v in enumerate((vx, vy, vz)):
         thrust_part = parameters.thrust_gain * 4.0 * phi if axis == 2 else 0.0
         expected = thrust_part - parameters.drag[axis] * v - parameters.quadratic_drag[axis] * speed * v

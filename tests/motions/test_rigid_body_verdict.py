@@ -20,23 +20,9 @@ from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body import regression
 from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band, refuse_other_turns
-from eivor.motions.rigid_body.regression import (
-    DAMPING,
-    DRAG,
-    FORCE_BAND_HZ,
-    GAIN,
-    OFFSET,
-    PITCH_EQUATION,
-    TERMS,
-    THRUST,
-    TURNING_BAND_HZ,
-    OnboardFilter,
-    as_logged,
-    body_velocity,
-    mean_over_step,
-)
 from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
 from eivor.motions.rigid_body.verdict import (
     FILTERS,
@@ -151,7 +137,7 @@ def test_another_order_is_named(log, order, signs, read_as):
 def test_opposite_quaternions_are_the_same_attitude(log):
     signs = np.where(np.arange(attitude(log).shape[1]) % 7 < 3, 1.0, -1.0)
     flipped = with_values(log, **dict(zip(PARTS, signs * attitude(log), strict=True)))
-    result, expected = (body_velocity(prepared(item).signals) for item in (flipped, log))
+    result, expected = (regression.body_velocity(prepared(item).signals) for item in (flipped, log))
     np.testing.assert_allclose(result, expected, atol=1e-9)
 
 
@@ -310,33 +296,39 @@ def sine(frequency_hz: float, late_s: float = 0.0) -> np.ndarray:
     ("taken_s", "left_s"), [(0.0, OWN_S), (OWN_S, 0.0), (OWN_S + 0.02, 0.0), (0.002, OWN_S - 0.002)]
 )
 def test_a_delay_that_was_taken_off_the_stamps_is_not_applied_again(taken_s, left_s):
-    onboard_filter = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, taken_s)(sine(1.0))
+    onboard_filter = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, taken_s)(sine(1.0))
     np.testing.assert_allclose(onboard_filter[INNER], sine(1.0, left_s)[INNER], atol=2e-4)
 
 
 def test_what_is_more_than_a_delay_is_left():
-    result = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
+    result = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
     amplitude = np.sqrt(2.0 * np.mean(result**2))
     assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / ONBOARD_CUTOFF_HZ) ** 4), rel=0.01)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
-    sensor = OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
+    sensor = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
-    terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in TERMS}
-    for parameter in (GAIN[PITCH_EQUATION], OFFSET[PITCH_EQUATION], DRAG[2]):
-        np.testing.assert_allclose(as_logged(terms[parameter], sine(5.0), sensor), late)
-    damping = as_logged(terms[DAMPING[PITCH_EQUATION]], sine(5.0), sensor)
-    np.testing.assert_allclose(damping, mean_over_step(sine(5.0)))
-    np.testing.assert_allclose(as_logged(terms[THRUST], sine(5.0), None), sine(5.0))
+    terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in regression.TERMS}
+    for parameter in (
+        regression.GAIN[regression.PITCH_EQUATION],
+        regression.OFFSET[regression.PITCH_EQUATION],
+        regression.DRAG[2],
+    ):
+        np.testing.assert_allclose(regression.as_logged(terms[parameter], sine(5.0), sensor), late)
+    damping = regression.as_logged(terms[regression.DAMPING[regression.PITCH_EQUATION]], sine(5.0), sensor)
+    np.testing.assert_allclose(damping, regression.mean_over_step(sine(5.0)))
+    np.testing.assert_allclose(regression.as_logged(terms[regression.THRUST], sine(5.0), None), sine(5.0))
 
 
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():
     problem = problem_of(body_flown(duration=5.0, seed=2).recording)
     whole = in_full_band(problem)
-    assert [column.band_hz for column in whole.columns[:3]] == [(TURNING_BAND_HZ[0], FULL_BAND_HZ)] * 3
-    assert {column.band_hz for column in whole.columns[3:]} == {FORCE_BAND_HZ}
+    assert [column.band_hz for column in whole.columns[:3]] == [
+        (regression.TURNING_BAND_HZ[0], FULL_BAND_HZ)
+    ] * 3
+    assert {column.band_hz for column in whole.columns[3:]} == {regression.FORCE_BAND_HZ}
     assert in_full_band(whole) is whole
     index = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
     assert len(whole.bins(index).responses) > 1.5 * len(problem.bins(index).responses)

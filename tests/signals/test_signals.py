@@ -32,16 +32,7 @@ from eivor.errors import (
 from eivor.flights.grid import upward
 from eivor.logs.common import channel_findings
 from eivor.signals import channels, noise
-from eivor.signals.channels import (
-    CanonicalChannel,
-    canonical_channel,
-    canonical_channels,
-    declare_channels,
-    family_members,
-    held_by_default,
-    roll_pitch_yaw,
-    unit_of,
-)
+from eivor.signals import channels as canonical
 from eivor.signals.filters import actuator_state, low_passed, reciprocal, time_derivative
 from eivor.signals.noise import GrowthTable, fractional_difference, fractional_weights
 from eivor.signals.recording import Channel, DataSheet, Frame, clean_channel, interval_within
@@ -297,32 +288,34 @@ def test_a_million_samples_are_differenced_by_a_few_transforms():
 
 # Input maps: inverse, slope and name each give back what the map says.
 
-THROTTLE = CanonicalChannel("throttle", "", held=True, free_unit=True)
-SPEED = CanonicalChannel("forward_speed", "m/s")
-SIDEWAYS = CanonicalChannel("sideways_speed", "m/s", flipped=True)
-CURRENT = CanonicalChannel("motor_current_*", "A")
+THROTTLE = canonical.CanonicalChannel("throttle", "", held=True, free_unit=True)
+SPEED = canonical.CanonicalChannel("forward_speed", "m/s")
+SIDEWAYS = canonical.CanonicalChannel("sideways_speed", "m/s", flipped=True)
+CURRENT = canonical.CanonicalChannel("motor_current_*", "A")
 
 
 @pytest.fixture
 def table(monkeypatch):
     """The table of channels, which is as it was after the test."""
-    monkeypatch.setattr(channels, "_TABLE", dict(canonical_channels()))
+    monkeypatch.setattr(channels, "_TABLE", dict(canonical.canonical_channels()))
 
 
 @pytest.fixture
 def declared(table):
-    declare_channels(THROTTLE, SPEED, SIDEWAYS, CURRENT)
+    canonical.declare_channels(THROTTLE, SPEED, SIDEWAYS, CURRENT)
 
 
 def test_rotors_have_numbers():
-    assert canonical_channel("rotor_command_12") == canonical_channels()["rotor_command_*"]
+    assert (
+        canonical.canonical_channel("rotor_command_12") == canonical.canonical_channels()["rotor_command_*"]
+    )
     for name in ("rotor_command_*", "rotor_command_", "rotor_command_01", "rotor_command_1234", "absent", ""):
-        assert canonical_channel(name) is None
-        assert not held_by_default(name)
-    assert (unit_of("rotor_speed_3"), unit_of("velocity_z")) == ("", "m/s")
-    assert (held_by_default("landed"), held_by_default("velocity_z")) == (True, False)
+        assert canonical.canonical_channel(name) is None
+        assert not canonical.held_by_default(name)
+    assert (canonical.unit_of("rotor_speed_3"), canonical.unit_of("velocity_z")) == ("", "m/s")
+    assert (canonical.held_by_default("landed"), canonical.held_by_default("velocity_z")) == (True, False)
     with pytest.raises(UsageError, match=r"name of a canonical channel; received 'absent'.*velocity_z"):
-        unit_of("absent")
+        canonical.unit_of("absent")
 
 
 def test_declared_channels_in_maps(declared, tmp_path):
@@ -361,40 +354,42 @@ def test_frames_turn_what_says_so(declared):
 
 
 def test_declaring_again(declared):
-    before = dict(canonical_channels())
-    declare_channels(SPEED, SPEED, canonical_channels()["velocity_z"])
-    assert dict(canonical_channels()) == before
+    before = dict(canonical.canonical_channels())
+    canonical.declare_channels(SPEED, SPEED, canonical.canonical_channels()["velocity_z"])
+    assert dict(canonical.canonical_channels()) == before
 
 
 @pytest.mark.parametrize(
     "other",
     [
-        CanonicalChannel("forward_speed", "km/h"),
-        CanonicalChannel("forward_speed", "m/s", held=True),
-        CanonicalChannel("velocity_z", "m/s"),
-        CanonicalChannel("rotor_speed_1", "rad/s"),
-        CanonicalChannel("motor_current_7", "A"),
+        canonical.CanonicalChannel("forward_speed", "km/h"),
+        canonical.CanonicalChannel("forward_speed", "m/s", held=True),
+        canonical.CanonicalChannel("velocity_z", "m/s"),
+        canonical.CanonicalChannel("rotor_speed_1", "rad/s"),
+        canonical.CanonicalChannel("motor_current_7", "A"),
     ],
 )
 def test_another_channel_of_a_name_that_is_taken(declared, other):
-    before = dict(canonical_channels())
+    before = dict(canonical.canonical_channels())
     with pytest.raises(UsageError, match=r"declared once, or the same each time.*Rename one"):
-        declare_channels(CanonicalChannel("steering", "rad"), other)
-    assert dict(canonical_channels()) == before
+        canonical.declare_channels(canonical.CanonicalChannel("steering", "rad"), other)
+    assert dict(canonical.canonical_channels()) == before
 
 
 def test_a_family_beside_one_of_its_members(table):
-    declare_channels(CanonicalChannel("wheel_1", "rad/s"))
+    canonical.declare_channels(canonical.CanonicalChannel("wheel_1", "rad/s"))
     with pytest.raises(UsageError, match="wheel_1"):
-        declare_channels(CanonicalChannel("wheel_*", "rad/s"))
+        canonical.declare_channels(canonical.CanonicalChannel("wheel_*", "rad/s"))
     with pytest.raises(UsageError, match="declared once"):
-        declare_channels(CanonicalChannel("track_1", ""), CanonicalChannel("track_*", ""))
+        canonical.declare_channels(
+            canonical.CanonicalChannel("track_1", ""), canonical.CanonicalChannel("track_*", "")
+        )
 
 
 @pytest.mark.parametrize("name", ["", "Speed", "time", "a b", "a-b", "*"])
 def test_names_that_cannot_be(name):
     with pytest.raises(UsageError, match="small letters, digits"):
-        CanonicalChannel(name, "")
+        canonical.CanonicalChannel(name, "")
 
 
 MAPS = st.one_of(
@@ -628,7 +623,7 @@ def test_it_is_said():
 def test_numbers_come_in_their_order_and_axes_in_theirs(name, among, members):
     stem = name.removesuffix("_*")
     expected = members if members == ["input"] else [f"{stem}_{member}" for member in members]
-    assert family_members(name, among) == expected
+    assert canonical.family_members(name, among) == expected
 
 
 # The actuator's state against an independent integration and the exact solution between changes.
@@ -717,10 +712,10 @@ def test_angles_are_those_of_successive_turns_and_yaw_goes_on():
     )
     quaternions = Rotation.from_euler("ZYX", angles[::-1].T).as_quat(scalar_first=True).T
     quaternions[:, ::7] *= -1.0  # the same attitudes
-    np.testing.assert_allclose(roll_pitch_yaw(quaternions), angles, atol=1e-12)
+    np.testing.assert_allclose(canonical.roll_pitch_yaw(quaternions), angles, atol=1e-12)
 
 
 def test_what_is_missing_stays_missing():
     quaternions = np.tile(np.array([[1.0], [0.0], [0.0], [0.0]]), 3)
     quaternions[2, 1] = np.nan
-    np.testing.assert_array_equal(np.isnan(roll_pitch_yaw(quaternions)), [[False, True, False]] * 3)
+    np.testing.assert_array_equal(np.isnan(canonical.roll_pitch_yaw(quaternions)), [[False, True, False]] * 3)

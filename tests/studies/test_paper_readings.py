@@ -17,26 +17,8 @@ from eivor.cli.main import app
 from eivor.errors import ParameterError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
-from eivor.lab import paper as paper_trials
+from eivor.lab import paper
 from eivor.lab.disturbances import Arma
-from eivor.lab.paper import (
-    EXAMPLES,
-    METHODS,
-    READINGS,
-    TRUTH,
-    AlternatingNoise,
-    Compensation,
-    MotionSource,
-    PaperResult,
-    estimates,
-    named_readings,
-    nearness,
-    nrmse,
-    record,
-    run_paper,
-    run_together,
-    trial_generator,
-)
 from eivor.lab.scenario_files import read_study, shipped_scenario
 from eivor.lab.study import run_study, scores
 from eivor.models.regression import lags
@@ -56,13 +38,13 @@ POSITIONS = (("least_squares", 0), ("least_squares", 1), ("extended_iv", 0), ("g
 
 
 def reading(name, **changes):
-    return replace(named_readings((name,))[0], **changes)
+    return replace(paper.named_readings((name,))[0], **changes)
 
 
 @pytest.fixture(scope="module")
 def results():
     return {
-        (name, number): run_together(((reading(name),), EXAMPLES[number - 1]), RUNS)[0]
+        (name, number): paper.run_together(((reading(name),), paper.EXAMPLES[number - 1]), RUNS)[0]
         for name, number in PROTOTYPE
     }
 
@@ -80,8 +62,8 @@ def test_the_prototype_is_met_within_three_standard_errors(results, name, number
 @pytest.mark.calibration
 def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
     result = results["ratios-of-variances", 1]
-    truth = np.array(list(TRUTH.values()))
-    for index, method in enumerate(METHODS):
+    truth = np.array(list(paper.TRUTH.values()))
+    for index, method in enumerate(paper.METHODS):
         errors = result.estimates[:, index] / truth - 1.0
         bias = np.abs(errors.mean(axis=0)) * np.sqrt(RUNS) / errors.std(axis=0, ddof=1)
         assert (bias > 10.0).all() if method == "least_squares" else (bias < 3.5).all(), method
@@ -89,18 +71,18 @@ def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
 
 @pytest.mark.thorough
 def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
-    result = run_together(((reading("white-input"),), EXAMPLES[0]), 20)[0]
+    result = paper.run_together(((reading("white-input"),), paper.EXAMPLES[0]), 20)[0]
     assert result.spreads("extended_iv")[1].mean > 10.0 * result.spreads("generalized_iv")[1].mean
-    assert [result.weak_runs(method) for method in METHODS] == [0, 0, 20, 20, 0, 0]
+    assert [result.weak_runs(method) for method in paper.METHODS] == [0, 0, 20, 20, 0, 0]
 
 
 @pytest.mark.parametrize("name", ["ratios-of-variances", "central-5-lags", "weights-as-printed"])
 def test_shared_moments_give_what_identify_gives(name):
     chosen = reading(name)
-    signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
+    signals = paper.record(chosen, paper.EXAMPLES[0], paper.trial_generator(3)).signals
     model = VerticalMotion(intercept=False)
     instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
-    for method, item in zip(METHODS, estimates(chosen, signals)[0], strict=True):
+    for method, item in zip(paper.METHODS, paper.estimates(chosen, signals)[0], strict=True):
         columns = instruments.get(method.partition("_iv")[0], ())
         expected = identify(model.regression(signals, columns), getattr(methods, method)())
         assert item == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
@@ -109,15 +91,15 @@ def test_shared_moments_give_what_identify_gives(name):
 @pytest.mark.parametrize(
     ("compensation", "row", "counted"),
     [
-        (Compensation.SHARED, 0, True),
-        (Compensation.PRINTED_ROW, 1, True),
-        (Compensation.WITHOUT_COUNT, 0, False),
+        (paper.Compensation.SHARED, 0, True),
+        (paper.Compensation.PRINTED_ROW, 1, True),
+        (paper.Compensation.WITHOUT_COUNT, 0, False),
     ],
 )
 def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     """(29), (30) and (32) from sums over all rows, with the 1 of H in its row and N there or not."""
     chosen = reading("larger-on-input", compensation=compensation)
-    signals = record(chosen, EXAMPLES[0], trial_generator(4)).signals
+    signals = paper.record(chosen, paper.EXAMPLES[0], paper.trial_generator(4)).signals
     velocity, drive, response = (signals.channels[n] for n in ("velocity_z", "input", "acceleration_z"))
     first, count = chosen.lags, signals.sample_count
     Psi = np.column_stack([drive[first - lag : count - lag] for lag in range(chosen.lags + 1)])
@@ -129,28 +111,28 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     smallest = np.linalg.svd(np.column_stack([X, b]), compute_uv=False)[-1]
     least = np.linalg.solve(X.T @ X, X.T @ b)
     total = np.linalg.solve(X.T @ X - smallest**2 * np.eye(2), X.T @ b)
-    result = dict(zip(METHODS, estimates(chosen, signals)[0], strict=True))
+    result = dict(zip(paper.METHODS, paper.estimates(chosen, signals)[0], strict=True))
     assert result["generalized_iv"] == pytest.approx(least, rel=1e-8)
     assert result["generalized_iv_tls"] == pytest.approx(total, rel=1e-8)
     # What rounding leaves is far below what the misprints do.
-    shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals)[0][-2]
+    shared = paper.estimates(replace(chosen, compensation=paper.Compensation.SHARED), signals)[0][-2]
     far = np.abs(result["generalized_iv"] / shared - 1.0).max()
-    assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
+    assert far == 0.0 if compensation is paper.Compensation.SHARED else far > 1e-3
 
 
 @pytest.mark.parametrize(
     ("motion", "velocity", "acceleration"),
     [
-        (MotionSource.VELOCITY_CENTRAL, 0.0, 0.0),
-        (MotionSource.VELOCITY_FORWARD, 0.0, 0.1),
-        (MotionSource.HEIGHT_CENTRAL, 0.0, 0.0),
-        (MotionSource.HEIGHT_BACKWARD, -0.1, -0.2),
+        (paper.MotionSource.VELOCITY_CENTRAL, 0.0, 0.0),
+        (paper.MotionSource.VELOCITY_FORWARD, 0.0, 0.1),
+        (paper.MotionSource.HEIGHT_CENTRAL, 0.0, 0.0),
+        (paper.MotionSource.HEIGHT_BACKWARD, -0.1, -0.2),
     ],
 )
 def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration):
     t = 0.2 * np.arange(400)
     z, v, a = np.sin(0.1 * t), 0.1 * np.cos(0.1 * t), -0.01 * np.sin(0.1 * t)
-    found_v, found_a = paper_trials._DIFFERENCES[motion](v, z)
+    found_v, found_a = paper._DIFFERENCES[motion](v, z)
     inner = slice(2, -2)
     assert found_v[inner] == pytest.approx(0.1 * np.cos(0.1 * (t + velocity))[inner], abs=1e-4)
     assert found_a[inner] == pytest.approx(-0.01 * np.sin(0.1 * (t + acceleration))[inner], abs=1e-5)
@@ -159,30 +141,30 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
 
 def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
     """The disturbance likewise: ratios of the paper to what is in a record."""
-    made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))
+    made = paper.record(reading("ratios-of-std"), paper.EXAMPLES[1], paper.trial_generator(2))
     noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
     # 4000 samples tell a standard deviation to 1.1 %
     assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
 
 
 def test_nrmse_is_the_papers():
-    scores = nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
+    scores = paper.nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
     together = 100.0 * np.hypot(0.0293, 0.0042) / np.hypot(0.293, 0.021)
     assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
 
 
 def test_names_and_runs_are_checked():
-    names = [item.name for item in READINGS]
+    names = [item.name for item in paper.READINGS]
     assert len(set(names)) == len(names)
-    assert named_readings(()) == READINGS
+    assert paper.named_readings(()) == paper.READINGS
     with pytest.raises(UsageError, match="readings out of ratios-of-std"):
-        named_readings(("nothing",))
+        paper.named_readings(("nothing",))
     with pytest.raises(UsageError, match="two runs or more"):
-        next(run_paper(READINGS, runs=1))
+        next(paper.run_paper(paper.READINGS, runs=1))
 
 
 def test_too_few_instruments_for_total_least_squares_are_no_estimate():
-    result = run_together(((reading("two-lags"),), EXAMPLES[0]), 2)[0]
+    result = paper.run_together(((reading("two-lags"),), paper.EXAMPLES[0]), 2)[0]
     assert result.failed("extended_iv_tls") == 2
     assert result.failed("extended_iv") == 0
     assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
@@ -190,26 +172,26 @@ def test_too_few_instruments_for_total_least_squares_are_no_estimate():
 
 def test_alternating_noise_has_the_autocovariance_of_its_weights():
     weights = binom(-0.4, np.arange(40))
-    autocovariance = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
+    autocovariance = paper.AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
     expected = [2.25 * weights[: m + 1] @ weights[3 : m + 4] for m in range(10, 15)]
     assert autocovariance == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize("name", [item.name for item in READINGS])
+@pytest.mark.parametrize("name", [item.name for item in paper.READINGS])
 def test_every_reading_makes_records_of_the_papers_length(name):
-    made = record(reading(name), EXAMPLES[1], trial_generator(0))
+    made = paper.record(reading(name), paper.EXAMPLES[1], paper.trial_generator(0))
     assert made.signals.sample_count == made.truth.sample_count == 4000
     assert np.isfinite(list(made.signals.channels.values())).all()
 
 
 def test_no_estimate_is_infinitely_far():
-    result = PaperResult(
-        READINGS[0],
-        EXAMPLES[0],
-        np.full((3, len(METHODS), 2), np.nan),
-        np.zeros((3, len(METHODS)), dtype=bool),
+    result = paper.PaperResult(
+        paper.READINGS[0],
+        paper.EXAMPLES[0],
+        np.full((3, len(paper.METHODS), 2), np.nan),
+        np.zeros((3, len(paper.METHODS)), dtype=bool),
     )
-    assert nearness([result]).means == float("inf")
+    assert paper.nearness([result]).means == float("inf")
     assert np.isnan(result.spreads("least_squares")[0].std)
 
 

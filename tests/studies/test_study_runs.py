@@ -20,31 +20,10 @@ import eivor as ev
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
+from eivor.lab import study as lab_study
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import method_choice, read_study
-from eivor.lab.study import (
-    DIRECT,
-    PARTS,
-    PLAIN,
-    SHARD_TRIALS,
-    TARGETS,
-    MethodChoice,
-    Regularisation,
-    Row,
-    Share,
-    StudyResult,
-    _estimated,
-    failure,
-    run_study,
-    schema,
-    scores,
-    side_by_side,
-    study_executor,
-    trial,
-    trial_nrmse,
-)
-from eivor.lab.study import METHODS as METHOD_NAMES
 from eivor.process_pool import (
     TASKS_PER_WORKER,
     Executor,
@@ -79,22 +58,22 @@ class Recorder(Executor):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    return run_study(small_study(), tmp_path_factory.mktemp("finished"))
+    return lab_study.run_study(small_study(), tmp_path_factory.mktemp("finished"))
 
 
 @pytest.mark.thorough
 def test_interrupted_and_resumed(finished, tmp_path):
     first = Recorder(stop_after=1)
     with pytest.raises(KeyboardInterrupt):
-        run_study(small_study(), tmp_path, executor=first)
+        lab_study.run_study(small_study(), tmp_path, executor=first)
     second = Recorder()
     seen: list[tuple[int, int]] = []
-    run_study(small_study(), tmp_path, executor=second, progress=lambda *now: seen.append(now))
+    lab_study.run_study(small_study(), tmp_path, executor=second, progress=lambda *now: seen.append(now))
     assert (first.asked, second.asked) == ([2], [1, 0])
     assert seen == [(10, 60), (35, 60), (60, 60)]
     assert content(tmp_path) == content(finished.folder)
     third = Recorder()
-    run_study(small_study(), tmp_path, executor=third)
+    lab_study.run_study(small_study(), tmp_path, executor=third)
     assert third.asked == []
 
 
@@ -108,7 +87,7 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     damaged[int(part * (len(damaged) - 1))] ^= 0x10
     shard.write_bytes(damaged)
     recorder = Recorder()
-    assert run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
+    assert lab_study.run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
     assert recorder.asked == [1]
     assert content(tmp_path) == content(finished.folder)
 
@@ -119,19 +98,19 @@ def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
     def panic(*parts, **options):
         raise pl.exceptions.PanicException("index out of bounds")
 
-    run_study(small_study(30), tmp_path)
+    lab_study.run_study(small_study(30), tmp_path)
     monkeypatch.setattr(pl, "read_parquet", panic)
     with pytest.raises(InputError, match="what the system says: index out of bounds"):
-        run_study(small_study(30), tmp_path)
+        lab_study.run_study(small_study(30), tmp_path)
 
 
 def test_another_study_is_refused(tmp_path):
-    run_study(small_study(5), tmp_path)
+    lab_study.run_study(small_study(5), tmp_path)
     before = content(tmp_path)
     with pytest.raises(
         UsageError, match=r"received .* which holds the study 'small' with another experiment"
     ):
-        run_study(small_study(5, seed=8), tmp_path)
+        lab_study.run_study(small_study(5, seed=8), tmp_path)
     assert content(tmp_path) == before
 
 
@@ -139,19 +118,19 @@ def test_another_study_is_refused(tmp_path):
 def test_folders_that_are_not_a_studys(tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(UsageError, match="Expected a folder for the study; received the file"):
-        run_study(small_study(5), tmp_path / "file")
+        lab_study.run_study(small_study(5), tmp_path / "file")
     with pytest.raises(InputError, match="what the system says: Not a directory"):
-        run_study(small_study(5), tmp_path / "file" / "folder")
+        lab_study.run_study(small_study(5), tmp_path / "file" / "folder")
     other = tmp_path / "other"
     other.mkdir()
     (other / "trials.parquet").write_bytes(b"precious")
     with pytest.raises(UsageError, match=r"which has trials and no study.json"):
-        run_study(small_study(5), other)
+        lab_study.run_study(small_study(5), other)
     assert (other / "trials.parquet").read_bytes() == b"precious"
     for text in ("[]", "[" * 100_000, "1" * 5000, '"x'):
         (other / "study.json").write_text(text, encoding="utf-8")
         with pytest.raises(UsageError, match=r"Expected the study.json of a study"):
-            run_study(small_study(5), other)
+            lab_study.run_study(small_study(5), other)
 
 
 def of_another_version(folder):
@@ -169,7 +148,7 @@ def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tm
     another_version = of_another_version(tmp_path)
     recorder = Recorder()
     for name in ("small", "renamed"):
-        result = run_study(small_study(name=name), tmp_path, executor=recorder)
+        result = lab_study.run_study(small_study(name=name), tmp_path, executor=recorder)
         assert result.trials.equals(finished.trials)
     assert recorder.asked == []
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8")) == another_version | {
@@ -177,12 +156,12 @@ def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tm
     }
     kept = content(tmp_path)
     with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
-        run_study(small_study(90), tmp_path)
+        lab_study.run_study(small_study(90), tmp_path)
     assert content(tmp_path) == kept
     shard = tmp_path / "shards" / "000001.parquet"
     shard.write_bytes(shard.read_bytes()[:-1])
     with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
-        run_study(small_study(), tmp_path)
+        lab_study.run_study(small_study(), tmp_path)
 
 
 def test_scores_by_hand():
@@ -190,25 +169,29 @@ def test_scores_by_hand():
     study = small_study(4, methods=METHODS[:1], intervals=True)
     estimates = [(0.6, 2.0), (0.5, 1.8), (0.45, 2.4)]
     label = study.methods[0].label
-    trials: list[Row] = [{"trial": 3, f"{label}.status": "failed", f"{label}.error": "EstimationError"}]
+    trials: list[lab_study.Row] = [
+        {"trial": 3, f"{label}.status": "failed", f"{label}.error": "EstimationError"}
+    ]
     for index, (a, b) in enumerate(estimates):
-        row: Row = {"trial": index, f"{label}.status": "weak" if index else "identified"}
+        row: lab_study.Row = {"trial": index, f"{label}.status": "weak" if index else "identified"}
         numbers = [(a, 0.1, a - 0.1, a + 0.1), (b, 0.1, b - 0.1, b + 0.3)]
         for name, values in zip(study.parameters, numbers, strict=True):
-            row |= {f"{label}.{name}{part}": value for part, value in zip(PARTS, values, strict=True)}
+            row |= {
+                f"{label}.{name}{part}": value for part, value in zip(lab_study.PARTS, values, strict=True)
+            }
         trials.insert(index, row)
-    result = StudyResult(study, Path(), pl.DataFrame(trials, schema=schema(study)))
-    (results,) = scores(result)
+    result = lab_study.StudyResult(study, Path(), pl.DataFrame(trials, schema=lab_study.schema(study)))
+    (results,) = lab_study.scores(result)
     a, b = results.parameters
     assert (results.trials, results.failed, results.weak, results.first_failure) == (4, 1, 2, 3)
     assert a.nrmse.mean == pytest.approx(np.mean([20, 0, 10]))
     assert a.nrmse.std == pytest.approx(10.0)
     assert (a.bias, a.rmse) == pytest.approx((0.05 / 3, np.sqrt((0.1**2 + 0.05**2) / 3)))
     assert (b.bias, b.estimate.mean) == pytest.approx((0.2 / 3, 6.2 / 3))
-    assert (a.coverage, b.coverage) == (Share(3, 3), Share(2, 3))
+    assert (a.coverage, b.coverage) == (lab_study.Share(3, 3), lab_study.Share(2, 3))
     length = np.hypot(0.5, 2.0)
     expected = 100.0 * np.hypot([0.1, 0.0, -0.05], [0.0, -0.2, 0.4]) / length
-    np.testing.assert_allclose(trial_nrmse(result, "least_squares"), expected)
+    np.testing.assert_allclose(lab_study.trial_nrmse(result, "least_squares"), expected)
     assert (results.together.mean, results.together.std) == pytest.approx(
         (expected.mean(), expected.std(ddof=1))
     )
@@ -225,7 +208,7 @@ def test_what_a_killed_run_left_is_removed(tmp_path):
     past = time.time() - 2.0 * ABANDONED_S
     for path in left:
         os.utime(path, (past, past))
-    run_study(small_study(5), tmp_path)
+    lab_study.run_study(small_study(5), tmp_path)
     assert [path for path in (*left, young) if path.exists()] == [young]
 
 
@@ -234,12 +217,12 @@ def test_what_a_killed_run_left_is_removed(tmp_path):
 
 def test_a_trial_depends_on_study_and_index_only():
     study = small_study()
-    first = trial(study, 5)
-    trial(study, 4)
-    assert trial(study, 5) == first
-    assert trial(replace(study, runs=1000), 5) == first
-    assert trial(replace(study, seed=8), 5) != first
-    assert trial(study, 6) | {"trial": 5} != first
+    first = lab_study.trial(study, 5)
+    lab_study.trial(study, 4)
+    assert lab_study.trial(study, 5) == first
+    assert lab_study.trial(replace(study, runs=1000), 5) == first
+    assert lab_study.trial(replace(study, seed=8), 5) != first
+    assert lab_study.trial(study, 6) | {"trial": 5} != first
 
 
 @pytest.mark.parametrize(
@@ -248,7 +231,7 @@ def test_a_trial_depends_on_study_and_index_only():
         (METHODS[2], ev.methods.generalized_iv(ev.methods.TwoStage())),
         (replace(METHODS[2], covariance="classical"), ev.methods.generalized_iv(ev.methods.TwoStage())),
         (
-            MethodChoice("generalized_iv", (0, 5), regularisation=Regularisation(0.3)),
+            lab_study.MethodChoice("generalized_iv", (0, 5), regularisation=lab_study.Regularisation(0.3)),
             ev.methods.regularised(ev.methods.generalized_iv(), 0.3),
         ),
     ],
@@ -259,21 +242,21 @@ def test_a_trial_is_what_identify_says(choice, method):
     fit = ev.identify(EQUATION.problem(EQUATION.record(rng), ev.lags("input", 0, 5)), method)
     if choice.covariance == "classical":
         fit = fit.with_covariance(ev.covariances.Classical())
-    row, label = trial(study, 3), study.methods[2].label
+    row, label = lab_study.trial(study, 3), study.methods[2].label
     assert row[f"{label}.status"] == fit.status.value == ("weak" if choice.regularisation else "identified")
     for name in fit.names:
         low, high = fit.interval(name)
         numbers = [fit.parameters[name], fit.std_error(name), low, high]
-        assert [row[f"{label}.{name}{part}"] for part in PARTS] == numbers
+        assert [row[f"{label}.{name}{part}"] for part in lab_study.PARTS] == numbers
 
 
-@pytest.mark.parametrize("name", METHOD_NAMES)
+@pytest.mark.parametrize("name", lab_study.METHODS)
 def test_every_method_on_the_vertical_experiment(name):
     """Without noise each finds the truth, except bias that there is none to compensate."""
     experiment = VerticalExperiment(ev.Scenario(0.293, 0.021, samples=500))
-    lagged = None if name in DIRECT else (0, 10)
-    study = small_study(experiment=experiment, methods=(MethodChoice(name, lagged),))
-    row = trial(study, 0)
+    lagged = None if name in lab_study.DIRECT else (0, 10)
+    study = small_study(experiment=experiment, methods=(lab_study.MethodChoice(name, lagged),))
+    row = lab_study.trial(study, 0)
     failed = row[f"{name}.error"]
     if name in {"total_least_squares", "liml", "fuller", "generalized_liml", "generalized_fuller"}:
         # columns that are all exact leave them nothing to do
@@ -291,17 +274,17 @@ def test_every_method_on_the_vertical_experiment(name):
 
 def test_noise_that_is_not_known_is_not_used():
     """Generalized IV raises without it, and the trial goes on."""
-    giv = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
+    giv = lab_study.MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
     study = small_study(methods=(*METHODS, giv))
-    row = trial(study, 0)
+    row = lab_study.trial(study, 0)
     blind = {name: value for name, value in row.items() if name.startswith("blind.") and value is not None}
     assert blind == {"blind.status": "failed", "blind.error": "MissingNoiseError"}
     others = {name: value for name, value in row.items() if not name.startswith("blind.")}
-    assert others == trial(small_study(), 0)
-    assert failure(study, 0, "blind").startswith(
+    assert others == lab_study.trial(small_study(), 0)
+    assert lab_study.failure(study, 0, "blind").startswith(
         "MissingNoiseError: Expected a declared noise of channel 'input'"
     )
-    assert failure(study, 0, "least_squares") == ""
+    assert lab_study.failure(study, 0, "least_squares") == ""
 
 
 @dataclass(frozen=True)
@@ -317,14 +300,14 @@ class Broken(DifferenceEquation):
 def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
     """The table has every trial; what broke is counted, named, and told when it is asked for."""
     study = small_study(30, experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
-    result = run_study(study, tmp_path)
+    result = lab_study.run_study(study, tmp_path)
     label = study.methods[0].label
     broken = result.trials.filter(result.trials[f"{label}.error"] == "ZeroDivisionError")
     assert result.trials.height == 30
     assert 0 < broken.height < 30
-    score = scores(result)[0]
+    score = lab_study.scores(result)[0]
     assert (score.failed, score.first_failure) == (broken.height, broken["trial"][0])
-    assert failure(study, broken["trial"][0], label).startswith("ZeroDivisionError: ")
+    assert lab_study.failure(study, broken["trial"][0], label).startswith("ZeroDivisionError: ")
 
 
 def test_identity():
@@ -346,35 +329,37 @@ def test_identity():
         (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
         (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
         (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
-        (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
+        (lambda: small_study(methods=(lab_study.MethodChoice("least_squares", label="a.b"),)), "no dot"),
         (
-            lambda: MethodChoice("generalized_iv"),
+            lambda: lab_study.MethodChoice("generalized_iv"),
             r"lags = \[first, last\] for .* received 'generalized_iv' with none",
         ),
-        (lambda: MethodChoice("extended_iv", (3, 1)), "Expected first <= last"),
-        (lambda: MethodChoice("extended_iv", (-1, 1)), "a lag of zero or more samples"),
+        (lambda: lab_study.MethodChoice("extended_iv", (3, 1)), "Expected first <= last"),
+        (lambda: lab_study.MethodChoice("extended_iv", (-1, 1)), "a lag of zero or more samples"),
         (
-            lambda: MethodChoice("extended_iv_tls", (1, 2), weighting="two_stage"),
+            lambda: lab_study.MethodChoice("extended_iv_tls", (1, 2), weighting="two_stage"),
             "for extended_iv or generalized_iv only",
         ),
         (
-            lambda: small_study(methods=(MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
+            lambda: small_study(methods=(lab_study.MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
             "Did you mean 'input'",
         ),
         (
-            lambda: small_study(methods=(MethodChoice("least_squares", known_noise=("velocity_z",)),)),
+            lambda: small_study(
+                methods=(lab_study.MethodChoice("least_squares", known_noise=("velocity_z",)),)
+            ),
             "a channel for 'least_squares' out of output, input; received 'velocity_z'",
         ),
-        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
-        (lambda: Regularisation(-1.0), "a parameter of zero or more"),
-        (lambda: MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
-        (lambda: MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
+        (lambda: lab_study.Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
+        (lambda: lab_study.Regularisation(-1.0), "a parameter of zero or more"),
+        (lambda: lab_study.MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
+        (lambda: lab_study.MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
         (
-            lambda: MethodChoice("spectral_giv", (0, 5), regularisation=Regularisation()),
+            lambda: lab_study.MethodChoice("spectral_giv", (0, 5), regularisation=lab_study.Regularisation()),
             "a regularisation of a linear method",
         ),
         (
-            lambda: MethodChoice("fuller", (1, 5), regularisation=Regularisation()),
+            lambda: lab_study.MethodChoice("fuller", (1, 5), regularisation=lab_study.Regularisation()),
             "solved by least squares or total least squares",
         ),
     ],
@@ -392,12 +377,12 @@ def choice_of(tmp_path, line, name="generalized_iv"):
 
 
 def test_every_word_of_a_file(tmp_path):
-    for towards in TARGETS:
+    for towards in lab_study.TARGETS:
         made = choice_of(tmp_path, f'regularisation = {{ towards = "{towards}" }}')
-        assert made.regularisation == Regularisation(None, towards)
+        assert made.regularisation == lab_study.Regularisation(None, towards)
         assert made.method.name == "generalized_iv_tikhonov"
     given = choice_of(tmp_path, "regularisation = { parameter = 0.5 }")
-    assert given.regularisation == Regularisation(0.5)
+    assert given.regularisation == lab_study.Regularisation(0.5)
     assert choice_of(tmp_path, "strength = 4.0", "fuller").method == ev.methods.fuller(4.0)
 
 
@@ -439,8 +424,10 @@ def test_equations_that_cannot_be_are_refused(changes, message):
 def test_interval_is_that_of_scipy(hits, count, level):
     """Another implementation of Wilson's interval."""
     theirs = binomtest(hits, count).proportion_ci(level, method="wilson")
-    np.testing.assert_allclose(Share(hits, count, level).interval, (theirs.low, theirs.high), atol=1e-12)
-    assert Share(0, 0, level).interval == (0.0, 1.0)
+    np.testing.assert_allclose(
+        lab_study.Share(hits, count, level).interval, (theirs.low, theirs.high), atol=1e-12
+    )
+    assert lab_study.Share(0, 0, level).interval == (0.0, 1.0)
 
 
 def test_streams_are_those_of_the_seed_sequence():
@@ -461,46 +448,48 @@ def test_streams_are_those_of_the_seed_sequence():
             {"extended_iv", "extended_iv_tls"},
         ),  # refused: an instrument of a noisy regressor's own lag
         (replace(EQUATION, noise={"output": WhiteNoise(0.5)}, excitation=WhiteExcitation(1.0)), set()),
-        (replace(EQUATION, noise_to_signal={"output": 0.1}), set(PLAIN)),
+        (replace(EQUATION, noise_to_signal={"output": 0.1}), set(lab_study.PLAIN)),
         (VerticalExperiment(Scenario(0.3, 0.02, samples=400)), set()),
         (replace(EQUATION, excitation=WhiteExcitation(1e-3), noise={"output": WhiteNoise(1.0)}), None),
     ],
 )
 def test_trials_side_by_side_are_those_of_one_by_one(experiment, alone, monkeypatch):
     """Also where instruments are weak or methods refuse: those are computed one by one."""
-    choices = tuple(MethodChoice(name, None if name in DIRECT else (1, 6)) for name in PLAIN)
+    choices = tuple(
+        lab_study.MethodChoice(name, None if name in lab_study.DIRECT else (1, 6)) for name in lab_study.PLAIN
+    )
     study = small_study(experiment=experiment, methods=choices, runs=12)
-    expected = [trial(study, index) for index in range(12)]
+    expected = [lab_study.trial(study, index) for index in range(12)]
     taken: set[str] = set()
 
     def estimated(study, choice, signals):
         taken.add(choice.name)
-        return _estimated(study, choice, signals)
+        return lab_study._estimated(study, choice, signals)
 
     monkeypatch.setattr("eivor.lab.study._estimated", estimated)
-    for row, one in zip(side_by_side(study, range(12)), expected, strict=True):
+    for row, one in zip(lab_study.side_by_side(study, range(12)), expected, strict=True):
         for key, value in one.items():
             assert row[key] == (pytest.approx(value, rel=1e-12) if isinstance(value, float) else value)
     assert alone is None or taken == alone
 
 
 def test_processes_are_begun_where_trials_are_worth_them(monkeypatch):
-    assert isinstance(study_executor(small_study(), None), InProcess)
-    assert study_executor(small_study(RUNS, intervals=True), 2) == LocalProcesses(2)
+    assert isinstance(lab_study.study_executor(small_study(), None), InProcess)
+    assert lab_study.study_executor(small_study(RUNS, intervals=True), 2) == LocalProcesses(2)
     monkeypatch.setattr("eivor.lab.study.WORTH_PROCESSES_S", 0.0)
-    assert study_executor(small_study(RUNS, intervals=True), None) == local_executor(None, 7)
+    assert lab_study.study_executor(small_study(RUNS, intervals=True), None) == local_executor(None, 7)
 
 
 # Whatever computes a study, and whatever is killed meanwhile: the same bytes.
 
 #: Enough shards that every worker has some and a killed one leaves some.
-RUNS = 6 * SHARD_TRIALS + 10
+RUNS = 6 * lab_study.SHARD_TRIALS + 10
 
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")
-    run_study(small_study(RUNS), folder, executor=InProcess())
+    lab_study.run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
 
 
@@ -566,12 +555,12 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
     killed: list[int] = []
 
     def kill(done, total):
-        if done >= 2 * SHARD_TRIALS and not killed:
+        if done >= 2 * lab_study.SHARD_TRIALS and not killed:
             cluster.workers[0].kill()
             killed.append(done)
 
     wait_for_workers(cluster.address, 2)
-    run_study(small_study(RUNS), folder, executor=DaskCluster(cluster.address), progress=kill)
+    lab_study.run_study(small_study(RUNS), folder, executor=DaskCluster(cluster.address), progress=kill)
     assert killed
     assert cluster.workers[0].poll() is not None
     assert cluster.workers[1].poll() is None
@@ -584,13 +573,13 @@ def test_dask_without_a_scheduler(tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"Expected a Dask scheduler at tcp://127.0.0.1:1; received no answer"
     ):
-        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+        lab_study.run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
 def test_dask_is_optional(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"Dask, which is needed .*pip install 'eivor\[dask\]'"):
-        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+        lab_study.run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
 def test_workers_and_addresses_that_cannot_be_are_refused(monkeypatch):
@@ -690,7 +679,7 @@ def test_everything_that_a_study_may_say(tmp_path):
         noise_to_signal={"input": 0.1},
         disturbance=WhiteDisturbance(0.1),
     )
-    assert study.methods == (MethodChoice("extended_iv", (1, 4), "output", "two_stage", (), "odd"),)
+    assert study.methods == (lab_study.MethodChoice("extended_iv", (1, 4), "output", "two_stage", (), "odd"),)
 
 
 def test_a_scenario_of_its_own_file(tmp_path):
