@@ -34,10 +34,9 @@ from eivor.errors import InputError
 from eivor.lab.scenario_files import numbers_in_file
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess
 from eivor.strict_toml import TomlTable
-from studies.study_parts import SOURCES, wait_until
 from validation.coverage.study import read_coverage
 from validation.flight_recipe.trials import read_trial_table
-from worker_answers import always_reporting, answered, begin_another, counted, unreadable
+from worker_answers import SOURCES, always_reporting, answered, begin_another, counted, unreadable, wait_until
 
 
 @pytest.mark.thorough

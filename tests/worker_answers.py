@@ -1,14 +1,22 @@
-"""Functions of worker processes in tests; quick to import."""
+"""Functions of worker processes in tests, quick to import; and waiting for processes."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 from eivor.errors import InputError
+
+#: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
+PATIENCE_S = 600.0
+ROOT = Path(__file__).parents[1]
+
+#: Where processes that are begun here find this checkout and the parts of its tests.
+SOURCES = os.pathsep.join(str(ROOT / folder) for folder in ("src", "tests"))
 
 
 def answered(item):
@@ -69,3 +77,36 @@ def begin_another(item):
     Path(item).write_text(str(child.pid), encoding="ascii")
     time.sleep(600.0)
     return 0
+
+
+def text_of(item):
+    """Any pure function of a module will do."""
+    return f"<{item}>"
+
+
+def refusing(item):
+    raise InputError(f"no {item}", "one", "Leave it out.")
+
+
+def interrupted_on_the_way():
+    """What a worker calls while it takes over its function, before it is set up."""
+    os.kill(os.getpid(), signal.SIGINT)
+    return text_of
+
+
+class Arriving:
+    """A function that is interrupted where it arrives."""
+
+    def __call__(self, item):
+        return text_of(item)
+
+    def __reduce__(self):
+        return interrupted_on_the_way, ()
+
+
+def wait_until(true, process=None, patience_s=PATIENCE_S):
+    end = time.monotonic() + patience_s
+    while not true():
+        assert process is None or process.poll() is None, "the process ended before it was killed"
+        assert time.monotonic() < end
+        time.sleep(0.005)

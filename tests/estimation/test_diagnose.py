@@ -22,7 +22,7 @@ from eivor.inference.diagnostics.instruments import endogeneity, strength
 from eivor.inference.verdict import Status
 from flights.flight_logs import Noise, flights
 from flights.flight_logs import problem as flight_problem
-from inference.instrument_data import equation_products
+from inference.test_strength import equation_products
 
 NOISE = 0.3
 """Standard deviation of the input's noise."""

@@ -9,8 +9,6 @@ import numpy as np
 import polars as pl
 
 import eivor as ev
-from eivor.inference.diagnostics.record import EquationProducts
-from eivor.inference.products import block_edges, products_of_rows
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")
@@ -81,12 +79,3 @@ def autoregression(rng, shape, memory):
 
     shocks = rng.standard_normal((shape[0] + 300, *shape[1:]))
     return np.sqrt(1.0 - memory**2) * lfilter([1.0], [1.0, -memory], shocks, axis=0)[300:]
-
-
-def equation_products(instruments, jacobian, residual, blocks, *, shared=None, constant=None):
-    """Products of rows that are samples in time order."""
-    p, n = instruments.shape[1], jacobian.shape[1]
-    made = products_of_rows(instruments, jacobian, residual, edges=block_edges(residual.size, blocks))
-    shared = np.zeros((p, n)) if shared is None else shared
-    constant = np.zeros(p) if constant is None else constant
-    return EquationProducts(made.counts, made.sums, made.tested, shared, constant, made.count)

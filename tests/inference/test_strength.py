@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import instrument_data as data
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,6 +12,7 @@ from eivor.inference.covariance import cosine_averages
 from eivor.inference.diagnostics import excitation, residuals
 from eivor.inference.diagnostics.instruments import critical_value, endogeneity, hansen_j, strength
 from eivor.inference.diagnostics.record import (
+    EquationProducts,
     Subject,
     conditional_first_stage,
     covariance_of_total,
@@ -22,17 +22,28 @@ from eivor.inference.diagnostics.record import (
     orthonormal_basis,
 )
 from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
+from eivor.inference.products import block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.signals.noise import fractional_difference
+from inference import instrument_data as data
 from reference import constants as truth
 
 linearmodels = pytest.importorskip("linearmodels")
 
 
+def equation_products(instruments, jacobian, residual, blocks, *, shared=None, constant=None):
+    """Products of rows that are samples in time order."""
+    p, n = instruments.shape[1], jacobian.shape[1]
+    made = products_of_rows(instruments, jacobian, residual, edges=block_edges(residual.size, blocks))
+    shared = np.zeros((p, n)) if shared is None else shared
+    constant = np.zeros(p) if constant is None else constant
+    return EquationProducts(made.counts, made.sums, made.tested, shared, constant, made.count)
+
+
 def products_of(y, endogenous, exogenous, excluded, blocks=25):
     """Products at the two-stage estimate."""
     _, X, Z, residual = data.two_stage(y, endogenous, exogenous, excluded)
-    return data.equation_products(Z, X, residual, blocks)
+    return equation_products(Z, X, residual, blocks)
 
 
 def drawn(seed, count=600, memory=0.0, strength=0.2, columns=2, instruments=5):
@@ -44,7 +55,7 @@ def drawn(seed, count=600, memory=0.0, strength=0.2, columns=2, instruments=5):
 
 
 def strength_of(Z, X, blocks=100, **compensation):
-    return strength(data.equation_products(Z, X, np.ones(X.shape[0]), blocks, **compensation))
+    return strength(equation_products(Z, X, np.ones(X.shape[0]), blocks, **compensation))
 
 
 def test_linearmodels_first_stage():
@@ -252,7 +263,7 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
         shared[0] = variance
         A = Psi.T @ X / count - shared
         theta = float(A[:, 0] @ (Psi.T @ y) / count / (A[:, 0] @ A[:, 0]))
-        products = data.equation_products(
+        products = equation_products(
             Psi, X, y - X[:, 0] * theta, 128, shared=shared, constant=shared[:, 0] * theta
         )
         result = endogeneity(products, A)
@@ -331,7 +342,7 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
     A, b = Z.T @ X / count - shared, Z.T @ y / count
     theta = float(A[:, 0] @ b / (A[:, 0] @ A[:, 0]))
     residual = y - X[:, 0] * theta
-    return data.equation_products(Z, X, residual, 128, shared=shared, constant=shared[:, 0] * theta)
+    return equation_products(Z, X, residual, 128, shared=shared, constant=shared[:, 0] * theta)
 
 
 def test_critical_values_of_products_beyond_all_numbers_are_unknown():

@@ -25,9 +25,6 @@ from scipy.io import loadmat
 
 import eivor as ev
 from eivor.errors import EivorError, EstimationError, InputError, MissingReaderError, UsageError
-from eivor.flights.result import LogEstimate
-from eivor.report.flight_page import flight_page
-from eivor.report.other_results import residual_files
 
 
 def travelled(result):
@@ -52,19 +49,19 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit):
     assert hostile not in replace(fit, prepared=(replace(fit.prepared[0], recording=log),))._repr_html_()
 
 
-def test_residuals_are_a_table_a_log_and_two_layouts(fit):
+def test_residuals_are_a_table_a_log_and_two_layouts(fit, command_line, tmp_path):
     """Layouts draw what the files hold."""
-    files = residual_files(fit)
-    table = pl.read_csv(str(files["residuals.csv"]).encode())
+    assert command_line("identify", "--example", "--residuals", tmp_path).code == 0
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    table = pl.read_csv(files["residuals.csv"])
     left = table["vertical_acceleration/measured"] - table["vertical_acceleration/predicted"]
     assert left.to_numpy() == pytest.approx(table["vertical_acceleration/residual"].to_numpy(), abs=1e-12)
     assert table.height == fit.prepared[0].used.sum()
-    layout = ElementTree.fromstring(str(files["plotjuggler.xml"]))  # noqa: S314 - Eivor's own
+    layout = ElementTree.fromstring(files["plotjuggler.xml"])  # noqa: S314 - Eivor's own
     assert {item.get("name") for item in layout.iter("curve")} == set(table.columns) - {"time"}
-    paths = re.findall(r'"value": "/(\w+)\.(\w+)"', str(files["foxglove.json"]))
+    paths = re.findall(r'"value": "/(\w+)\.(\w+)"', files["foxglove.json"].decode())
     assert {"/".join(path) for path in paths} == set(table.columns) - {"time"}
     log = files["residuals.mcap"]
-    assert isinstance(log, bytes)
     kinds, place = Counter[int](), 8
     while place < len(log) - 8:
         kind, length = struct.unpack_from("<BQ", log, place)
@@ -92,12 +89,13 @@ def test_no_line_crosses_what_was_not_logged(fit):
         assert np.isfinite(values[flight.grid.time_s < 5.0]).all()
 
 
-def test_without_matplotlib_a_page_has_its_tables(fit, monkeypatch):
+def test_without_matplotlib_a_page_has_its_tables(fit, command_line, monkeypatch, tmp_path):
     for name in ("matplotlib", "matplotlib.figure", "matplotlib.backends.backend_agg"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingReaderError, match=r"Install it: pip install 'eivor\[plot\]'"):
         fit.plot()
-    page = flight_page(LogEstimate({"vertical": fit}))
+    command_line("identify", "--example", "--html", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "The drawing needs Matplotlib" in page
     assert page.count('class="chart"') > 1
     assert '<img class="drawn"' not in page

@@ -1,17 +1,14 @@
-"""Small studies that several tests run, a Dask cluster, and waiting for processes."""
+"""Small studies that several tests run, and a patient task."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from eivor.lab.experiments import DifferenceEquation
 from eivor.lab.study import TABLE_FILE, MethodChoice, Study
+from eivor.process_pool import abandoned
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.excitation import Excitation
 
@@ -23,6 +20,20 @@ class Coin(Excitation):
     def sample(self, count, step_s, rng):
         del step_s
         return rng.choice([-1.0, 1.0], count)
+
+
+@dataclass(frozen=True)
+class Patient:
+    """A task in many parts, that is over at once for the first item."""
+
+    folder: Path
+
+    def __call__(self, item):
+        end = time.monotonic() + 600.0
+        while item and not abandoned() and time.monotonic() < end:
+            time.sleep(0.01)
+        (self.folder / str(item)).touch()
+        return item
 
 
 EQUATION = DifferenceEquation(
@@ -46,73 +57,3 @@ def content(folder):
     """Every file of trials in a folder, by name."""
     shards = {path.name: path.read_bytes() for path in sorted((folder / "shards").iterdir())}
     return shards | {TABLE_FILE: (folder / TABLE_FILE).read_bytes()}
-
-
-#: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
-PATIENCE_S = 600.0
-ROOT = Path(__file__).parents[2]
-
-#: Where processes that are begun here find this checkout and the parts of its tests.
-SOURCES = os.pathsep.join(str(ROOT / folder) for folder in ("src", "tests"))
-
-
-@dataclass
-class Cluster:
-    address: str
-    workers: list[subprocess.Popen[bytes]]
-
-
-@contextmanager
-def dask_cluster(tmp_path):
-    """A Dask scheduler and two workers on loopback, each a process of its own."""
-    scheduler_file = tmp_path / "scheduler.json"
-    environment = os.environ | {
-        "PYTHONPATH": SOURCES,
-        # One that was killed is missed at once all the same; one that still imports is not given up.
-        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
-    }
-
-    def begun(command, *options):
-        return subprocess.Popen(
-            [
-                *(sys.executable, "-m", f"distributed.cli.dask_{command}"),
-                *("--scheduler-file", str(scheduler_file), "--no-dashboard", *options),
-            ],
-            env=environment,
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-
-    processes = [begun("scheduler", "--host", "127.0.0.1", "--port", "0")]
-    try:
-        wait_until(scheduler_file.exists, processes[0])
-        options = ("--no-nanny", "--nthreads", "1", "--host", "127.0.0.1")
-        processes += [begun("worker", *options) for _ in range(2)]
-        yield Cluster(address_in(scheduler_file), processes[1:])
-    finally:
-        for process in reversed(processes):
-            process.kill()
-            process.wait()
-
-
-def address_in(scheduler_file):
-    import json
-
-    result: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
-    return result
-
-
-def wait_for_workers(address, count):
-    from distributed import Client
-
-    with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
-        client.wait_for_workers(count, timeout=PATIENCE_S)
-
-
-def wait_until(true, process=None, patience_s=PATIENCE_S):
-    end = time.monotonic() + patience_s
-    while not true():
-        assert process is None or process.poll() is None, "the process ended before it was killed"
-        assert time.monotonic() < end
-        time.sleep(0.005)

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import shutil
+import subprocess
 import sys
 import time
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,7 @@ from eivor.lab import study as lab_study
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import method_choice, read_study
+from eivor.lab.study import MethodChoice, Regularisation, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
     Executor,
@@ -36,9 +38,8 @@ from eivor.process_pool import (
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance, WhiteExcitation
 from eivor.strict_toml import read_toml
-from studies.mapped_tasks import Arriving, Patient, refusing, text_of
-from studies.study_parts import EQUATION, METHODS, Coin, content, dask_cluster, small_study, wait_for_workers
-from worker_answers import answered
+from studies.study_parts import EQUATION, METHODS, Coin, Patient, content, small_study
+from worker_answers import PATIENCE_S, SOURCES, Arriving, answered, refusing, text_of, wait_until
 
 
 @dataclass(frozen=True)
@@ -58,22 +59,22 @@ class Recorder(Executor):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    return lab_study.run_study(small_study(), tmp_path_factory.mktemp("finished"))
+    return run_study(small_study(), tmp_path_factory.mktemp("finished"))
 
 
 @pytest.mark.thorough
 def test_interrupted_and_resumed(finished, tmp_path):
     first = Recorder(stop_after=1)
     with pytest.raises(KeyboardInterrupt):
-        lab_study.run_study(small_study(), tmp_path, executor=first)
+        run_study(small_study(), tmp_path, executor=first)
     second = Recorder()
     seen: list[tuple[int, int]] = []
-    lab_study.run_study(small_study(), tmp_path, executor=second, progress=lambda *now: seen.append(now))
+    run_study(small_study(), tmp_path, executor=second, progress=lambda *now: seen.append(now))
     assert (first.asked, second.asked) == ([2], [1, 0])
     assert seen == [(10, 60), (35, 60), (60, 60)]
     assert content(tmp_path) == content(finished.folder)
     third = Recorder()
-    lab_study.run_study(small_study(), tmp_path, executor=third)
+    run_study(small_study(), tmp_path, executor=third)
     assert third.asked == []
 
 
@@ -87,7 +88,7 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     damaged[int(part * (len(damaged) - 1))] ^= 0x10
     shard.write_bytes(damaged)
     recorder = Recorder()
-    assert lab_study.run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
+    assert run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
     assert recorder.asked == [1]
     assert content(tmp_path) == content(finished.folder)
 
@@ -98,19 +99,17 @@ def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
     def panic(*parts, **options):
         raise pl.exceptions.PanicException("index out of bounds")
 
-    lab_study.run_study(small_study(30), tmp_path)
+    run_study(small_study(30), tmp_path)
     monkeypatch.setattr(pl, "read_parquet", panic)
     with pytest.raises(InputError, match="what the system says: index out of bounds"):
-        lab_study.run_study(small_study(30), tmp_path)
+        run_study(small_study(30), tmp_path)
 
 
 def test_another_study_is_refused(tmp_path):
-    lab_study.run_study(small_study(5), tmp_path)
+    run_study(small_study(5), tmp_path)
     before = content(tmp_path)
-    with pytest.raises(
-        UsageError, match=r"received .* which holds the study 'small' with another experiment"
-    ):
-        lab_study.run_study(small_study(5, seed=8), tmp_path)
+    with pytest.raises(UsageError, match=r"received .* which holds the study 'small' with another exper"):
+        run_study(small_study(5, seed=8), tmp_path)
     assert content(tmp_path) == before
 
 
@@ -118,19 +117,19 @@ def test_another_study_is_refused(tmp_path):
 def test_folders_that_are_not_a_studys(tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(UsageError, match="Expected a folder for the study; received the file"):
-        lab_study.run_study(small_study(5), tmp_path / "file")
+        run_study(small_study(5), tmp_path / "file")
     with pytest.raises(InputError, match="what the system says: Not a directory"):
-        lab_study.run_study(small_study(5), tmp_path / "file" / "folder")
+        run_study(small_study(5), tmp_path / "file" / "folder")
     other = tmp_path / "other"
     other.mkdir()
     (other / "trials.parquet").write_bytes(b"precious")
     with pytest.raises(UsageError, match=r"which has trials and no study.json"):
-        lab_study.run_study(small_study(5), other)
+        run_study(small_study(5), other)
     assert (other / "trials.parquet").read_bytes() == b"precious"
     for text in ("[]", "[" * 100_000, "1" * 5000, '"x'):
         (other / "study.json").write_text(text, encoding="utf-8")
         with pytest.raises(UsageError, match=r"Expected the study.json of a study"):
-            lab_study.run_study(small_study(5), other)
+            run_study(small_study(5), other)
 
 
 def of_another_version(folder):
@@ -148,20 +147,19 @@ def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tm
     another_version = of_another_version(tmp_path)
     recorder = Recorder()
     for name in ("small", "renamed"):
-        result = lab_study.run_study(small_study(name=name), tmp_path, executor=recorder)
+        result = run_study(small_study(name=name), tmp_path, executor=recorder)
         assert result.trials.equals(finished.trials)
     assert recorder.asked == []
-    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8")) == another_version | {
-        "name": "renamed"
-    }
-    kept = content(tmp_path)
-    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
-        lab_study.run_study(small_study(90), tmp_path)
+    document = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
+    assert document == another_version | {"name": "renamed"}
+    kept, refusal = content(tmp_path), r"the versions that .* eivor 0\.0\.9, .*never put together"
+    with pytest.raises(InputError, match=refusal):
+        run_study(small_study(90), tmp_path)
     assert content(tmp_path) == kept
     shard = tmp_path / "shards" / "000001.parquet"
     shard.write_bytes(shard.read_bytes()[:-1])
-    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
-        lab_study.run_study(small_study(), tmp_path)
+    with pytest.raises(InputError, match=refusal):
+        run_study(small_study(), tmp_path)
 
 
 def test_scores_by_hand():
@@ -192,9 +190,8 @@ def test_scores_by_hand():
     length = np.hypot(0.5, 2.0)
     expected = 100.0 * np.hypot([0.1, 0.0, -0.05], [0.0, -0.2, 0.4]) / length
     np.testing.assert_allclose(lab_study.trial_nrmse(result, "least_squares"), expected)
-    assert (results.together.mean, results.together.std) == pytest.approx(
-        (expected.mean(), expected.std(ddof=1))
-    )
+    together = results.together
+    assert (together.mean, together.std) == pytest.approx((expected.mean(), expected.std(ddof=1)))
 
 
 def test_what_a_killed_run_left_is_removed(tmp_path):
@@ -208,7 +205,7 @@ def test_what_a_killed_run_left_is_removed(tmp_path):
     past = time.time() - 2.0 * ABANDONED_S
     for path in left:
         os.utime(path, (past, past))
-    lab_study.run_study(small_study(5), tmp_path)
+    run_study(small_study(5), tmp_path)
     assert [path for path in (*left, young) if path.exists()] == [young]
 
 
@@ -231,7 +228,7 @@ def test_a_trial_depends_on_study_and_index_only():
         (METHODS[2], ev.methods.generalized_iv(ev.methods.TwoStage())),
         (replace(METHODS[2], covariance="classical"), ev.methods.generalized_iv(ev.methods.TwoStage())),
         (
-            lab_study.MethodChoice("generalized_iv", (0, 5), regularisation=lab_study.Regularisation(0.3)),
+            MethodChoice("generalized_iv", (0, 5), regularisation=Regularisation(0.3)),
             ev.methods.regularised(ev.methods.generalized_iv(), 0.3),
         ),
     ],
@@ -255,7 +252,7 @@ def test_every_method_on_the_vertical_experiment(name):
     """Without noise each finds the truth, except bias that there is none to compensate."""
     experiment = VerticalExperiment(ev.Scenario(0.293, 0.021, samples=500))
     lagged = None if name in lab_study.DIRECT else (0, 10)
-    study = small_study(experiment=experiment, methods=(lab_study.MethodChoice(name, lagged),))
+    study = small_study(experiment=experiment, methods=(MethodChoice(name, lagged),))
     row = lab_study.trial(study, 0)
     failed = row[f"{name}.error"]
     if name in {"total_least_squares", "liml", "fuller", "generalized_liml", "generalized_fuller"}:
@@ -267,23 +264,21 @@ def test_every_method_on_the_vertical_experiment(name):
         assert failed == "InstrumentError"
         return
     assert failed is None
-    assert [row[f"{name}.{parameter}"] for parameter in study.parameters] == pytest.approx(
-        [0.293, 0.021], rel=1e-8
-    )
+    found = [row[f"{name}.{parameter}"] for parameter in study.parameters]
+    assert found == pytest.approx([0.293, 0.021], rel=1e-8)
 
 
 def test_noise_that_is_not_known_is_not_used():
     """Generalized IV raises without it, and the trial goes on."""
-    giv = lab_study.MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
+    giv = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
     study = small_study(methods=(*METHODS, giv))
     row = lab_study.trial(study, 0)
     blind = {name: value for name, value in row.items() if name.startswith("blind.") and value is not None}
     assert blind == {"blind.status": "failed", "blind.error": "MissingNoiseError"}
     others = {name: value for name, value in row.items() if not name.startswith("blind.")}
     assert others == lab_study.trial(small_study(), 0)
-    assert lab_study.failure(study, 0, "blind").startswith(
-        "MissingNoiseError: Expected a declared noise of channel 'input'"
-    )
+    said = lab_study.failure(study, 0, "blind")
+    assert said.startswith("MissingNoiseError: Expected a declared noise of channel 'input'")
     assert lab_study.failure(study, 0, "least_squares") == ""
 
 
@@ -300,7 +295,7 @@ class Broken(DifferenceEquation):
 def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
     """The table has every trial; what broke is counted, named, and told when it is asked for."""
     study = small_study(30, experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
-    result = lab_study.run_study(study, tmp_path)
+    result = run_study(study, tmp_path)
     label = study.methods[0].label
     broken = result.trials.filter(result.trials[f"{label}.error"] == "ZeroDivisionError")
     assert result.trials.height == 30
@@ -323,45 +318,40 @@ def test_identity():
     assert len({item.identity for item in [study, *others]}) == 6
 
 
+def choosing(*given, **options):
+    return lambda: MethodChoice(*given, **options)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
         (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
         (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
-        (lambda: small_study(methods=(lab_study.MethodChoice("least_squares", label="a.b"),)), "no dot"),
+        (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
+        (choosing("generalized_iv"), r"lags = \[first, last\] for .* received 'generalized_iv' with none"),
+        (choosing("extended_iv", (3, 1)), "Expected first <= last"),
+        (choosing("extended_iv", (-1, 1)), "a lag of zero or more samples"),
+        (choosing("extended_iv_tls", (1, 2), weighting="two_stage"), "extended_iv or generalized_iv only"),
         (
-            lambda: lab_study.MethodChoice("generalized_iv"),
-            r"lags = \[first, last\] for .* received 'generalized_iv' with none",
-        ),
-        (lambda: lab_study.MethodChoice("extended_iv", (3, 1)), "Expected first <= last"),
-        (lambda: lab_study.MethodChoice("extended_iv", (-1, 1)), "a lag of zero or more samples"),
-        (
-            lambda: lab_study.MethodChoice("extended_iv_tls", (1, 2), weighting="two_stage"),
-            "for extended_iv or generalized_iv only",
-        ),
-        (
-            lambda: small_study(methods=(lab_study.MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
+            lambda: small_study(methods=(MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
             "Did you mean 'input'",
         ),
         (
-            lambda: small_study(
-                methods=(lab_study.MethodChoice("least_squares", known_noise=("velocity_z",)),)
-            ),
+            lambda: small_study(methods=(MethodChoice("least_squares", known_noise=("velocity_z",)),)),
             "a channel for 'least_squares' out of output, input; received 'velocity_z'",
         ),
-        (lambda: lab_study.Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
-        (lambda: lab_study.Regularisation(-1.0), "a parameter of zero or more"),
-        (lambda: lab_study.MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
-        (lambda: lab_study.MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
-        (
-            lambda: lab_study.MethodChoice("spectral_giv", (0, 5), regularisation=lab_study.Regularisation()),
-            "a regularisation of a linear method",
-        ),
-        (
-            lambda: lab_study.MethodChoice("fuller", (1, 5), regularisation=lab_study.Regularisation()),
-            "solved by least squares or total least squares",
-        ),
+        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
+        (lambda: Regularisation(-1.0), "a parameter of zero or more"),
+        (choosing("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
+        (choosing("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
+        (choosing("spectral_giv", (0, 5), regularisation=Regularisation()), "a regularisation of a linear"),
+        (choosing("fuller", (1, 5), regularisation=Regularisation()), "least squares or total least squares"),
+        (lambda: LocalProcesses(0), "Expected one worker or more; received 0"),
+        (lambda: LocalThreads(0), "Expected one worker or more; received 0"),
+        (lambda: local_executor(0, 5), "Expected one worker or more; received 0"),
+        (lambda: DaskCluster("somewhere"), "Expected the address of a Dask scheduler; received 'somewhere'"),
+        (lambda: Limits(time_s=0.0), r"a limit .* above zero"),
     ],
 )
 def test_what_is_refused(make, message):
@@ -379,10 +369,10 @@ def choice_of(tmp_path, line, name="generalized_iv"):
 def test_every_word_of_a_file(tmp_path):
     for towards in lab_study.TARGETS:
         made = choice_of(tmp_path, f'regularisation = {{ towards = "{towards}" }}')
-        assert made.regularisation == lab_study.Regularisation(None, towards)
+        assert made.regularisation == Regularisation(None, towards)
         assert made.method.name == "generalized_iv_tikhonov"
     given = choice_of(tmp_path, "regularisation = { parameter = 0.5 }")
-    assert given.regularisation == lab_study.Regularisation(0.5)
+    assert given.regularisation == Regularisation(0.5)
     assert choice_of(tmp_path, "strength = 4.0", "fuller").method == ev.methods.fuller(4.0)
 
 
@@ -405,16 +395,12 @@ def test_a_disturbance_moves_the_machine():
         ({"input_coefficients": (float("nan"),)}, "finite coefficients; received nan"),
         ({"delay": -1}, "a delay of zero or more samples; received -1"),
         ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
-        (
-            {"noise": {"velocity_z": ev.WhiteNoise(1.0)}},
-            "noise of output, input; received noise of 'velocity_z'",
-        ),
+        ({"noise": {"velocity_z": WhiteNoise(1.0)}}, "of output, input; received noise of 'velocity_z'"),
     ],
 )
 def test_equations_that_cannot_be_are_refused(changes, message):
-    parts = {"output_coefficients": (0.5,), "input_coefficients": (2.0,), "excitation": Coin()}
     with pytest.raises(ParameterError, match=message):
-        DifferenceEquation(**(parts | changes))
+        replace(EQUATION, **changes)
 
 
 @pytest.mark.parametrize("level", [0.95, 0.99])
@@ -443,10 +429,7 @@ def test_streams_are_those_of_the_seed_sequence():
 @pytest.mark.parametrize(
     ("experiment", "alone"),
     [
-        (
-            EQUATION,
-            {"extended_iv", "extended_iv_tls"},
-        ),  # refused: an instrument of a noisy regressor's own lag
+        (EQUATION, {"extended_iv", "extended_iv_tls"}),  # refused: a noisy regressor's own lag
         (replace(EQUATION, noise={"output": WhiteNoise(0.5)}, excitation=WhiteExcitation(1.0)), set()),
         (replace(EQUATION, noise_to_signal={"output": 0.1}), set(lab_study.PLAIN)),
         (VerticalExperiment(Scenario(0.3, 0.02, samples=400)), set()),
@@ -456,17 +439,17 @@ def test_streams_are_those_of_the_seed_sequence():
 def test_trials_side_by_side_are_those_of_one_by_one(experiment, alone, monkeypatch):
     """Also where instruments are weak or methods refuse: those are computed one by one."""
     choices = tuple(
-        lab_study.MethodChoice(name, None if name in lab_study.DIRECT else (1, 6)) for name in lab_study.PLAIN
+        MethodChoice(name, None if name in lab_study.DIRECT else (1, 6)) for name in lab_study.PLAIN
     )
     study = small_study(experiment=experiment, methods=choices, runs=12)
     expected = [lab_study.trial(study, index) for index in range(12)]
-    taken: set[str] = set()
+    taken, one_by_one = set(), lab_study._estimated
 
     def estimated(study, choice, signals):
         taken.add(choice.name)
-        return lab_study._estimated(study, choice, signals)
+        return one_by_one(study, choice, signals)
 
-    monkeypatch.setattr("eivor.lab.study._estimated", estimated)
+    monkeypatch.setattr(lab_study, "_estimated", estimated)
     for row, one in zip(lab_study.side_by_side(study, range(12)), expected, strict=True):
         for key, value in one.items():
             assert row[key] == (pytest.approx(value, rel=1e-12) if isinstance(value, float) else value)
@@ -489,14 +472,12 @@ RUNS = 6 * lab_study.SHARD_TRIALS + 10
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")
-    lab_study.run_study(small_study(RUNS), folder, executor=InProcess())
+    run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
 
 
 def test_a_lost_worker_is_a_sentence():
-    with pytest.raises(
-        InputError, match=r"worker processes that live .* one that died .*7.*run the same again"
-    ):
+    with pytest.raises(InputError, match=r"worker processes that live .* died .*7.*run the same again"):
         list(LocalProcesses(1).map(answered, ["a", "die"]))
 
 
@@ -544,52 +525,68 @@ def test_closing_ends_the_work(executor, tmp_path):
 
 @pytest.fixture
 def cluster(tmp_path):
-    with dask_cluster(tmp_path) as started:
-        yield started
+    """Address of a Dask scheduler on loopback and its two workers, each a process of its own."""
+    scheduler_file = tmp_path / "scheduler.json"
+    environment = os.environ | {
+        "PYTHONPATH": SOURCES,
+        # One that was killed is missed at once all the same; one that still imports is not given up.
+        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "60s",
+    }
+
+    def begun(command, *options):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{command}", "--no-dashboard", *options]
+        command += ["--scheduler-file", str(scheduler_file)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        return subprocess.Popen(command, env=environment, cwd=tmp_path, **quiet)
+
+    processes = [begun("scheduler", "--host", "127.0.0.1", "--port", "0")]
+    try:
+        wait_until(scheduler_file.exists, processes[0])
+        options = ("--no-nanny", "--nthreads", "1", "--host", "127.0.0.1")
+        processes += [begun("worker", *options) for _ in range(2)]
+        yield json.loads(scheduler_file.read_text(encoding="utf-8"))["address"], processes[1:]
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait()
 
 
 @pytest.mark.thorough
 def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
     """Two workers, one of which is killed in the middle."""
-    folder = tmp_path / "study"
+    from distributed import Client
+
+    address, workers = cluster
     killed: list[int] = []
 
     def kill(done, total):
         if done >= 2 * lab_study.SHARD_TRIALS and not killed:
-            cluster.workers[0].kill()
+            workers[0].kill()
             killed.append(done)
 
-    wait_for_workers(cluster.address, 2)
-    lab_study.run_study(small_study(RUNS), folder, executor=DaskCluster(cluster.address), progress=kill)
+    with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+    run_study(small_study(RUNS), tmp_path / "study", executor=DaskCluster(address), progress=kill)
     assert killed
-    assert cluster.workers[0].poll() is not None
-    assert cluster.workers[1].poll() is None
-    assert content(folder) == expected
+    assert workers[0].poll() is not None
+    assert workers[1].poll() is None
+    assert content(tmp_path / "study") == expected
 
 
 @pytest.mark.thorough
 def test_dask_without_a_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr("eivor.dask_executor.PATIENCE_S", 0.5)
-    with pytest.raises(
-        InputError, match=r"Expected a Dask scheduler at tcp://127.0.0.1:1; received no answer"
-    ):
-        lab_study.run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+    with pytest.raises(InputError, match=r"a Dask scheduler at tcp://127\.0\.0\.1:1; received no answer"):
+        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
 def test_dask_is_optional(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"Dask, which is needed .*pip install 'eivor\[dask\]'"):
-        lab_study.run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
-def test_workers_and_addresses_that_cannot_be_are_refused(monkeypatch):
-    for refused in (lambda: LocalProcesses(0), lambda: LocalThreads(0), lambda: local_executor(0, 5)):
-        with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
-            refused()
-    with pytest.raises(UsageError, match="Expected the address of a Dask scheduler; received 'somewhere'"):
-        DaskCluster("somewhere")
-    with pytest.raises(UsageError, match=r"a limit .* above zero"):
-        Limits(time_s=0.0)
+def test_there_are_as_many_workers_as_processors_and_none_for_a_single_task(monkeypatch):
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     assert local_executor(None, 100) == LocalProcesses(8)
     assert local_executor(5, 1) == local_executor(None, 0) == InProcess()
@@ -619,12 +616,7 @@ EXTREMES = [
     ("seed", "3", "9223372036854775808", "64 bits at seed of mine.toml; received one of 65"),
     ("seed", "3", f"3\nlevel = {HUGE}", "64 bits at level of mine.toml"),
     ("seed", "3", f"3\nx = [1, {{ y = {HUGE} }}]", r"64 bits at x\[2\].y of mine.toml"),
-    (
-        "viscous_friction",
-        "0.3",
-        "1e308",
-        "numbers of 1e-30 to 1e.30 in size, at scenario.viscous_friction of mine",
-    ),
+    ("viscous_friction", "0.3", "1e308", "of 1e-30 to 1e.30 in size, at scenario.viscous_friction of mine"),
     ("viscous_friction", "0.3", "1e155", "received 1e.155"),
     ("viscous_friction", "0.3", HUGE, "64 bits at scenario.viscous_friction of mine.toml"),
     ("input_gain", "0.02", "-1e308", "received -1e.308"),
@@ -679,7 +671,7 @@ def test_everything_that_a_study_may_say(tmp_path):
         noise_to_signal={"input": 0.1},
         disturbance=WhiteDisturbance(0.1),
     )
-    assert study.methods == (lab_study.MethodChoice("extended_iv", (1, 4), "output", "two_stage", (), "odd"),)
+    assert study.methods == (MethodChoice("extended_iv", (1, 4), "output", "two_stage", (), "odd"),)
 
 
 def test_a_scenario_of_its_own_file(tmp_path):
@@ -687,12 +679,11 @@ def test_a_scenario_of_its_own_file(tmp_path):
     text = STUDY.replace(f"[scenario]\n{VERTICAL}", 'scenario = "flight.toml"')
     assert read(tmp_path, text).identity == read(tmp_path, STUDY).identity
     (tmp_path / "flight.toml").unlink()
-    with pytest.raises(
-        InputError, match=r"Expected a scenario in TOML; received .*flight.toml', unreadable: No such"
-    ):
+    with pytest.raises(InputError, match=r"a scenario in TOML; received .*flight.toml', unreadable: No such"):
         read(tmp_path, text)
 
 
+LS, IV = '"least_squares"', '"extended_iv"'
 FILE_EQUATION = """
 kind = "difference_equation"
 output_coefficients = [0.5]
@@ -712,56 +703,32 @@ excitation = { kind = "white" }
         ("seed = 3", "seed = 3\nlevel = inf", "Expected a finite number at level of mine.toml; received inf"),
         ("seed = 3", "seed = 3 3", "Expected a study in TOML; received .*mine.toml', which is not"),
         ("[[methods]]", "[methods]", "Expected a list of tables at methods of mine.toml"),
+        (LS, '"least_square"', r"at methods\[1\] of mine.toml; received 'least_square'.*'least_squares'"),
+        (LS, f"{IV}\nlag = [1, 2]", r"received the unknown key 'lag'\. Did you mean 'lags'"),
+        (LS, f"{IV}\nlags = [2, 1]", r"Expected \[first, last\].* received \[2, 1\]"),
         (
-            '"least_squares"',
-            '"least_square"',
-            r"at methods\[1\] of mine.toml; received 'least_square'.*'least_squares'",
+            LS,
+            f"{IV}\nlags = [0.5, 1]",
+            r"a whole number at methods\[1\].lags\[1\] of mine.toml; received 0.5",
         ),
         (
-            '"least_squares"',
-            '"extended_iv"\nlag = [1, 2]',
-            r"received the unknown key 'lag'\. Did you mean 'lags'",
+            LS,
+            f"{LS}\nknown_noise = 'input'",
+            r"texts at methods\[1\].known_noise of mine.toml; received 'input'",
         ),
-        ('"least_squares"', '"extended_iv"\nlags = [2, 1]', r"Expected \[first, last\].* received \[2, 1\]"),
-        (
-            '"least_squares"',
-            '"extended_iv"\nlags = [0.5, 1]',
-            r"Expected a whole number at methods\[1\].lags\[1\] of mine.toml; received 0.5",
-        ),
-        (
-            '"least_squares"',
-            '"least_squares"\nknown_noise = "input"',
-            r"Expected a list of texts at methods\[1\].known_noise of mine.toml; received 'input'",
-        ),
-        (
-            "input_gain",
-            "input_gian",
-            r"at scenario of mine.toml; received the unknown key 'input_gian'. Did you mean 'input_gain'",
-        ),
+        ("input_gain", "input_gian", r"at scenario of mine.toml; .* 'input_gian'. Did you mean 'input_gain'"),
         ("samples = 300", 'samples = "x"', "Expected a whole number at scenario.samples"),
         (VERTICAL, 'kind = "vertcal"', "Did you mean 'vertical'"),
         (VERTICAL, FILE_EQUATION.replace("0.5", "1.5"), "a stable equation at scenario of mine.toml"),
         (
             VERTICAL,
-            FILE_EQUATION.replace("[0.5]", '["a"]'),
-            r"Expected a finite number at scenario.output_coefficients\[1\] of mine.toml; received 'a'",
+            FILE_EQUATION.replace("0.5", '"a"'),
+            r"a finite number at .*output_coefficients\[1\] .* 'a'",
         ),
-        (
-            VERTICAL,
-            FILE_EQUATION + "noise.outptu.kind = 'white'",
-            "unknown key 'outptu'.* Did you mean 'output'",
-        ),
-        (
-            VERTICAL,
-            FILE_EQUATION + "noise.input = { kind = 'white', std = -1.0 }",
-            "at scenario.noise.input of mine.toml; received std=-1",
-        ),
+        (VERTICAL, f"{FILE_EQUATION}noise.outptu.kind = 'white'", "key 'outptu'.* Did you mean 'output'"),
+        (VERTICAL, f"{FILE_EQUATION}noise.input = {{ kind = 'white', std = -1.0 }}", "noise.input .* std=-1"),
         *((f"{key} = {value}", f"{key} = {number}", message) for key, value, number, message in EXTREMES),
-        (
-            '"least_squares"',
-            '"extended_iv"\nlags = [0, 99999999999]',
-            "10000 lags or fewer at methods.1. of mine",
-        ),
+        (LS, f"{IV}\nlags = [0, 99999999999]", "10000 lags or fewer at methods.1. of mine"),
         (VERTICAL, FILE_EQUATION + "samples = 99999999999", "50000000 samples or fewer at scenario.samples"),
     ],
 )
@@ -771,17 +738,19 @@ def test_files_that_are_refused(tmp_path, old, new, message):
         read(tmp_path, STUDY.replace(old, new))
 
 
-def test_files_that_cannot_be_read(tmp_path):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "unreadable: Is a directory"),
+        (b"\xff\xfe\x00", "unreadable: "),
+        (b"x = " + b"[" * 100_000, r"mine.toml', which is not"),
+        (b"#" * 1_000_001, "larger than 1000000 bytes"),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path, content, message):
+    path = tmp_path / "mine.toml"
     with pytest.raises(InputError, match="unreadable: No such file"):
-        read_study(tmp_path / "absent.toml")
-    with pytest.raises(InputError, match="unreadable: Is a directory"):
-        read_study(tmp_path)
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="unreadable: "):
-        read_study(tmp_path / "binary.toml")
-    (tmp_path / "deep.toml").write_text(f"x = {'[' * 100_000}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"deep.toml', which is not"):
-        read_study(tmp_path / "deep.toml")
-    (tmp_path / "large.toml").write_bytes(b"#" * 1_000_001)
-    with pytest.raises(InputError, match="larger than 1000000 bytes"):
-        read_study(tmp_path / "large.toml")
+        read_study(path)
+    path.mkdir() if content is None else path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_study(path)
