@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,7 +13,6 @@ import scipy.optimize
 from scipy import stats
 from scipy.signal import lfilter
 
-import eivor
 import eivor as ev
 from eivor.errors import ConvergenceError, ParameterError, UsageError
 from eivor.estimation import methods
@@ -27,7 +27,7 @@ from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
 from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
-from eivor.models.regression import Parameter, Regression, SampleRows, regression
+from eivor.models.regression import Parameter, SampleRows, regression
 from eivor.models.separable import Nuisance, Prior
 from eivor.motions.identify import identify_flight
 from eivor.signals.filters import first_order_lag
@@ -112,6 +112,26 @@ def named(method):
     return method.name
 
 
+def std_errors(fit):
+    """Of the joint vector, by the white part of its covariance."""
+    return np.sqrt(np.diag(fit.joint_covariance.part("classical").matrix))
+
+
+def fitted(residuals, start, variance=None):
+    """Joint nonlinear least squares by SciPy: the vector, and its covariance."""
+    exact = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
+    joint = scipy.optimize.least_squares(residuals, start, x_scale=TRUTH[: start.size], **exact)
+    variance = float(joint.fun @ joint.fun) / (joint.fun.size - start.size) if variance is None else variance
+    return joint.x, variance * np.linalg.inv(joint.jac.T @ joint.jac)
+
+
+def assert_covariance(fit, wanted):
+    """The white part is this covariance, within a share of its errors."""
+    scale = np.outer(*2 * [np.sqrt(np.diag(wanted))])
+    matrix = fit.joint_covariance.part("classical").matrix
+    np.testing.assert_allclose(matrix / scale, wanted / scale, atol=2e-3)
+
+
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", [*METHODS, extended_iv()], ids=named)
@@ -126,17 +146,9 @@ def test_two_nuisances_are_found_exactly_without_noise(method):
 def test_two_nuisances_are_joint_nonlinear_least_squares():
     made = problem(lag(), share())
     fit = ev.identify(made, least_squares())
-    joint = scipy.optimize.least_squares(
-        lambda x: residual(made, x), 1.2 * TRUTH, x_scale=TRUTH, xtol=1e-14, ftol=1e-14, gtol=1e-14
-    )
-    variance = float(joint.fun @ joint.fun) / (joint.fun.size - 4)
-    wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
-    errors = np.sqrt(np.diag(wanted))
-    np.testing.assert_allclose(fit.values, joint.x, atol=1e-3 * errors.min(), rtol=1e-5)
-    matrix = fit.joint_covariance.part("classical").matrix
-    np.testing.assert_allclose(
-        matrix / np.outer(errors, errors), wanted / np.outer(errors, errors), atol=2e-3
-    )
+    values, wanted = fitted(lambda x: residual(made, x), 1.2 * TRUTH)
+    np.testing.assert_allclose(fit.values, values, atol=1e-3 * np.sqrt(np.diag(wanted).min()), rtol=1e-5)
+    assert_covariance(fit, wanted)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -145,15 +157,9 @@ def test_profiles_are_the_least_over_the_others():
     made = problem(*nuisances)
     method = least_squares()
     fit = ev.identify(made, method)
-    table = np.array(
-        [
-            [
-                method.solve(made.rows({"actuator_lag": tau, "curve_share": bend})).solution.objective
-                for bend in nuisances[1].grid
-            ]
-            for tau in nuisances[0].grid
-        ]
-    )
+    pairs = itertools.product(*(nuisance.grid for nuisance in nuisances))
+    points = (dict(zip(("actuator_lag", "curve_share"), pair, strict=True)) for pair in pairs)
+    table = np.array([method.solve(made.rows(at)).solution.objective for at in points]).reshape(5, 4)
     for axis, (profile, nuisance) in enumerate(zip(fit.profiles, nuisances, strict=True)):
         assert profile.nuisance is nuisance
         np.testing.assert_array_equal(profile.grid, nuisance.grid)
@@ -175,12 +181,8 @@ def spread():
 @pytest.mark.calibration
 @pytest.mark.parametrize("number", range(4))
 def test_intervals_of_two_nuisances_cover(spread, number):
-    direction = np.eye(4)[number]
-    away = np.array([fit.values[number] - TRUTH[number] for fit in spread])
-    errors = np.array(
-        [np.sqrt(direction @ fit.joint_covariance.part("classical").matrix @ direction) for fit in spread]
-    )
-    covered = int((np.abs(away) <= 1.96 * errors).sum())
+    away = [(fit.values - TRUTH)[number] / std_errors(fit)[number] for fit in spread]
+    covered = int((np.abs(away) <= 1.96).sum())
     assert stats.binom.ppf(1e-4, RUNS, 0.95) <= covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)
 
 
@@ -195,10 +197,7 @@ def pseudo_observed(made, method, prior):
         e = Q.T @ residual(made, np.append(x, SHARE))
         return np.append(e, np.sqrt(variance) * (x[2] - prior.mean) / prior.std)
 
-    joint = scipy.optimize.least_squares(
-        stacked, TRUTH[:3], x_scale=TRUTH[:3], xtol=1e-14, ftol=1e-14, gtol=1e-14
-    )
-    return fit, joint.x, variance * np.linalg.inv(joint.jac.T @ joint.jac)
+    return fit, *fitted(stacked, TRUTH[:3], variance)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -209,13 +208,9 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
     fit, values, covariance = pseudo_observed(made, method, prior)
     errors = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(fit.values / errors, values / errors, atol=2e-3)
-    matrix = fit.joint_covariance.part("classical").matrix
-    np.testing.assert_allclose(
-        matrix / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=2e-3
-    )
+    assert_covariance(fit, covariance)
     plain = ev.identify(problem(lag(), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2]), method)
-    part = plain.joint_covariance.part("classical").matrix
-    assert matrix[2, 2] < min(part[2, 2], prior.std**2)
+    assert std_errors(fit)[2] < min(std_errors(plain)[2], prior.std)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -234,7 +229,7 @@ def test_intervals_with_a_prior_cover(method):
         made = problem(lag(grid=FEW_LAGS, prior=prior, tolerance=NEAR), KNOWN_SHARE, seed=seed, noise=1.0)
         fit = ev.identify(made, method)
         away.append(fit.values - TRUTH[:3])
-        errors.append(np.sqrt(np.diag(fit.joint_covariance.part("classical").matrix)))
+        errors.append(std_errors(fit))
     assert 0.3 * std < np.median(errors, axis=0)[2] < 0.9 * std
     covered = (np.abs(away) <= 1.96 * np.array(errors)).sum(axis=0)
     # The whitening is estimated from the same data, which costs a little.
@@ -247,10 +242,8 @@ def test_intervals_with_a_prior_cover(method):
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
     together = replace(lag(grid=FEW_LAGS, prior=Prior(LAG_S + SHARE, 0.004)), known_with=(CURVE_SHARE.name,))
-    both = ev.identify(problem(together, KNOWN_SHARE, noise=0.5), method)
-    alone = ev.identify(
-        problem(lag(grid=FEW_LAGS, prior=Prior(LAG_S, 0.004)), KNOWN_SHARE, noise=0.5), method
-    )
+    single = lag(grid=FEW_LAGS, prior=Prior(LAG_S, 0.004))
+    both, alone = (ev.identify(problem(x, KNOWN_SHARE, noise=0.5), method) for x in (together, single))
     np.testing.assert_allclose(both.values, alone.values, rtol=1e-5)
     np.testing.assert_allclose(both.covariance, alone.covariance, rtol=1e-4)
     assert both.criterion == pytest.approx(alone.criterion, rel=1e-5)
@@ -321,22 +314,18 @@ def test_a_method_of_ones_own_is_asked_for_an_estimate():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ("least_squares", r"a method, such as eivor.methods.least_squares\(\); received 'least_squares'"),
-        (least_squares, r"a method, such as .*; received function"),
-    ],
-)
-def test_what_is_no_method_is_refused(given, said):
-    with pytest.raises(UsageError, match=said):
-        ev.identify(problem(lag(), KNOWN_SHARE), given)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_is_no_problem_is_refused():
-    with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
-        ev.identify(np.zeros((10, 2)), least_squares())
+def test_what_is_no_method_and_no_problem_is_refused():
+    for made, given, said in (
+        (
+            problem(lag(), KNOWN_SHARE),
+            "least_squares",
+            r"eivor.methods.least_squares\(\); received 'least_squ",
+        ),
+        (problem(lag(), KNOWN_SHARE), least_squares, r"a method, such as .*; received function"),
+        (np.zeros((10, 2)), least_squares(), r"a problem: .*; received ndarray"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            ev.identify(made, given)
 
 
 def test_of_two_valleys_the_deeper_one_is_searched():
@@ -369,13 +358,10 @@ def test_a_flight_tells_a_delay_beyond_the_usual_ones():
     spec = VerticalFlightSpec(delay=delay, gust_rms=0.1, seed=1, duration=40.0)
     (flight,) = simulate_vertical_flights([spec])
     result = identify_flight(flight.recording, input_map="square")
-    for name, truth in (
-        ("viscous_friction", 0.4),
-        ("input_gain", spec.input_gain),
-        ("effective_lag", delay + 0.04),
-    ):
+    truth = {"viscous_friction": 0.4, "input_gain": spec.input_gain, "effective_lag": delay + 0.04}
+    for name, value in truth.items():
         low, high = result.interval(name)
-        assert low <= truth <= high
+        assert low <= value <= high
     assert result.verdict.status is Status.IDENTIFIED
 
 
@@ -428,24 +414,21 @@ def test_replicates_are_estimates_from_the_drawn_rows(method, scheme):
 def test_robust_weights_are_those_of_the_sample():
     """A weight made of residuals is kept, and the replicates are close to those that renew it."""
     method = methods.extended_iv(methods.TwoStepRobust())
+
+    def theta(index):
+        return method.solve(rows_of(index, compensated=False)).solution.theta
+
     result = bootstrap(rows_of(np.arange(ROWS), compensated=False), method, runs=20, block_length=7, seed=3)
     plan, random = block_plan(ROWS, 7.0), np.random.default_rng(3)
-    renewed = np.array(
-        [
-            method.solve(rows_of(plan.rows_of(plan.drawn(random)), compensated=False)).solution.theta
-            for _ in range(20)
-        ]
-    )
+    renewed = np.array([theta(plan.rows_of(plan.drawn(random))) for _ in range(20)])
     away = (result.replicates - renewed).std(axis=0) / renewed.std(axis=0)
     assert (away < 0.5).all()
-    assert result.values == pytest.approx(
-        method.solve(rows_of(np.arange(ROWS), compensated=False)).solution.theta
-    )
+    assert result.values == pytest.approx(theta(np.arange(ROWS)))
 
 
 def test_the_seed_decides_and_is_told():
     problem = rows_of(np.arange(ROWS), compensated=True)
-    make = partial(eivor.bootstrap, problem, methods.generalized_iv(), runs=30)
+    make = partial(ev.bootstrap, problem, methods.generalized_iv(), runs=30)
     item, same, other = make(seed=5), make(seed=5), make(seed=6)
     np.testing.assert_array_equal(item.replicates, same.replicates)
     assert not np.array_equal(item.replicates, other.replicates)
@@ -501,24 +484,20 @@ def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_d
 
 def test_what_cannot_be_resampled_is_refused():
     problem = rows_of(np.arange(ROWS), compensated=True)
-    method = methods.least_squares()
-    with pytest.raises(UsageError, match="two runs"):
-        bootstrap(problem, method, runs=1)
-    with pytest.raises(UsageError, match="block length from 1"):
-        bootstrap(problem, method, block_length=0)
-    with pytest.raises(UsageError, match="scheme out of circular"):
-        bootstrap(problem, method, scheme="jackknife")
-    result = bootstrap(problem, method, runs=5, scheme="stationary")
-    with pytest.raises(UsageError, match="standard errors of their own"):
-        result.interval("theta_1", kind=IntervalKind.STUDENTISED)
-    with pytest.raises(UsageError, match="quantity out of theta_1"):
-        result.std_error("theta_9")
-    with pytest.raises(UsageError, match="between 0 and 1"):
-        result.interval("theta_1", 95.0)
-    flights = SampleRows(np.arange(ROWS) // 500)
-    pool = Regression(problem.response, problem.regressors, problem.instruments, problem.parameters, flights)
-    with pytest.raises(UsageError, match="bootstrap_flights"):
-        bootstrap(pool, method)
+    pooled = replace(problem, layout=SampleRows(np.arange(ROWS) // 500))
+    draw = partial(bootstrap, method=methods.least_squares())
+    result = draw(problem, runs=5, scheme="stationary")
+    for refused, said in (
+        (partial(draw, problem, runs=1), "two runs"),
+        (partial(draw, problem, block_length=0), "block length from 1"),
+        (partial(draw, problem, scheme="jackknife"), "scheme out of circular"),
+        (partial(draw, pooled), "bootstrap_flights"),
+        (partial(result.interval, "theta_1", kind=IntervalKind.STUDENTISED), "standard errors of their own"),
+        (partial(result.std_error, "theta_9"), "quantity out of theta_1"),
+        (partial(result.interval, "theta_1", 95.0), "between 0 and 1"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            refused()
 
 
 def test_runs_without_an_estimate_are_counted():
@@ -544,9 +523,8 @@ def pool(numbers, *nuisances, noise=0.02):
 
 def joint(estimate, replicate):
     """The joint vector of a replicate."""
-    return np.array(
-        [*replicate.theta, *(replicate.nuisances[name] for name in estimate.names[replicate.theta.size :])]
-    )
+    searched = estimate.names[replicate.theta.size :]
+    return np.array([*replicate.theta, *(replicate.nuisances[name] for name in searched)])
 
 
 def errors(estimate):
@@ -557,9 +535,8 @@ def errors(estimate):
 def test_a_replicate_written_out():
     """Two-stage equations of the drawn rows, without the pool's own misfit."""
     problem = pool([0, 1, 2, 3], KNOWN_LAG, PRIOR_OF_SHARE)
-    estimate = ev.identify(problem, reference_iv())
-    result, times = pool_flights(problem, estimate).replicate(np.random.default_rng(7))
-    best = estimate
+    best = ev.identify(problem, reference_iv())
+    result, times = pool_flights(problem, best).replicate(np.random.default_rng(7))
     rows = whitened_by_residuals(problem, best.theta, best.nuisances).rows(best.nuisances)
     misfit = rows.instruments.T @ (rows.response - rows.regressors @ best.theta)
     drawn = np.repeat(np.arange(rows.response.size), times[rows.layout.flight_of_row].astype(int))

@@ -33,18 +33,19 @@ from reference import constants as truth
 cov = ev.covariances
 
 
-def least_squares_equation(G, e, flight_of_row):
-    rows = EquationRows(G, e, G * e[:, None], flight_of_row)
+def least_squares_equation(G, e, flight_of_row=None):
+    """Least squares in the coordinates of its columns, of one flight unless said otherwise."""
+    rows = EquationRows(
+        G, e, G * e[:, None], np.zeros(e.size, int) if flight_of_row is None else flight_of_row
+    )
     return EstimatingEquation(np.eye(G.shape[1]), G.T @ G, e.size, lambda: [rows])
 
 
 def test_cosine_averages_are_their_formula():
     scores = np.random.default_rng(0).standard_normal((50, 2))
-    L = [
-        np.sqrt(2.0 / 50) * sum(scores[t - 1] * np.cos(np.pi * j * (t - 0.5) / 50) for t in range(1, 51))
-        for j in range(1, 9)
-    ]
-    wanted = 50.0 / 8.0 * sum(np.outer(l, l) for l in L)  # noqa: E741 - the equation's letter
+    cosines = np.cos(np.pi * np.outer(np.arange(1, 9), np.arange(1, 51) - 0.5) / 50)
+    L = np.sqrt(2.0 / 50) * cosines @ scores
+    wanted = 50.0 / 8.0 * L.T @ L
     np.testing.assert_allclose(cov.cosine_covariance([scores], scores.shape[0]), wanted, rtol=1e-10)
     # A constant is not in them: scores need not be centred.
     np.testing.assert_allclose(cov.cosine_covariance([scores + 7.0], scores.shape[0]), wanted, rtol=1e-9)
@@ -54,13 +55,10 @@ def test_cosine_averages_are_their_formula():
 @pytest.mark.parametrize("memory", [0.0, 0.6, 0.9])
 def test_intervals_of_a_mean_cover_in_autocorrelated_noise(memory):
     runs, count, level = 2000, 2000, 0.95
-    noise = lfilter(
-        [1.0], [1.0, -memory], np.random.default_rng(3).standard_normal((count + 200, runs)), axis=0
-    )
-    noise = noise[200:]
-    half = t_quantile(level, cov.COSINE_AVERAGES) * np.sqrt(
-        [cov.long_run_mean_variance(noise[:, run].copy()) for run in range(runs)]
-    )
+    shocks = np.random.default_rng(3).standard_normal((count + 200, runs))
+    noise = lfilter([1.0], [1.0, -memory], shocks, axis=0)[200:]
+    variances = [cov.long_run_mean_variance(noise[:, run].copy()) for run in range(runs)]
+    half = t_quantile(level, cov.COSINE_AVERAGES) * np.sqrt(variances)
     covered = int((np.abs(noise.mean(axis=0)) <= half).sum())
     low, high = stats.binom.ppf([5e-5, 1.0 - 5e-5], runs, level)
     assert low <= covered <= high
@@ -115,12 +113,12 @@ def test_widest_assumption_makes_the_interval():
     first, second = np.eye(2)
     assert made.std_error(first) == 2.0
     assert made.std_error(second) == 3.0
-    assert made.half_width(first) == pytest.approx(stats.norm.ppf(0.975) * 2.0)
-    assert made.half_width(second) == pytest.approx(stats.t(8).ppf(0.975) * 3.0)
+    normal, t = stats.norm.ppf(0.975), stats.t(8).ppf(0.975)
+    assert made.half_width(first) == pytest.approx(normal * 2.0)
+    assert made.half_width(second) == pytest.approx(t * 3.0)
     assert made.half_width(second, 0.5) == pytest.approx(stats.t(8).ppf(0.75) * 3.0)
-    assert made.half_width(first, extra_variance=5.0) == pytest.approx(
-        max(stats.norm.ppf(0.975) * 3.0, stats.t(8).ppf(0.975) * np.sqrt(6.0))
-    )
+    widest = max(normal * 3.0, t * np.sqrt(6.0))
+    assert made.half_width(first, extra_variance=5.0) == pytest.approx(widest)
     np.testing.assert_allclose(np.diag(made.matrix), [4.0, 9.0])
     tilted = cov.JointCovariance((cov.CovariancePart("robust", np.array([[1.0, 0.6], [0.6, 9.0]])), parts[1]))
     with pytest.raises(UsageError, match="out of robust, white; received 'grey'"):
@@ -132,11 +130,8 @@ def test_widest_assumption_makes_the_interval():
 @given(count=st.integers(1, 30), bandwidth=st.integers(0, 40), seed=st.integers(0, 99))
 def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
     scores = np.random.default_rng(seed).standard_normal((count, 2))
-    wanted = np.zeros((2, 2))
-    for t in range(count):
-        for s in range(count):
-            weight = max(0.0, 1.0 - abs(t - s) / (bandwidth + 1.0))
-            wanted += weight * np.outer(scores[t], scores[s]) / count
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    wanted = scores.T @ np.maximum(0.0, 1.0 - apart / (bandwidth + 1.0)) @ scores / count
     covariance = kernels.bartlett_covariance(scores, bandwidth)
     np.testing.assert_allclose(covariance, wanted, atol=1e-12)
     assert np.linalg.eigvalsh(covariance)[0] > -1e-12
@@ -225,15 +220,14 @@ def chunks_of(record, size, last=None):
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
 def test_chunks_give_the_covariance_of_the_whole_record(record, method, instruments):
     whole = ev.identify(MOTION.regression(record, instruments), method)
+    given = {"model": MOTION, "method": method, "instruments": instruments}
     for name, make in cov.TABLE.items():
-        identify_chunks = ev.identify_chunks(
-            chunks_of(record, 457), model=MOTION, method=method, instruments=instruments, covariance=make()
-        )
+        chunked = ev.identify_chunks(chunks_of(record, 457), **given, covariance=make())
         wanted = whole.with_covariance(make())
-        np.testing.assert_allclose(identify_chunks.covariance, wanted.covariance, rtol=1e-6, err_msg=name)
+        np.testing.assert_allclose(chunked.covariance, wanted.covariance, rtol=1e-6, err_msg=name)
         for parameter in whole.names:
-            assert identify_chunks.interval(parameter) == pytest.approx(wanted.interval(parameter), rel=1e-7)
-    assert "std. error" in identify_chunks.summary()
+            assert chunked.interval(parameter) == pytest.approx(wanted.interval(parameter), rel=1e-7)
+    assert "std. error" in chunked.summary()
 
 
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
@@ -260,17 +254,18 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
         np.testing.assert_allclose(np.column_stack(columns), equation.sensitivity, rtol=1e-6)
 
 
-def test_passes_over_other_chunks_are_refused(record):
-    calls = []
+def test_passes_over_other_chunks_and_covariances_of_rows_that_are_gone_are_refused(record):
+    given = {"model": MOTION, "method": ev.methods.generalized_iv(), "instruments": ev.lags("input", 0, 10)}
+    passes = iter([None, 2000])
 
-    def chunks():
-        calls.append(1)
-        return chunks_of(record, 500, None if len(calls) == 1 else 2000)()
+    def shorter():
+        yield from chunks_of(record, 500, next(passes))()
 
     with pytest.raises(UsageError, match="of 2990 rows in every pass; received 1990"):
-        ev.identify_chunks(
-            chunks, model=MOTION, method=ev.methods.generalized_iv(), instruments=ev.lags("input", 0, 10)
-        )
+        ev.identify_chunks(shorter, **given)
+    chunked = ev.identify_chunks(chunks_of(record, 500), **given)
+    with pytest.raises(EstimationError, match="for another covariance; received one from chunks"):
+        chunked.with_covariance(cov.Classical())
 
 
 def test_covariances_that_cannot_be_are_refused(record):
@@ -279,17 +274,6 @@ def test_covariances_that_cannot_be_are_refused(record):
         fit.with_covariance(cov.ClusteredByFlight()).interval("input_gain")
     with pytest.raises(UsageError, match="one cosine average or more; received 0"):
         cov.EqualWeightedCosines(0)
-
-
-def test_another_covariance_is_refused_where_rows_are_gone(record):
-    identify_chunks = ev.identify_chunks(
-        chunks_of(record, 500),
-        model=MOTION,
-        method=ev.methods.generalized_iv(),
-        instruments=ev.lags("input", 0, 5),
-    )
-    with pytest.raises(EstimationError, match="for another covariance; received one from chunks"):
-        identify_chunks.with_covariance(cov.Classical())
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
@@ -306,9 +290,8 @@ def test_fractional_bandwidths_count_every_lag_within_their_span():
     """Alternating scores: leaving out the last lag would make the variance negative."""
     signs = (-1.0) ** np.arange(60)
     response = 1.0 + signs + 0.05 * np.random.default_rng(0).standard_normal(60)
-    fit = ev.identify(
-        ev.regression(response=response, regressors=np.ones((60, 1))), ev.methods.least_squares()
-    )
+    rows = ev.regression(response=response, regressors=np.ones((60, 1)))
+    fit = ev.identify(rows, ev.methods.least_squares())
     for lags in np.linspace(0.0, 6.0, 25):
         chosen = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(float(lags)), fixed_b=False)
         assert fit.with_covariance(chosen).covariance[0, 0] > 0.0
@@ -362,9 +345,8 @@ def test_kernels_are_those_of_linearmodels(kernel, bandwidth):
 def test_bandwidths_are_their_formulas():
     rng = np.random.default_rng(7)
     shocks = rng.standard_normal((4000, 2))
-    scores = np.column_stack(
-        [lfilter([1.0], [1.0, -0.5], shocks[:, 0]), 40.0 * lfilter([1.0], [1.0, -0.8], shocks[:, 1])]
-    )
+    memories = lfilter([1.0], [1.0, -0.5], shocks[:, 0]), 40.0 * lfilter([1.0], [1.0, -0.8], shocks[:, 1])
+    scores = np.column_stack(memories)
 
     def blocks():
         return [scores[:1500], scores[1500:]]
@@ -375,11 +357,7 @@ def test_bandwidths_are_their_formulas():
     below = (power / (1.0 - rho) ** 4).sum()
     first = (4.0 * rho**2 * power / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2)).sum() / below
     second = (4.0 * rho**2 * power / (1.0 - rho) ** 8).sum() / below
-    spans = (
-        1.1447 * (first * 4000) ** (1 / 3),
-        2.6614 * (second * 4000) ** 0.2,
-        1.3221 * (second * 4000) ** 0.2,
-    )
+    spans = 1.1447 * (first * 4000) ** (1 / 3), *(c * (second * 4000) ** 0.2 for c in (2.6614, 1.3221))
     for kernel, span in zip(KERNELS, spans, strict=True):
         lags = cov.AndrewsRule().lags(blocks, 4000, kernel)
         assert lags == np.ceil(span - (1.0 if kernel.ends else 0.0))
@@ -425,13 +403,12 @@ def test_blocks_are_the_products_of_their_rows(blocks, whole):
     for k in range(blocks):
         here = slice(edges[k], edges[k + 1])
         assert result.counts[k] == edges[k + 1] - edges[k]
-        np.testing.assert_allclose(result.cross[k], psi[here].T @ phi[here], atol=1e-12)
-        np.testing.assert_allclose(result.instrument_response[k], psi[here].T @ y[here], atol=1e-12)
+        pairs = {"cross": (psi, phi), "instrument_response": (psi, y)}
         if whole:
-            np.testing.assert_allclose(result.instruments[k], psi[here].T @ psi[here], atol=1e-12)
-            np.testing.assert_allclose(result.regressors[k], phi[here].T @ phi[here], atol=1e-12)
-            np.testing.assert_allclose(result.regressor_response[k], phi[here].T @ y[here], atol=1e-12)
-            np.testing.assert_allclose(result.power[k], y[here] @ y[here], atol=1e-12)
+            pairs |= {"instruments": (psi, psi), "regressors": (phi, phi)}
+            pairs |= {"regressor_response": (phi, y), "power": (y, y)}
+        for name, (left, right) in pairs.items():
+            np.testing.assert_allclose(getattr(result, name)[k], left[here].T @ right[here], atol=1e-12)
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -476,17 +453,11 @@ def test_automatic_length_of_white_noise_is_short_and_that_of_a_trend_long() -> 
     assert automatic_block_length(np.ones((100, 1))) == 1.0
 
 
-def equation_of(P, e):
-    """Least squares in the coordinates of its columns."""
-    rows = EquationRows(P, e, P * e[:, None], np.zeros(e.size, dtype=np.int64))
-    return EstimatingEquation(np.eye(P.shape[1]), P.T @ P, e.size, lambda: [rows])
-
-
 def test_it_is_hc3_with_t_of_each_parameters_own_rows():
     rng = np.random.default_rng(0)
     P, e = rng.standard_normal((40, 2)) * [1.0, 3.0], rng.standard_normal(40)
     P[5:, 1] *= 0.1
-    (part,) = cov.ByRow().parts(equation_of(P, e))
+    (part,) = cov.ByRow().parts(least_squares_equation(P, e))
     inverse = np.linalg.inv(P.T @ P)
     influence = P @ inverse
     leverage = np.einsum("ti,ij,tj->t", P, inverse, P)
@@ -500,7 +471,8 @@ def test_it_is_hc3_with_t_of_each_parameters_own_rows():
 
 
 def test_a_column_in_a_single_row_is_no_error():
-    (part,) = cov.ByRow().parts(equation_of(np.column_stack([np.ones(8), np.eye(8)[0]]), np.arange(8.0)))
+    columns = np.column_stack([np.ones(8), np.eye(8)[0]])
+    (part,) = cov.ByRow().parts(least_squares_equation(columns, np.arange(8.0)))
     assert np.isfinite(part.matrix).all()
 
 
@@ -527,9 +499,8 @@ def test_statsmodels_gives_the_same_variances_between_and_means(between):
         assert means.value[number] == pytest.approx(iterated.mean_effect_re, abs=1e-6)
         plain = iterated.sd_eff_w_re_hksj if iterated.scale_hksj_re >= 1.0 else iterated.sd_eff_w_re
         assert np.sqrt(means.variance[number]) == pytest.approx(plain, abs=1e-6)
-        assert moments[number] == pytest.approx(
-            max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0), abs=1e-9
-        )
+        by_moments = max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0)
+        assert moments[number] == pytest.approx(by_moments, abs=1e-9)
 
 
 def test_pymare_gives_the_same_of_flights_as_they_are():
@@ -545,15 +516,13 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
 
 
-def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None):
-    """Rows whose own variances are next to nothing unless said otherwise."""
+def ordered(y, sizes, *, weights=None):
+    """Rows whose own variances are next to nothing."""
     y = np.asarray(y, dtype=float)
     weights = np.ones(y.size) if weights is None else weights
-    nuisances = (
-        np.concatenate([np.arange(size, dtype=float) for size in sizes]) if nuisances is None else nuisances
-    )
+    nuisances = np.concatenate([np.arange(size, dtype=float) for size in sizes])
     none = np.zeros((0, y.size)), np.zeros((len(sizes), 0, 0))
-    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, nuisances, *none)
+    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, 1e-12), weights, weights, nuisances, *none)
 
 
 def drawn_courses(seed, rows):

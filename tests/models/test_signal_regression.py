@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -99,9 +100,8 @@ def test_vertical_motion_has_the_signs_of_its_equation():
     np.testing.assert_array_equal(rows.regressors, np.column_stack([-v, u, np.ones(17)]))
     # The intercept instruments itself, and only where there are instruments and an intercept.
     np.testing.assert_array_equal(rows.instruments[:, -1], 1.0)
-    assert VerticalMotion(intercept=False).regression(
-        signals, lags("input", 1, 3)
-    ).rows().instruments.shape == (17, 3)
+    without = VerticalMotion(intercept=False).regression(signals, lags("input", 1, 3)).rows()
+    assert without.instruments.shape == (17, 3)
     assert VerticalMotion().regression(signals).rows().instruments.shape == (20, 0)
 
 
@@ -109,12 +109,14 @@ def test_vertical_motion_has_the_signs_of_its_equation():
 @pytest.mark.parametrize("valid", [None, "first", "none"])
 def test_records_shorter_than_the_lags_are_too_short_whatever_is_asked_first(count, valid):
     mask = {None: None, "first": np.arange(count) != 0, "none": np.zeros(count, dtype=bool)}[valid]
-    noise = {name: WhiteNoise(0.1) for name in NAMES}
-    signals = make_signals(count, valid=mask, noise=noise)
-    motion = VerticalMotion(intercept=False)
-    asked = "rows", "instrument_noise_covariance", "regressor_noise_covariance", "instruments_share_noise"
-    for ask in asked:
-        problem = motion.regression(signals, lags("input", 0, 5))
+    signals = make_signals(count, valid=mask, noise={name: WhiteNoise(0.1) for name in NAMES})
+    for ask in (
+        "rows",
+        "instrument_noise_covariance",
+        "regressor_noise_covariance",
+        "instruments_share_noise",
+    ):
+        problem = VerticalMotion(intercept=False).regression(signals, lags("input", 0, 5))
         with pytest.raises(TooFewSamplesError, match=r"Expected .*; received"):
             getattr(problem, ask)()
 
@@ -173,11 +175,8 @@ def naive_shared(left, right, signals, first, rows):
     seed=st.integers(0, 99),
 )
 def test_shared_noise_is_the_mean_over_the_rows_that_are_used(order, offset, mask, seed):
-    noise = {
-        "input": FractionalNoise(0.3, order),
-        "velocity_z": WhiteNoise(0.2),
-        "specific_force_z": WhiteNoise(0.0),
-    }
+    noise = {"velocity_z": WhiteNoise(0.2), "specific_force_z": WhiteNoise(0.0)}
+    noise["input"] = FractionalNoise(0.3, order)
     mask[-5:] = [True] * 5
     signals = make_signals(len(mask), seed, valid=mask, noise=noise, offset=offset)
     terms = (Column("velocity_z", gain=-1.0, gain_channel="cos_tilt"), Column("input", 1, 2.0))
@@ -188,40 +187,38 @@ def test_shared_noise_is_the_mean_over_the_rows_that_are_used(order, offset, mas
     problem = SignalRegression(signals, equation, instruments)
     columns = (*problem.regressor_columns, equation.response)
     rows = problem.used
-    wanted = naive_shared(instruments, columns, signals, 3, rows)
-    np.testing.assert_allclose(problem.instrument_noise_covariance(), wanted, rtol=1e-9, atol=1e-14)
-    regressor_noise_covariance = problem.regressor_noise_covariance()
-    np.testing.assert_allclose(
-        regressor_noise_covariance, naive_shared(columns, columns, signals, 3, rows), rtol=1e-9, atol=1e-14
-    )
-    np.testing.assert_allclose(regressor_noise_covariance, regressor_noise_covariance.T, rtol=1e-12)
+    of_regressors = problem.regressor_noise_covariance()
+    for left, result in ((instruments, problem.instrument_noise_covariance()), (columns, of_regressors)):
+        wanted = naive_shared(left, columns, signals, 3, rows)
+        np.testing.assert_allclose(result, wanted, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(of_regressors, of_regressors.T, rtol=1e-12)
 
 
 def test_noise_is_never_assumed_to_be_zero():
     signals = make_signals(20, noise={"velocity_z": WhiteNoise(0.1)})
     problem = VerticalMotion().regression(signals, lags("input", 0, 2))
-    with pytest.raises(
-        MissingNoiseError, match=r"declared noise of channel 'input'.*received noise of velocity_z"
-    ):
+    with pytest.raises(MissingNoiseError, match=r"noise of channel 'input'.*received noise of velocity_z"):
         problem.instrument_noise_covariance()
     assert problem.declared_noise() is None
     assert not problem.instruments_share_noise()
     # Strictly delayed instruments share nothing with u(k) when the noise is white, and with memory they do.
-    for noise, shares in (
-        (WhiteNoise(0.1), False),
-        (FractionalNoise(0.1, -0.3), True),
-        (WhiteNoise(0.0), False),
+    for noise, first, shares in (
+        (WhiteNoise(0.1), 1, False),
+        (FractionalNoise(0.1, -0.3), 1, True),
+        (WhiteNoise(0.0), 1, False),
+        (WhiteNoise(0.1), 0, True),
     ):
-        declared = make_signals(20, noise={"input": noise})
-        assert VerticalMotion().regression(declared, lags("input", 1, 2)).instruments_share_noise() is shares
-    declared = make_signals(20, noise={"input": WhiteNoise(0.1)})
-    assert VerticalMotion().regression(declared, lags("input", 0, 2)).instruments_share_noise()
+        problem = VerticalMotion().regression(
+            make_signals(20, noise={"input": noise}), lags("input", first, 2)
+        )
+        assert problem.instruments_share_noise() is shares
 
 
 # Regressions of plain arrays: what they accept, and the sentences they refuse with.
 
 RNG = np.random.default_rng(0)
 PHI, Y = RNG.standard_normal((10, 2)), RNG.standard_normal(10)
+ENDLESS_NOISE = np.full((2, 3), np.inf)
 
 
 @pytest.mark.parametrize("count", [0, 9, 11])
@@ -252,9 +249,9 @@ def test_a_layout_of_another_length_is_no_single_flight(count):
         ({"noise_covariance": np.diag([1.0, -1.0, 1.0])}, CovarianceError, "positive semidefinite"),
         ({"instruments": PHI, "instrument_noise_covariance": np.eye(3)}, ShapeError, "a 2 x 3 covariance"),
         (
-            {"instruments": PHI, "instrument_noise_covariance": np.full((2, 3), np.inf)},
+            {"instruments": PHI, "instrument_noise_covariance": ENDLESS_NOISE},
             NonFiniteError,
-            "instrument noise covariance",
+            "noise covariance",
         ),
     ],
 )
@@ -269,9 +266,7 @@ def test_noise_that_was_not_given_is_asked_for():
         with pytest.raises(MissingNoiseError, match=r"Expected the covariance .*; received none"):
             ask()
     assert not bare.instruments_share_noise()
-    zero = regression(
-        response=Y, regressors=PHI, instruments=PHI, instrument_noise_covariance=np.zeros((2, 3))
-    )
+    zero = replace(bare, instrument_noise=np.zeros((2, 3)))
     assert not zero.instruments_share_noise()
 
 
@@ -318,9 +313,8 @@ AT = {"actuator_lag": 0.05, "delay": 0.02}
 
 def test_references_come_with_successive_lags_each_started_at_rest():
     signals = flight_signals()
-    columns = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(
-        DrivenSignals(signals, np.zeros(800))
-    )
+    driven = DrivenSignals(signals, np.zeros(800))
+    columns = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(driven)
     assert columns.shape == (800, 5 + 2)
     wanted = [signals.channel("reference_position_z")]
     for _ in range(4):
@@ -330,10 +324,10 @@ def test_references_come_with_successive_lags_each_started_at_rest():
         wanted.append(np.array(state))
     np.testing.assert_allclose(columns[:, :5], np.column_stack(wanted), atol=1e-10)
     np.testing.assert_array_equal(columns[:, 5], signals.channel("reference_velocity_z"))
-    assert LaggedReferences(()).columns(DrivenSignals(signals, np.zeros(800))).shape == (800, 0)
+    assert LaggedReferences(()).columns(driven).shape == (800, 0)
     assert LaggedReferences(("a", "b")).label == "a, b"
     with pytest.raises(MissingChannelError, match="pilot_throttle"):
-        LaggedReferences(("pilot_throttle",)).columns(DrivenSignals(signals, np.zeros(800)))
+        LaggedReferences(("pilot_throttle",)).columns(driven)
 
 
 def test_lagged_inputs_are_the_past_and_rest_before_it():
@@ -358,11 +352,7 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
     assert rows.response.size == 300 + 450 + 600
     np.testing.assert_array_equal(rows.layout.flight_of_row, np.repeat([0, 1], [750, 600]))
     start = 0
-    for flight, run in (
-        (flights[0], slice(0, 300)),
-        (flights[0], slice(350, 800)),
-        (flights[1], slice(100, 700)),
-    ):
+    for flight, run in ((each, run) for each in flights for run in each.runs):
         here = slice(start, start + run.stop - run.start)
         start = here.stop
         s = flight.signals.channel("specific_force_z")[run]
@@ -375,9 +365,8 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
     bins = problem.bins(AT)
     alone = vertical_problem((flights[1],), VerticalMotion(), problem.rule).bins(AT)
     count = alone.layout.runs[0].count
-    np.testing.assert_allclose(bins.regressors[-count:], alone.regressors, atol=1e-12)
-    np.testing.assert_allclose(bins.instruments[-count:], alone.instruments, atol=1e-12)
-    np.testing.assert_allclose(bins.responses[-count:], alone.responses, atol=1e-12)
+    for name in ("regressors", "instruments", "responses"):
+        np.testing.assert_allclose(getattr(bins, name)[-count:], getattr(alone, name), atol=1e-12)
 
 
 def test_flights_that_cannot_share_a_problem_are_refused():
@@ -390,12 +379,10 @@ def test_flights_that_cannot_share_a_problem_are_refused():
             rising = driven.signals.channel("velocity_z")[0] > 0.0
             return np.zeros((driven.signals.sample_count, 1 + int(rising)))
 
-    flights = [
-        VerticalFlight(flight_signals(velocity_z=sign * np.ones(800)), "input", False, runs)
-        for sign in (1.0, -1.0)
-    ]
+    rising, falling = (flight_signals(velocity_z=sign * np.ones(800)) for sign in (1.0, -1.0))
+    flights = tuple(VerticalFlight(signals, "input", False, runs) for signals in (rising, falling))
     with pytest.raises(InstrumentError, match="same instruments in every flight"):
-        vertical_problem(tuple(flights), VerticalMotion(), Uneven())
+        vertical_problem(flights, VerticalMotion(), Uneven())
 
 
 def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
@@ -426,9 +413,8 @@ class Throttle:
     throttle: np.ndarray
 
     def __call__(self, nuisance_values):
-        return first_order_lag(self.throttle, step_s=RUN_STEP_S, lag_s=nuisance_values["actuator_lag"])[
-            :, None
-        ]
+        lag_s = nuisance_values["actuator_lag"]
+        return first_order_lag(self.throttle, step_s=RUN_STEP_S, lag_s=lag_s)[:, None]
 
 
 def lagged(values, nuisance_values):
@@ -482,17 +468,13 @@ def test_columns_between_lags_and_delays_are_those_that_a_filter_makes():
     direct = LaggedRuns((replace(item, linear=False), replace(item, axis=1)), PAIR, nuisances)
     assert problem.interpolation is not None
     assert direct.interpolation is None
-    points = [
-        {"actuator_lag": lag, "delay": delay}
-        for lag in (0.004, 0.0123, 0.15)
-        for delay in (0.0, 0.0071, 0.05)
-    ]
+    grid = itertools.product((0.004, 0.0123, 0.15), (0.0, 0.0071, 0.05))
+    points = [{"actuator_lag": lag, "delay": delay} for lag, delay in grid]
     weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[4])
     plain = replace(weights, problem=direct)
     np.testing.assert_allclose(weights.products(points), plain.products(points), rtol=1e-8, atol=1e-9)
-    for seen, wanted in zip(
-        weights.sums(points, weights.basis), plain.sums(points, weights.basis), strict=True
-    ):
+    sums = (each.sums(points, weights.basis) for each in (weights, plain))
+    for seen, wanted in zip(*sums, strict=True):
         for one, other in zip(seen, wanted, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8 * np.abs(other).max())
     # the same as every column by itself
@@ -530,11 +512,10 @@ def test_scores_of_one_time_are_added_over_the_axes():
     assert isinstance(rows.layout, AxisRows)
     test, e = rng.standard_normal((rows.response.size, 2)), rng.standard_normal(rows.response.size)
     scores = rows.layout.scores(test, e)
+    each = test * e[:, None]
+    wanted = np.concatenate([each[:550] + each[550:1100], each[1100:]])
     assert scores.shape == (550 + 40, 2)
-    np.testing.assert_allclose(
-        scores[:550], test[:550] * e[:550, None] + test[550:1100] * e[550:1100, None], atol=1e-13
-    )
-    np.testing.assert_allclose(scores[550:], test[1100:] * e[1100:, None], atol=1e-13)
+    np.testing.assert_allclose(scores, wanted, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -582,18 +563,14 @@ def test_whitening_divides_every_column_and_blends_the_responses():
     run = SpectralRun(0, 400, 0.01, (0.04, 5.0))
     rng = np.random.default_rng(2)
     parts = rng.standard_normal((run.count, 4)) + 1j * rng.standard_normal((run.count, 4))
-    layout = BinRows((run,))
-    bins = SpectralRegression(
-        parts[:, :2], parts[:, 2:], parts[:, :0], (Parameter("a"), Parameter("b")), layout
-    )
+    bins = SpectralRegression(parts[:, :2], parts[:, 2:], parts[:, :0], PAIR, BinRows((run,)))
     blend, power = rng.uniform(0.0, 1.0, run.count), rng.uniform(0.5, 2.0, run.count)
     theta = np.array([0.7, -0.3])
     rows = bins.whitened(blend, power, np.empty((2 * run.count, 0)))
     item, other = bins.residuals(theta).T
     wanted = ((1.0 - blend) * item + blend * other) / np.sqrt(power)
-    np.testing.assert_allclose(
-        rows.response - rows.regressors @ theta, np.concatenate([wanted.real, wanted.imag]), atol=1e-12
-    )
+    left = rows.response - rows.regressors @ theta
+    np.testing.assert_allclose(left, np.concatenate([wanted.real, wanted.imag]), atol=1e-12)
 
 
 # Fractional difference equations: free run, impulse and frequency response, stability, bad input.
@@ -602,13 +579,8 @@ ORDER = ev.UnknownOrder("order", 0.2, 1.2)
 LAGGED = ev.FractionalDifferenceModel(
     (0.0, ORDER, ev.FractionalTerm(0.3, 1)), (0.0, ev.FractionalTerm(ORDER, 2))
 )
-LAGGED_TRUTH = {
-    "output_coefficient_2": 4.0,
-    "output_coefficient_3": -0.7,
-    "input_coefficient_1": 1.5,
-    "input_coefficient_2": 0.4,
-    "order": 0.8,
-}
+LAGGED_TRUTH = {"output_coefficient_2": 4.0, "output_coefficient_3": -0.7, "order": 0.8}
+LAGGED_TRUTH |= {"input_coefficient_1": 1.5, "input_coefficient_2": 0.4}
 
 
 def relaxation(operator=None):
@@ -617,9 +589,8 @@ def relaxation(operator=None):
 
 def mittag_leffler_step(t):
     """1 - E_alpha(-t^alpha) of order 0.6."""
-    return 1.0 - float(
-        mpmath.nsum(lambda k: (-(mpmath.mpf(t) ** 0.6)) ** k / mpmath.gamma(0.6 * k + 1), [0, mpmath.inf])
-    )
+    x = -(mpmath.mpf(t) ** 0.6)
+    return 1.0 - float(mpmath.nsum(lambda k: x**k / mpmath.gamma(0.6 * k + 1), [0, mpmath.inf]))
 
 
 @pytest.mark.parametrize(
@@ -654,7 +625,20 @@ def test_growing_modes_of_a_relaxation(gain, order, growing):
 
 MODEL = ev.FractionalDifferenceModel
 ENDLESS = {"output_coefficient_2": -1.0, "input_coefficient_1": 1.0}
+GROWING = ENDLESS | {"output_coefficient_2": -3.0}
 NINE = {"output": np.ones(9), "input": np.ones(9)}
+HOLED, LATE = ev.Signals(1.0, NINE, valid=np.arange(9) > 1), ev.Signals(1.0, NINE, offset=4)
+SECOND = ev.UnknownOrder("second", 1.1, 1.9)
+
+
+def with_orders(output, input_order=0.0):
+    """A model of known and unknown orders."""
+    return lambda: MODEL(output, (input_order,))
+
+
+def sharing(noise, column, name):
+    """The noise that a column shares with a fractional part of a channel."""
+    return lambda: of_noise(noise).shared_noise([column], [(FractionalPart(name, 0.5),)], 0)
 
 
 @pytest.mark.parametrize(
@@ -664,19 +648,15 @@ NINE = {"output": np.ones(9), "input": np.ones(9)}
         (lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
         (lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
         (lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
-        (lambda: MODEL((ORDER, 0.0), (0.0,)), ParameterError, "a known order of the first"),
+        (with_orders((ORDER, 0.0)), ParameterError, "a known order of the first"),
+        (with_orders((0.0, ORDER, SECOND)), ParameterError, "orders 0.2 to 1.2 and 1.1 to 1.9"),
         (
-            lambda: MODEL((0.0, ORDER, ev.UnknownOrder("second", 1.1, 1.9)), (0.0,)),
-            ParameterError,
-            "orders 0.2 to 1.2 and 1.1 to 1.9",
-        ),
-        (
-            lambda: MODEL((0.0, ORDER), (ev.UnknownOrder("order", 0.1, 0.3),)),
+            with_orders((0.0, ORDER), replace(ORDER, high=0.3)),
             ParameterError,
             "one range of the order 'order'",
         ),
         (
-            lambda: MODEL((0.0, ev.UnknownOrder("input_coefficient_1", 0.1, 0.3)), (0.0,)),
+            with_orders((0.0, replace(ORDER, name="input_coefficient_1"))),
             ParameterError,
             "names of their own",
         ),
@@ -689,19 +669,15 @@ NINE = {"output": np.ones(9), "input": np.ones(9)}
         (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"),
         (lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
         (
-            lambda: LAGGED.problem(ev.Signals(1.0, NINE, valid=np.arange(9) > 1)),
+            lambda: LAGGED.problem(HOLED),
             DataError,
-            "every sample of which is valid; received samples that are not",
+            "every sample of which is valid; received samples that are",
         ),
+        (lambda: FilteredSignals(LATE, ev.FractionalDifference()), DataError, "one that begins at sample 4"),
         (
-            lambda: FilteredSignals(ev.Signals(1.0, NINE, offset=4), ev.FractionalDifference()),
-            DataError,
-            r"a whole record, .*; received one that begins at sample 4",
-        ),
-        (
-            lambda: relaxation().simulate(ENDLESS | {"output_coefficient_2": -3.0}, np.ones(9)),
+            lambda: relaxation().simulate(GROWING, np.ones(9)),
             ParameterError,
-            "a stable equation; received one with 1 growing mode",
+            "received one with 1 growing mode",
         ),
         (lambda: relaxation().impulse_response(ENDLESS, 9), ParameterError, "solved for the newest output"),
         (
@@ -709,19 +685,11 @@ NINE = {"output": np.ones(9), "input": np.ones(9)}
             MissingNoiseError,
             "a declared noise of channel 'z'",
         ),
+        (sharing(WhiteNoise(0.5), Column("z", 1), "z"), MissingNoiseError, "a declared noise of channel 'z'"),
         (
-            lambda: of_noise(ev.WhiteNoise(0.5)).shared_noise(
-                [ev.Column("z", 1)], [(FractionalPart("z", 0.5),)], 1
-            ),
-            MissingNoiseError,
-            "a declared noise of channel 'z'",
-        ),
-        (
-            lambda: of_noise(ev.WhiteNoise(1.0)).shared_noise(
-                [ev.Column("x", gain_channel="z")], [(FractionalPart("x", 0.5),)], 0
-            ),
+            sharing(WhiteNoise(1.0), Column("x", gain_channel="z"), "x"),
             UsageError,
-            "without a gain of another channel",
+            "without a gain of another",
         ),
     ],
 )
