@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from functools import partial
 
 import numpy as np
 import pytest
@@ -104,13 +105,11 @@ def axis_case(rng, count, step_s):
 def test_commands_that_a_log_may_lack_have_a_delay_that_is_estimated_with_the_parameters():
     machine, step_s = ev.load_machine("linear-axis"), 0.001
     truth, signals, noise, disturbance = axis_case(np.random.default_rng(3), 20_000, step_s)
-    columns = machine.simulate(
-        truth, signals, seconds=20.0, step_s=step_s, noise=noise, disturbance=disturbance, records=2
-    )
+    errors = {"noise": noise, "disturbance": disturbance}
+    columns = machine.simulate(truth, signals, seconds=20.0, step_s=step_s, **errors, records=2)
     for log in logs_of({name: item[::5] for name, item in columns.items()}):
-        fit, told = (
-            ev.identify_flight(log, model=machine, controller_rate_hz=rate) for rate in (None, 1000.0)
-        )
+        rates = (None, 1000.0)
+        fit, told = (ev.identify_flight(log, model=machine, controller_rate_hz=rate) for rate in rates)
         for name in ("M", "Fv", "Fc"):
             for result in (fit, told):
                 low, high = result.quantities[name].interval
@@ -157,11 +156,8 @@ def test_a_machine_is_written_as_equations(boat_fit, tmp_path):
     A, B = [[-a, g], [0.0, -1.0 / 0.35]], [[0.0], [1.0 / 0.35]]
     np.testing.assert_allclose(space["A"], A, atol=1e-6)
     np.testing.assert_allclose(space["B"], B, atol=1e-6)
-    assert (space["states"], space["inputs"], space["delay_s"]) == (
-        ["yaw_rate", "rudder_behind"],
-        ["rudder"],
-        0.2,
-    )
+    assert (space["states"], space["inputs"]) == (["yaw_rate", "rudder_behind"], ["rudder"])
+    assert space["delay_s"] == 0.2
     (tmp_path / "f.py").write_text(boat_fit.export("casadi", **known), encoding="utf-8")
     function = runpy.run_path(str(tmp_path / "f.py"))["f"]
     expected = np.array(A) @ [0.3, -0.2] + np.array(B) @ [0.1]
@@ -198,36 +194,30 @@ def test_formulas_of_casadi_are_those_of_the_declaration(term, tmp_path):
     path = tmp_path / "jumping.toml"
     path.write_text(JUMPING.format(term=term, inertia=0.5), encoding="utf-8")
     machine, values = ev.load_machine(path), {"c": 0.7, "k": 1.3, "actuator_lag": 0.2, "delay": 0.1}
-    quantities = {
-        name: Quantity(value, "1", 0.01, (value - 0.02, value + 0.02), Status.IDENTIFIED)
-        for name, value in values.items()
-    }
-    fitted = Fitted(
-        "jumping", quantities, "u", "linear", CurveSide.UNKNOWN, {}, False, (), (), "1", machine=machine
-    )
+    known = {name: (x, "1", 0.01, (x - 0.02, x + 0.02), Status.IDENTIFIED) for name, x in values.items()}
+    quantities, unknown = {name: Quantity(*item) for name, item in known.items()}, CurveSide.UNKNOWN
+    fitted = Fitted("jumping", quantities, "u", "linear", unknown, {}, False, (), (), "1", machine=machine)
     (tmp_path / "f.py").write_text(target_by_name("casadi").export(fitted, Supplied()).text, encoding="utf-8")
     function = runpy.run_path(str(tmp_path / "f.py"))["f"]
     (equation,) = machine.solved(values)
     for v, w in ((0.3, 0.8), (-1.2, -2.0), (2.5, 3.5)):
         change = equation.derivative({"v": v, "w": w, "u": 0.4}, {"u": 0.9}, 0.0)
-        np.testing.assert_allclose(
-            np.array(function([v, 0.9], [w, 0.4])).ravel(), [change, (0.4 - 0.9) / 0.2], rtol=1e-9
-        )
+        result = np.array(function([v, 0.9], [w, 0.4])).ravel()
+        np.testing.assert_allclose(result, [change, (0.4 - 0.9) / 0.2], rtol=1e-9)
     if "sign" in term:
         with pytest.raises(UsageError, match="slopes at rest; received terms that jump"):
             target_by_name("statespace").export(fitted, Supplied())
 
 
 def test_a_parameter_of_a_machine_is_followed(boat_fit):
-    fit = boat_fit
-    track = followed(fit, 30.0)
+    track = followed(boat_fit, 30.0)
     assert track.name == "g"
     before, after = (next(item for item in track.moments if item.time_s > end) for end in (145.0, 290.0))
     share, half = relative_change(before, after)
     assert abs(share + 0.2) < half < 0.1
-    assert followed(fit, 30.0, "a").name == "a"
+    assert followed(boat_fit, 30.0, "a").name == "a"
     with pytest.raises(UsageError, match="a parameter out of g, a; received 'gain'"):
-        followed(fit, 30.0, "gain")
+        followed(boat_fit, 30.0, "gain")
 
 
 @pytest.mark.thorough
@@ -239,9 +229,8 @@ def test_a_parameter_of_a_machine_is_followed(boat_fit):
 def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, seconds, step_s, off):
     machine = ev.load_machine(name)
     truth, signals, noise, disturbance = case(np.random.default_rng(1), round(seconds / step_s), step_s)
-    columns = machine.simulate(
-        truth, signals, seconds=seconds, step_s=step_s, noise=noise, disturbance=disturbance, records=2
-    )
+    errors = {"noise": noise, "disturbance": disturbance}
+    columns = machine.simulate(truth, signals, seconds=seconds, step_s=step_s, **errors, records=2)
     for log in logs_of(columns):
         fit = ev.identify_flight(log, model=machine)
         assert fit.verdict.status.value == "identified"
@@ -253,9 +242,7 @@ def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, sec
     assert bool(standstill) == (name == "linear-axis")
     if "offset" in truth:
         # its response is a force, of which no state follows
-        with pytest.raises(
-            UsageError, match="a motion that predicts; received 'linear-axis', which does not"
-        ):
+        with pytest.raises(UsageError, match="a motion that predicts; received 'linear-axis', which does"):
             ev.validate(fit, log)
         with pytest.raises(UsageError, match=r"one of 'linear-axis'\. Others are not planned: the remedies"):
             ev.plan(fit)
@@ -387,20 +374,30 @@ def test_a_file_and_python_declare_the_same(tmp_path):
 def test_channels_that_a_log_or_a_machine_lacks():
     log = ev.recording_from_columns({"time": np.arange(9.0), "velocity_z": np.arange(9.0)})
     boat = ev.load_machine("boat-yaw")
-    with pytest.raises(MissingChannelError, match="the channel 'rudder' in arrays"):
-        ev.identify_flight(log, model=boat)
-    with pytest.raises(UsageError, match=r"the inputs that the machine declares \(rudder\)"):
-        ev.identify_flight(log, model=boat, input="velocity_z")
-    with pytest.raises(InputError, match=r"one of boat-yaw, .*received 'boat-jaw'\. Did you mean 'boat-yaw'"):
-        ev.load_machine("boat-jaw")
-    with pytest.raises(InputError, match="the unit of the canonical channel velocity_z, m/s"):
-        ev.machine(
-            "x", channels={"velocity_z": "m", "u": ev.input()}, response="ddt(velocity_z)", terms={"a": "u"}
-        )
-    with pytest.raises(UsageError, match="values of a, g, actuator_lag, delay; received none of delay"):
-        boat.simulate({"a": 1.0, "g": 1.0, "actuator_lag": 0.1}, {})
-    with pytest.raises(UsageError, match="signals of rudder, reference_heading"):
-        boat.simulate({"a": 1.0, "g": 1.0, "actuator_lag": 0.1, "delay": 0.0}, {})
+    declared = {"channels": {"velocity_z": "m", "u": ev.input()}, "response": "ddt(velocity_z)"}
+    values = {"a": 1.0, "g": 1.0, "actuator_lag": 0.1}
+    for call, error, said in (
+        (partial(ev.identify_flight, log, model=boat), MissingChannelError, "the channel 'rudder' in arrays"),
+        (
+            partial(ev.identify_flight, log, model=boat, input="velocity_z"),
+            UsageError,
+            r"declares \(rudder\)",
+        ),
+        (partial(ev.load_machine, "boat-jaw"), InputError, r"'boat-jaw'\. Did you mean 'boat-yaw'"),
+        (
+            partial(ev.machine, "x", **declared, terms={"a": "u"}),
+            InputError,
+            "canonical channel velocity_z, m/s",
+        ),
+        (partial(boat.simulate, values, {}), UsageError, "actuator_lag, delay; received none of delay"),
+        (
+            partial(boat.simulate, {**values, "delay": 0.0}, {}),
+            UsageError,
+            "signals of rudder, reference_head",
+        ),
+    ):
+        with pytest.raises(error, match=said):
+            call()
 
 
 def test_machines_are_listed_shown_and_begun(tmp_path):

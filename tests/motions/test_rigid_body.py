@@ -65,10 +65,8 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
     flight = body_flown(sensors=Sensors(*[Sensor()] * 5), duration=30.0, seed=3)
     result = identify_flight(flight.recording, model=DELAY_KNOWN, method="whitened_least_squares")
     for name, truth in truth_of(flight).items():
-        expected = (
-            pytest.approx(truth, abs=1e-3) if name == "yaw_coupling" else pytest.approx(truth, rel=1e-3)
-        )
-        assert result.quantities[name].value == expected, name
+        near = {"abs": 1e-3} if name == "yaw_coupling" else {"rel": 1e-3}
+        assert result.quantities[name].value == pytest.approx(truth, **near), name
 
 
 @pytest.mark.thorough
@@ -120,10 +118,8 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
         assert high - low >= 0.03 * truth  # the mass is known to two per cent and two of them make four
     # nobody said what a command is in rad/s, and of the first vehicle neither mass nor arms are known
     assert follows["rotor_inertia"].value is None
-    assert fit.implications.numbers
-    assert all(
-        number.value is None for number in fit.implications.numbers if number.name.startswith("inertia")
-    )
+    inertias = [item.value for item in fit.implications.numbers if item.name.startswith("inertia")]
+    assert {*inertias} == {None}
     assert any("mass" in number.sentence for number in fit.implications.numbers)
     headings = [section.heading for section in flight_document(replace(fit, motion=motion)).sections]
     assert "What follows for the vehicle" in headings
@@ -220,11 +216,8 @@ def with_errors(values, relative=0.01, **specific):
 
 
 def known_of(vehicle, **given):
-    usual = {
-        "arm_scale": KnownNumber(1.0),
-        "mass": KnownNumber(vehicle.mass),
-        "speed_scale": KnownNumber(1.0),
-    }
+    one = KnownNumber(1.0)
+    usual = {"arm_scale": one, "mass": KnownNumber(vehicle.mass), "speed_scale": one}
     return known(vehicle, **(usual | given))
 
 
@@ -344,12 +337,7 @@ def test_izz_by_an_assumption_says_so():
         ("drag_x", None, "drag_x", "The flight identifies no drag_x."),
         ("thrust_gain", None, "inertia_zz", "The flight identifies no thrust_gain."),
         ("roll_gain", 0.6, "inertia_xx", "The flight does not distinguish roll_gain from zero."),
-        (
-            "pitch_gain",
-            0.6,
-            "centre_of_mass_forward",
-            "The flight does not distinguish pitch_gain from zero.",
-        ),
+        ("pitch_gain", 0.6, "centre_of_mass_forward", "The flight does not distinguish pitch_gain from ze"),
         ("roll_gain", -1.0, "inertia_xx", "roll_gain is below zero: positions, order or spins"),
     ],
 )
@@ -387,11 +375,8 @@ def test_drag_below_zero_is_none():
 
 def _contradictions(change=(), yaw_error=0.001, **given):
     values = combinations_of(QUADROTOR) | dict(change)
-    return " ".join(
-        physical_parameters(
-            with_errors(values, 0.001, yaw_coupling=yaw_error), known_of(QUADROTOR, **given)
-        ).contradictions
-    )
+    errors = with_errors(values, 0.001, yaw_coupling=yaw_error)
+    return " ".join(physical_parameters(errors, known_of(QUADROTOR, **given)).contradictions)
 
 
 @pytest.mark.thorough
@@ -416,9 +401,8 @@ def test_a_mass_in_another_unit_is_noticed(times):
 def test_lengths_in_another_unit_are_told():
     """Positions in millimetres, which a caller of Python can give."""
     known = known_of(QUADROTOR)
-    wrong = KnownVehicle(
-        "it", tuple((1e3 * x, 1e3 * y) for x, y in known.positions), known.spins, KnownNumber(1.0), known.mass
-    )
+    positions = tuple((1e3 * x, 1e3 * y) for x, y in known.positions)
+    wrong = KnownVehicle("it", positions, known.spins, KnownNumber(1.0), known.mass)
     values = combinations_of(QUADROTOR)
     values |= {name: 1e-3 * values[name] for name in ("roll_gain", "pitch_gain")}
     contradictions = physical_parameters(exact(values), wrong).contradictions
@@ -430,20 +414,15 @@ def test_thrust_maps_have_constants_of_their_own():
     values = exact(combinations_of(QUADROTOR, command=1000.0))
     scale, mass = KnownNumber(1000.0), QUADROTOR.mass
     gain = QUADROTOR.rotors.thrust_quadratic * 1e6 / mass
+    mixed = {"thrust_quadratic": (0.25 * mass * gain / 1e6, "N/(rad/s)^2")}
+    mixed["thrust_linear"] = (0.75 * mass * gain / 1e3, "N/(rad/s)")
     for thrust_map, constants in (
         ("linear", {"thrust_linear": (mass * gain / 1e3, "N/(rad/s)")}),
         ("power:1.5", {"thrust_constant": (mass * gain / 1e3**1.5, "N/(rad/s)^1.5")}),
-        (
-            "mixed:0.25",
-            {
-                "thrust_quadratic": (0.25 * mass * gain / 1e6, "N/(rad/s)^2"),
-                "thrust_linear": (0.75 * mass * gain / 1e3, "N/(rad/s)"),
-            },
-        ),
+        ("mixed:0.25", mixed),
     ):
-        parameters = physical_parameters(
-            values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map)
-        )
+        vehicle = known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map)
+        parameters = physical_parameters(values, vehicle)
         names = {name for name in parameters.numbers if name.startswith("thrust_")}
         assert names == set(constants)
         for name, (value, unit) in constants.items():
@@ -518,11 +497,8 @@ def test_equations_hold_at_hover(thrust):
     coefficients, still = dynamics.coefficients_of(vehicle), (0.0, 0.0, 0.0)
     body = [0.0, 0.0, 0.0, vx, vy, vz, 1.0, 0.0, 0.0, 0.0, p, q, r]
     slope = dynamics.body_derivative(coefficients, body, [hover] * 4, change.tolist(), still, still)
-    phi = (
-        hover
-        if rotors.thrust_quadratic == 0.0
-        else hover**2 + rotors.thrust_linear / rotors.thrust_quadratic * hover
-    )
+    quadratic = rotors.thrust_quadratic
+    phi = hover if quadratic == 0.0 else hover**2 + rotors.thrust_linear / quadratic * hover
     first, second, third = parameters.gyroscopic_ratios
     # Equal rotors: neither the shear of the flow nor their own momentum leaves a torque.
     assert slope[10] == pytest.approx(first * q * r - parameters.rate_damping[0] * p, rel=1e-9)

@@ -20,20 +20,9 @@ from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body import regression
-from eivor.motions.rigid_body import verdict as module
+from eivor.motions.rigid_body import regression, verdict
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band, refuse_other_turns
 from eivor.motions.rigid_body.vehicle import KnownNumber, vehicle_from_record
-from eivor.motions.rigid_body.verdict import (
-    FILTERS,
-    RigidBodyChecks,
-    contradicting_filters,
-    disagreeing_lags,
-    filter_early_s,
-    lag_consistency_test,
-    steady_wind,
-)
-from eivor.motions.rigid_body.verdict import PARTS as TABLE
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validation_document
@@ -69,9 +58,10 @@ def logged_at(command_hz):
 
 def open_parts(flight, cutoff_hz=None):
     """Systematic parts of a flight with the filter of a gyroscope."""
-    checks = RigidBodyChecks(filter_early_s=filter_early_s(cutoff_hz, flight.rates_hz["roll"]))
+    early_s = verdict.filter_early_s(cutoff_hz, flight.rates_hz["roll"])
+    checks = verdict.RigidBodyChecks(filter_early_s=early_s)
     of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=RESULTS)
-    return systematic_uncertainties(TABLE, of_flight)
+    return systematic_uncertainties(verdict.PARTS, of_flight)
 
 
 def test_every_fourth_command_may_be_another_throughout():
@@ -174,16 +164,14 @@ def log_wind():
 
 def through_the_air(log_wind):
     """The same log with velocities through the air: a flight in calm."""
-    channels = dict(log_wind.channels)
-    for axis, speed in zip("xyz", WIND, strict=True):
-        channel = channels[f"velocity_{axis}"]
-        channels[channel.name] = replace(channel, values=channel.values - speed)
-    return replace(log_wind, channels=channels)
+    names = [f"velocity_{axis}" for axis in "xyz"]
+    speeds = zip(names, WIND, strict=True)
+    return with_values(log_wind, **{name: log_wind.channel(name).values - speed for name, speed in speeds})
 
 
 def wind_of(log):
     flight = prepared(log)
-    return steady_wind(BODY.problem((flight,), NoInstruments()), AT, (flight,))
+    return verdict.steady_wind(BODY.problem((flight,), NoInstruments()), AT, (flight,))
 
 
 def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
@@ -195,13 +183,14 @@ def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
 @pytest.mark.thorough
 def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log_wind):
     flight = identify_flight(log_wind, model=DELAY_KNOWN)
-    reasons = {
-        name: [reason.sentence for reason in quantity.reasons] for name, quantity in flight.quantities.items()
-    }
+
+    def reasons(name):
+        return " ".join(reason.sentence for reason in flight.quantities[name].reasons)
+
     for name in ("drag_x", "drag_y"):
-        assert any("A steady wind of about 2." in reason for reason in reasons[name])
-        assert flight.quantities[name].verdict.value != "identified"
-    assert not any("wind of about" in reason for reason in reasons["roll_gain"])
+        assert "A steady wind of about 2." in reasons(name)
+        assert flight.quantities[name].verdict is not Status.IDENTIFIED
+    assert "wind of about" not in reasons("roll_gain")
     assert flight.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)
 
 
@@ -258,11 +247,14 @@ CUTOFF_HZ = 80.0
     ("without", "said"),
     [
         ({"gyro_cutoff_hz": 40.0}, "the gyroscope's filter of the vehicle file: without it"),
-        (dict.fromkeys(FILTERS, 40.0), "the gyroscope's and the accelerometer's filters of the vehicle file"),
+        (
+            dict.fromkeys(verdict.FILTERS, 40.0),
+            "the gyroscope's and the accelerometer's filters of the vehicle file",
+        ),
     ],
 )
 def test_they_are_told_by_the_numbers_of_a_result(without, said):
-    filters_not_passed = contradicting_filters(281.2, without)
+    filters_not_passed = verdict.contradicting_filters(281.2, without)
     assert said in filters_not_passed.sentence
     assert "instead of 281" in filters_not_passed.sentence
     assert all(key in filters_not_passed.remedy for key in without)
@@ -311,13 +303,10 @@ def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     sensor = regression.OnboardFilter(STEP_S, ONBOARD_CUTOFF_HZ, 0.0)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=ONBOARD_CUTOFF_HZ)[:, 0]
     terms = {term.parameter: replace(term, formula=lambda of, _: of) for term in regression.TERMS}
-    for parameter in (
-        regression.GAIN[regression.PITCH_EQUATION],
-        regression.OFFSET[regression.PITCH_EQUATION],
-        regression.DRAG[2],
-    ):
+    axis = regression.PITCH_EQUATION
+    for parameter in (regression.GAIN[axis], regression.OFFSET[axis], regression.DRAG[2]):
         np.testing.assert_allclose(regression.as_logged(terms[parameter], sine(5.0), sensor), late)
-    damping = regression.as_logged(terms[regression.DAMPING[regression.PITCH_EQUATION]], sine(5.0), sensor)
+    damping = regression.as_logged(terms[regression.DAMPING[axis]], sine(5.0), sensor)
     np.testing.assert_allclose(damping, regression.mean_over_step(sine(5.0)))
     np.testing.assert_allclose(regression.as_logged(terms[regression.THRUST], sine(5.0), None), sine(5.0))
 
@@ -325,9 +314,7 @@ def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():
     problem = problem_of(body_flown(duration=5.0, seed=2).recording)
     whole = in_full_band(problem)
-    assert [column.band_hz for column in whole.columns[:3]] == [
-        (regression.TURNING_BAND_HZ[0], FULL_BAND_HZ)
-    ] * 3
+    assert {column.band_hz for column in whole.columns[:3]} == {(regression.TURNING_BAND_HZ[0], FULL_BAND_HZ)}
     assert {column.band_hz for column in whole.columns[3:]} == {regression.FORCE_BAND_HZ}
     assert in_full_band(whole) is whole
     index = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
@@ -345,7 +332,7 @@ def test_what_comes_back_through_the_controller_cancels_in_it():
     for seed in (10, 11, 12, 13):
         log = body_flown(torque_disturbance=air, duration=30.0, seed=seed).recording
         alone = identify(problem_of(log, DELAY_KNOWN), by_name(DIRECT))  # the bias is one of the lag
-        assert lag_consistency_test(alone) is not None
+        assert verdict.lag_consistency_test(alone) is not None
         lower.append(alone.parameters["actuator_lag"] - ROTORS.lag_up)
         result = identify_flight(log, model=DELAY_KNOWN, method=DIRECT)
         assert result.fit.problem.band_hz(0)[1] == FULL_BAND_HZ
@@ -358,10 +345,10 @@ def test_what_comes_back_through_the_controller_cancels_in_it():
 @pytest.mark.thorough
 def test_axes_agree_in_calm_air(monkeypatch):
     calm = identify_flight(body_flown(duration=15.0, seed=2).recording, model=BODY, method=DIRECT)
-    assert lag_consistency_test(calm.fit.estimate) is None
+    assert verdict.lag_consistency_test(calm.fit.estimate) is None
     assert calm.fit.motion_checks.lags is None
-    monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
-    result = lag_consistency_test(calm.fit.estimate)
+    monkeypatch.setattr(verdict, "BEYOND_DOUBT", 2.0)  # tell whatever there is
+    result = verdict.lag_consistency_test(calm.fit.estimate)
     p_value, lag_s, *changes = result.numbers.values()
     assert p_value > 0.01
     lag = calm.quantities["effective_lag"]
@@ -385,7 +372,7 @@ def test_a_delay_that_was_given_wrong_is_said():
 
 
 def test_numbers_and_sentences():
-    reported = disagreeing_lags(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
+    reported = verdict.disagreeing_lags(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
     assert reported.sentence == (
         "The axes disagree about the lag (p-value 1e-12). For all of them it is 50 ms; by itself "
         "roll asks for 52 ms, yaw for a much shorter one, thrust for a much longer one."
@@ -419,9 +406,8 @@ def models(values: dict[str, float]) -> dict[str, SimpleModel]:
 
 
 def without(log: Recording, *excluded: str) -> Recording:
-    return replace(
-        log, channels={name: channel for name, channel in log.channels.items() if name not in excluded}
-    )
+    kept = {name: channel for name, channel in log.channels.items() if name not in excluded}
+    return replace(log, channels=kept)
 
 
 def ahead(flight: PreparedFlight, values: dict[str, float], *refused: str):
@@ -460,10 +446,9 @@ def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
     prediction = ahead(flight, truth, *refused)
     assert quantities(prediction) == left
     text = " ".join(prediction.omitted)
+    as_zero = "Counted as zero, since the fit does not identify it: roll coupling, drag x."
     assert ("Not predicted" in text) == (left != QUANTITIES)
-    assert ("Counted as zero, since the fit does not identify it: roll coupling, drag x." in text) == (
-        "drag_x" in refused
-    )
+    assert (as_zero in text) == ("drag_x" in refused)
 
 
 def test_a_refused_drag_counts_as_zero(flight, truth):
@@ -494,12 +479,11 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
     """A result of such numbers, as `eivor identify --json` writes it; what matters here of it."""
     nuisances = {name: values[name] for name in ("actuator_lag", "delay")}
     quantity = {"unit": "", "std_error": 0.1, "interval": [0.0, 1.0], "verdict": "identified"}
-    best = {
-        "at": nuisances,
-        "best": True,
-        "values": list(values.values()),
-        "parts": [{"name": "given", "matrix": np.eye(len(values)).tolist(), "degrees": None, "share": 1.0}],
-    }
+    part = {"name": "given", "matrix": np.eye(len(values)).tolist(), "degrees": None, "share": 1.0}
+    best = {"at": nuisances, "best": True, "values": list(values.values()), "parts": [part]}
+    simple = {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}
+    prediction = {"input": "rotor_command", "input_map": "square", "at": nuisances, "input_level": 1700.0}
+    prediction |= {"limits": {"max_tilt_deg": 25.8}, "beside": {"least_squares": simple}}
     document = {
         "schema": "eivor.identify/1",
         "model": {"name": "rigid_body"},
@@ -508,16 +492,7 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
         "parameters": {name: {"value": value, **quantity} for name, value in values.items()},
         "derived": {},
         "covariance": {"names": list(values), "candidates": [best]},
-        "prediction": {
-            "input": "rotor_command",
-            "input_map": "square",
-            "at": nuisances,
-            "limits": {"max_tilt_deg": 25.8},
-            "beside": {"least_squares": {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}},
-            "input_level": 1700.0,
-            "vehicle": json.loads(json.dumps(asdict(BODY.vehicle))),
-            **changed,
-        },
+        "prediction": {**prediction, "vehicle": asdict(BODY.vehicle), **changed},
         "provenance": {"logs": [{"name": "first.csv", "sha256": None}], "options": {}},
     }
     path = tmp_path / "fit.json"
@@ -545,29 +520,23 @@ def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
 
 
 def test_what_cannot_be_validated_is_said(flown_ahead, truth, tmp_path):
-    log = flown_ahead.recording
-    with pytest.raises(InputError, match="says what flies"):
-        ev.validate(saved(truth, tmp_path, vehicle=None), log)
-    with pytest.raises(InputError, match="commands in the same unit"):
-        ev.validate(saved(truth, tmp_path, input_level=0.6), log)
-    with pytest.raises(InputError, match="4 rotors"):
-        ev.validate(saved(truth, tmp_path), without(log, "rotor_command_4"))
-    with pytest.raises(MissingChannelError, match="angular_rate_y"):
-        ev.validate(saved(truth, tmp_path), without(log, "angular_rate_y"))
     nothing = {name: item for name, item in truth.items() if not name.endswith("gain")}
-    with pytest.raises(UsageError, match="does not identify the roll gain"):
-        ev.validate(saved(nothing, tmp_path), log)
+    for values, prediction, lacking, error, said in (
+        (truth, {"vehicle": None}, (), InputError, "says what flies"),
+        (truth, {"input_level": 0.6}, (), InputError, "commands in the same unit"),
+        (truth, {}, ("rotor_command_4",), InputError, "4 rotors"),
+        (truth, {}, ("angular_rate_y",), MissingChannelError, "angular_rate_y"),
+        (nothing, {}, (), UsageError, "does not identify the roll gain"),
+    ):
+        with pytest.raises(error, match=said):
+            ev.validate(saved(values, tmp_path, **prediction), without(flown_ahead.recording, *lacking))
 
 
 def test_a_vehicle_comes_back_from_a_result():
-    vehicle = replace(
-        BODY.vehicle, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear"
-    )
-    assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
-    for wrong in (
-        {},
-        {**asdict(vehicle), "mass": {"value": -1.0, "std": 0.0}},
-        {**asdict(vehicle), "wings": 2},
-    ):
+    numbers = {"mass": KnownNumber(0.03, 0.001), "arm_scale": KnownNumber(1.0)}
+    vehicle = replace(BODY.vehicle, thrust_map="linear", **numbers)
+    record = asdict(vehicle)
+    assert vehicle_from_record(json.loads(json.dumps(record))) == vehicle
+    for wrong in ({}, {**record, "mass": {"value": -1.0, "std": 0.0}}, {**record, "wings": 2}):
         with pytest.raises(InputError, match="says what flies"):
             vehicle_from_record(wrong)
