@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from fnmatch import fnmatch
+from functools import partial
 from itertools import combinations, cycle
 from pathlib import Path
 from typing import get_args
@@ -123,9 +124,8 @@ def test_every_text_of_a_command_declares_its_files():
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
     unguarded = []
     for words, command in COMMANDS.items():
-        assert hasattr(command, "commands") or isinstance(
-            command, outputs.ReadableCommand
-        )  # which guards outputs
+        guards_outputs = isinstance(command, outputs.ReadableCommand)
+        assert hasattr(command, "commands") or guards_outputs
         positions = outputs.declarations(command)
         known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
         for parameter in command.params:
@@ -212,10 +212,8 @@ def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, mon
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "metadata.yaml").write_text("x", encoding="utf-8")
-    assert (
-        "would replace 'bag/metadata.yaml' of LOG"
-        in eivor("track", "bag", "--json", bag / "metadata.yaml").err
-    )
+    run = eivor("track", "bag", "--json", bag / "metadata.yaml")
+    assert "would replace 'bag/metadata.yaml' of LOG" in run.err
     (tmp_path / "eivor.toml").touch()
     assert "would replace 'eivor.toml' of --config" in eivor("plan", "--csv", "eivor.toml").err
     fleet = tmp_path / "fleet" / "reports"
@@ -230,14 +228,9 @@ def test_windows_folders_and_the_options_file_are_read(eivor, log, tmp_path, mon
 def test_standard_input_is_a_file_too(log):
     before = log.read_bytes()
     code = "from eivor.cli.main import run; run()"
+    command = [sys.executable, "-c", code, "inspect", "-", "--json", str(log)]
     with log.open("rb") as stream:
-        run = subprocess.run(
-            [sys.executable, "-c", code, "inspect", "-", "--json", str(log)],
-            stdin=stream,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        run = subprocess.run(command, stdin=stream, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout) == (2, "")
     assert "would replace '/dev/stdin' of LOG" in run.stderr
     assert log.read_bytes() == before
@@ -250,12 +243,8 @@ def test_the_files_of_folders_are_those_that_are_written(tmp_path):
 
     fleet = {IDENTITY, RUN, COLUMNS, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}", f"{PENDING}/{PART}"}
     fleet.add(report_path(Path(), "0").as_posix())
-    study = {
-        IDENTITY_FILE,
-        TABLE_FILE,
-        "shards/000000.parquet",
-        *map(str, figure_files(Path(), "nrmse", "coverage")),
-    }
+    study = {IDENTITY_FILE, TABLE_FILE, "shards/000000.parquet"}
+    study.update(map(str, figure_files(Path(), "nrmse", "coverage")))
     for names, patterns in (
         (fleet, (*outputs.FLEET_FILES, *outputs.FLEET_PARTS)),
         (study, outputs.STUDY_FILES),
@@ -265,18 +254,16 @@ def test_the_files_of_folders_are_those_that_are_written(tmp_path):
 
 
 def test_an_output_needs_a_folder(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        outputs.output_file(str(tmp_path / "no" / "x.json"), option="--json")
-    with pytest.raises(UsageError, match="the folder"):
-        outputs.output_file(str(tmp_path), option="--json")
-    with pytest.raises(InputError, match="File name too long"):
-        outputs.output_file(str(tmp_path / ("x" * 300)), option="--json")
     (tmp_path / "dangling").symlink_to("no/x.json")
-    with pytest.raises(InputError, match="No such file"):
-        outputs.output_file(str(tmp_path / "dangling"), option="--json")
-    example = Path(ev.__file__).parent / "data" / "example_flight.parquet"
-    with pytest.raises(UsageError, match="belongs to Eivor"):
-        outputs.output_file(str(example), option="--json")
+    for path, error, said in (
+        (tmp_path / "no" / "x.json", InputError, "does not exist"),
+        (tmp_path, UsageError, "the folder"),
+        (tmp_path / ("x" * 300), InputError, "File name too long"),
+        (tmp_path / "dangling", InputError, "No such file"),
+        (Path(ev.__file__).parent / "data" / "example_flight.parquet", UsageError, "belongs to Eivor"),
+    ):
+        with pytest.raises(error, match=said):
+            outputs.output_file(str(path), option="--json")
     assert outputs.output_file(str(tmp_path / "x.json"), option="--json") == tmp_path / "x.json"
     assert [path.name for path in tmp_path.iterdir()] == ["dangling"]
 
@@ -299,10 +286,9 @@ def test_every_part_is_delivered_whatever_happens_to_others(capsys):
         done.append(number)
         raise InputError("a file", f"number {number}", "Choose another.")
 
+    parts = partial(done.append, 0), partial(refused, 1), partial(refused, 2), partial(done.append, 3)
     with pytest.raises(InputError, match="number 1"):
-        outputs.deliver(
-            lambda: done.append(0), lambda: refused(1), lambda: refused(2), lambda: done.append(3)
-        )
+        outputs.deliver(*parts)
     assert done == [0, 1, 2, 3]
     assert capsys.readouterr().err == "eivor: Expected a file; received number 2. Choose another.\n"
 
@@ -377,17 +363,14 @@ def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_pat
     """The earlier JSON and figure stay whole, nothing is left beside them, and the table is printed."""
     for name in ("fit.json", "fit.svg"):
         (tmp_path / name).write_text("good\n", encoding="utf-8")
-    run = limited(
-        "identify", "--example", "--json", "fit.json", "--figure", "fit.svg", bytes_=1024, folder=tmp_path
-    )
+    options = ("--json", "fit.json", "--figure", "fit.svg")
+    run = limited("identify", "--example", *options, bytes_=1024, folder=tmp_path)
     assert run.returncode == 1
     assert "viscous friction" in run.stdout
     assert run.stderr.count("Expected a file that can be written") == 2
     assert "Traceback" not in run.stderr
-    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.is_file()} == {
-        "fit.json": "good\n",
-        "fit.svg": "good\n",
-    }
+    left = {path.name: path.read_text() for path in tmp_path.iterdir() if path.is_file()}
+    assert left == dict.fromkeys(("fit.json", "fit.svg"), "good\n")
 
 
 @pytest.mark.thorough

@@ -21,9 +21,7 @@ import pytest
 import eivor as ev
 from eivor import __main__ as entry
 from eivor.cli import main, outputs, tools
-from eivor.cli.outputs import ExitCode, guarded
 from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_names, parse_window
-from eivor.cli.tools import PublicLog, fetched, public_logs
 from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, shipped_vehicles, vehicle_template
@@ -42,7 +40,7 @@ def _failing(error):
     def command():
         raise error
 
-    return guarded(command)
+    return outputs.guarded(command)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +93,7 @@ def test_an_interrupt_before_a_command_runs_leaves_with_130(code):
     called = "sys.argv = ['eivor', 'identify', '--example']\nfrom eivor.__main__ import run; run()"
     code = f"import sys{code}{called}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
+    assert (run.returncode, run.stderr) == (outputs.ExitCode.INTERRUPTED, "eivor: interrupted\n")
 
 
 def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(monkeypatch):
@@ -148,17 +146,16 @@ def test_a_window_that_is_none_is_refused(text):
 
 
 def test_a_log_may_bring_its_window():
-    assert log_argument("a/b.ulg@4:67") == LogArgument(Path("a/b.ulg"), (4.0, 67.0))
-    assert log_argument("b.ulg@-4:6.5") == LogArgument(Path("b.ulg"), (-4.0, 6.5))
-    assert log_argument("me@home.csv") == LogArgument(Path("me@home.csv"))
-    assert log_argument("me@home.csv@1:2") == LogArgument(Path("me@home.csv"), (1.0, 2.0))
-    assert log_argument("@1:2") == LogArgument(Path("@1:2"))
-
-
-def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path):
-    path = tmp_path / "flight@4:67"
-    path.touch()
-    assert log_argument(str(path)) == LogArgument(path)
+    Path("flight@4:67").touch()  # a file that is there wins
+    for text, *expected in (
+        ("a/b.ulg@4:67", "a/b.ulg", (4.0, 67.0)),
+        ("b.ulg@-4:6.5", "b.ulg", (-4.0, 6.5)),
+        ("me@home.csv", "me@home.csv"),
+        ("me@home.csv@1:2", "me@home.csv", (1.0, 2.0)),
+        ("@1:2", "@1:2"),
+        ("flight@4:67", "flight@4:67"),
+    ):
+        assert log_argument(text) == LogArgument(Path(expected[0]), *expected[1:])
 
 
 @pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
@@ -168,25 +165,24 @@ def test_instruments_that_exclude_each_other_are_refused(text):
 
 
 def test_an_error_names_its_log_once():
-    with pytest.raises(CorruptLogError, match=r"bits, in b\.ulg"), named("a/b.ulg", several=True):
-        raise CorruptLogError("a log", "bits, in b.ulg", "Try again.")
-    with pytest.raises(CorruptLogError, match=r"bits, in a/b\.ulg"), named("a/b.ulg", several=True):
-        raise CorruptLogError("a log", "bits", "Try again.")
-    with pytest.raises(CorruptLogError, match=r"bits\. Try"), named("a/b.ulg", several=False):
-        raise CorruptLogError("a log", "bits", "Try again.")
+    for received, several, said in (
+        ("bits, in b.ulg", True, r"bits, in b\.ulg"),
+        ("bits", True, r"bits, in a/b\.ulg"),
+        ("bits", False, r"bits\. Try"),
+    ):
+        with pytest.raises(CorruptLogError, match=said), named("a/b.ulg", several=several):
+            raise CorruptLogError("a log", received, "Try again.")
 
 
 def test_numbers_units_sheets_and_the_word():
     assert declared_noise([]) is None
     assert declared_noise(["estimate"]) == "estimate"
     assert declared_noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
-    assert declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"]) == {
-        "velocity_z": pytest.approx(0.02),
-        "specific_force_z": pytest.approx(0.2942, rel=1e-3),
-    }
-    assert declared_noise(
-        ["velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s", "rotor_speed=3"]
-    ) == {"velocity_z": DataSheet(0.002, 50.0, 0.01), "rotor_speed": 3.0}
+    both = declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"])
+    assert both == pytest.approx({"velocity_z": 0.02, "specific_force_z": 0.2942}, rel=1e-3)
+    sheet = "velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s"
+    expected = {"velocity_z": DataSheet(0.002, 50.0, 0.01), "rotor_speed": 3.0}
+    assert declared_noise([sheet, "rotor_speed=3"]) == expected
 
 
 @pytest.mark.parametrize(
@@ -273,16 +269,16 @@ def server(tmp_path):
 
 
 def _log(base, content=CONTENT):
-    return PublicLog("x", f"{base}/x.ulg", hashlib.sha256(content).hexdigest(), "A log.", "MIT")
+    return tools.PublicLog("x", f"{base}/x.ulg", hashlib.sha256(content).hexdigest(), "A log.", "MIT")
 
 
 def test_a_log_is_fetched_once(server, tmp_path):
     folder = tmp_path / "cache"
-    path = fetched(_log(server), folder=folder)
+    path = tools.fetched(_log(server), folder=folder)
     assert path == folder / "x.ulg"
     assert path.read_bytes() == CONTENT
     (tmp_path / "origin" / "x.ulg").unlink()
-    assert fetched(_log(server), folder=folder) == path
+    assert tools.fetched(_log(server), folder=folder) == path
 
 
 def test_what_cannot_be_fetched_is_told(server, tmp_path):
@@ -296,7 +292,7 @@ def test_what_cannot_be_fetched_is_told(server, tmp_path):
         (server, "a file", "EIVOR_CACHE"),
     ):
         with pytest.raises(InputError, match=words):
-            fetched(_log(base), folder=tmp_path / folder)
+            tools.fetched(_log(base), folder=tmp_path / folder)
     assert (tmp_path / "x.ulg").read_bytes() == b"damage"
 
 
@@ -322,7 +318,7 @@ def test_list_path_and_sources(eivor):
     assert "ekf_failure" in run.err
     assert Path(eivor("example", "path").out.strip()).is_file()
     listed = eivor("example", "list").out
-    for name, log in public_logs().items():
+    for name, log in tools.public_logs().items():
         assert name in listed
         assert log.url.startswith("https://raw.githubusercontent.com/")
         assert any(len(part) == 40 and set(part) <= set("0123456789abcdef") for part in log.url.split("/"))
@@ -330,13 +326,9 @@ def test_list_path_and_sources(eivor):
 
 
 def test_the_hashes_are_those_of_the_files(recordings):
-    hashes = {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in recordings.glob("*/*")
-        if path.is_file()
-    }
-    for log in public_logs().values():
-        assert hashes[log.file_name] == log.sha256
+    files = {path.name: path for path in recordings.glob("*/*")}
+    for log in tools.public_logs().values():
+        assert hashlib.sha256(files[log.file_name].read_bytes()).hexdigest() == log.sha256
 
 
 def test_the_vehicle_file_is_of_the_vehicle_that_flew(eivor, tmp_path):
@@ -355,10 +347,8 @@ def test_the_vehicle_file_is_of_the_vehicle_that_flew(eivor, tmp_path):
     assert vehicle.positions == ((0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2))
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (40.0, None)
     assert (vehicle.torque_ratio, vehicle.speed_scale) == (KnownNumber(0.02), KnownNumber(1.0))
-    thrust = input_map(vehicle.thrust_map)
-    assert thrust(np.array([900.0])) / thrust(np.array([300.0])) == pytest.approx(
-        (3e-6 * 900.0**2 + 1e-6 * 900.0) / (3e-6 * 300.0**2 + 1e-6 * 300.0)
-    )
+    quick, slow = input_map(vehicle.thrust_map)(np.array([900.0, 300.0]))
+    assert quick / slow == pytest.approx((3e-6 * 900.0**2 + 1e-6 * 900.0) / (3e-6 * 300.0**2 + 1e-6 * 300.0))
 
 
 @pytest.mark.parametrize(("name", "told"), [('🚁 "ä"\\', '🚁 "ä"\\'), ("a\x7f\ud800\nb", "a???b")])

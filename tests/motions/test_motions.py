@@ -103,11 +103,7 @@ def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        (
-            "walk",
-            "",
-            r"a motion out of vertical, rates, rigid-body; received 'walk'\. Name one of them with --model",
-        ),
+        ("walk", "", r"a motion out of vertical, rates, rigid-body; received 'walk'\. Name one of them with"),
         ("walk", "no_such_package:Walk", "a motion 'walk' that can be loaded .*ModuleNotFoundError"),
         ("walk", f"{HERE}:NO_MOTION", "a motion called 'walk' .*; received 7"),
         ("walk", f"{HERE}:Misnamed", "a motion called 'walk' .*; received one .* called 'other'"),
@@ -127,9 +123,7 @@ def test_a_model_is_a_name_or_a_motion(recording_of_example):
 
 @pytest.fixture(scope="module")
 def recording_of_example():
-    from eivor.logs.read import example_flight
-
-    return example_flight()
+    return ev.example_flight()
 
 
 LOG = turned(3, seconds=16.0)
@@ -222,9 +216,8 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     # Two quantities make the headline: both are looked at closely, and either refuses.
     assert {"least_squares_drive_gain", "least_squares_dry_friction"} <= set(fit.diagnostics)
     simulate.write(simulate.drive(1, constant_speed=1.0), tmp_path / "still.csv")
-    done = CliRunner().invoke(
-        app, ["identify", str(tmp_path / "still.csv"), "--model", "rover", "--json", "-"]
-    )
+    arguments = ["identify", str(tmp_path / "still.csv"), "--model", "rover", "--json", "-"]
+    done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 3
     document = json.loads(done.output)["motions"]["rover"]
     assert document["model"]["name"] == "rover"
@@ -320,9 +313,7 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
     log = turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0)
     exact = ev.identify_flight(log, model="rates", controller_rate_hz=400.0)
     results = {name: quantity.value for name, quantity in exact.quantities.items()}
-    for axis, effect, damping in zip(
-        ("roll", "pitch", "yaw"), TRUTH.effectiveness, TRUTH.damping, strict=True
-    ):
+    for axis, effect, damping in zip(AXES, TRUTH.effectiveness, TRUTH.damping, strict=True):
         assert results[f"{axis}_effectiveness"] == pytest.approx(effect, rel=1e-3)
         assert results[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
     assert results["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
@@ -347,10 +338,8 @@ def test_a_setpoint_of_the_other_sign_is_named(log):
     turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
     flight = ev.identify_flight(turned_over, model="rates")
     assert flight.verdict.status is ev.Status.REFUSED
-    assert any(
-        "opposite signs" in reason.sentence and "torque_setpoint_y" in reason.remedy
-        for reason in flight.quantities["pitch_effectiveness"].reasons
-    )
+    reasons = flight.quantities["pitch_effectiveness"].reasons
+    assert any("opposite signs" in r.sentence and "torque_setpoint_y" in r.remedy for r in reasons)
     assert flight.quantities["roll_effectiveness"].verdict is ev.Status.IDENTIFIED
 
 
@@ -377,11 +366,8 @@ def test_rates_need_an_axis(log):
 
 
 def test_rates_in_degrees_are_refused(log):
-    degrees = {
-        name: replace(channel, values=np.rad2deg(channel.values) * 10.0)
-        for name, channel in log.channels.items()
-        if name.startswith("angular_rate")
-    }
+    rates = log.family("angular_rate")
+    degrees = {rate.name: replace(rate, values=np.rad2deg(rate.values) * 10.0) for rate in rates}
     with pytest.raises(InputError, match="deg/s"):
         ev.identify_flight(changed(log, **degrees), model="rates")
 
@@ -397,7 +383,8 @@ def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
 
 @pytest.mark.thorough
 def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
-    still = replace(log.channels["reference_yaw"], values=np.zeros(log.channels["reference_yaw"].values.size))
+    yaw = log.channels["reference_yaw"]
+    still = replace(yaw, values=np.zeros_like(yaw.values))
     quiet = ev.identify_flight(changed(log, reference_yaw=still), model="rates")
     for name in ("roll_effectiveness", "pitch_effectiveness"):
         assert quiet.quantities[name].verdict is ev.Status.IDENTIFIED
