@@ -64,9 +64,9 @@ def covariance(seed, size):
 @given(seed=st.integers(0, 999), rows=st.integers(3, 30), scale=st.floats(1e-8, 1e8))
 def test_least_squares_is_numpys(solver, seed, rows, scale):
     A, b = noisy(seed, rows)
-    A = A * np.array([1.0, scale, 1.0])
-    solve = solver.solve(LinearSystem(A, b))
     units = np.array([1.0, scale, 1.0])
+    A = A * units
+    solve = solver.solve(LinearSystem(A, b))
     wanted = np.linalg.lstsq(A / units, b)[0] / units
     size = np.abs(wanted * units).max() + 1e-3
     np.testing.assert_allclose(solve.theta * units, wanted * units, atol=1e-8 * size)
@@ -170,10 +170,8 @@ def test_score_correction_makes_the_derivative_of_the_objective(solver):
     away = solution.theta + 0.1
     np.testing.assert_allclose(gradient(solution.theta), 0.0, atol=1e-10)
     np.testing.assert_allclose(gradient(away), scipy.optimize.approx_fprime(away, objective, 1e-7), rtol=1e-4)
-    steps = 1e-5 * np.eye(3)
-    curvature = np.array(
-        [(gradient(solution.theta + s) - gradient(solution.theta - s)) / 2e-5 for s in steps]
-    )
+    ends = ((gradient(solution.theta + s), gradient(solution.theta - s)) for s in 1e-5 * np.eye(3))
+    curvature = np.array([(after - before) / 2e-5 for after, before in ends])
     correction = solver.score_correction(solution.residual, solution.theta, S)
     direction = np.append(solution.theta, -1.0)
     sensitivity = (A.T @ A + correction.sensitivity) / (direction @ S @ direction)
@@ -195,9 +193,7 @@ def test_collinear_columns_are_refused_in_any_units(solver, scale):
 @pytest.mark.parametrize("solver", TOTAL)
 def test_total_least_squares_refuses_what_has_no_unique_solution(solver):
     A, b = noisy(8, rows=3)
-    with pytest.raises(
-        TooFewSamplesError, match="at least 4 equations for total least squares with 3 unknowns"
-    ):
+    with pytest.raises(TooFewSamplesError, match="4 equations for total least squares with 3 unknowns"):
         solver.solve(LinearSystem(A, b))
     # A response that no regressor explains, larger than every regressor: the minimum is at infinity.
     orthogonal = np.linalg.qr(np.random.default_rng(9).standard_normal((10, 3)))[0]
@@ -244,18 +240,14 @@ def test_row_covariances_that_do_not_fit_are_refused():
         weighted_total_least_squares(LinearSystem(A, b), np.tile(np.eye(3), (40, 1, 1)))
     nothing = np.tile(np.eye(4), (40, 1, 1))
     nothing[7] = 0.0
-    with pytest.raises(
-        CovarianceError, match="a positive variance of every row's residual; received 0 in row 7"
-    ):
+    with pytest.raises(CovarianceError, match="variance of every row's residual; received 0 in row 7"):
         weighted_total_least_squares(LinearSystem(A, b), nothing)
 
 
 def test_roots_in_blocks_are_the_root(monkeypatch):
-    from eivor.linalg import system
-
     rows = np.random.default_rng(0).standard_normal((500, 3))
     whole = triangular_root(rows)
-    monkeypatch.setattr(system, "COPIED_ROWS", 37)
+    monkeypatch.setattr("eivor.linalg.system.COPIED_ROWS", 37)
     np.testing.assert_allclose(np.abs(triangular_root(rows)), np.abs(whole), rtol=1e-11)
 
 
@@ -435,9 +427,9 @@ def test_cross_validation_needs_an_equation_left_over():
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_what_cannot_be_used_is_refused():
-    A, b = noisy_in_units(8)
+    system = LinearSystem(*noisy_in_units(8))
     with pytest.raises(ShapeError, match="3 numbers to be shrunk towards"):
-        RegularisedLeastSquares(Tikhonov(towards=np.ones(2))).solve(LinearSystem(A, b))
+        RegularisedLeastSquares(Tikhonov(towards=np.ones(2))).solve(system)
     with pytest.raises(NonFiniteError, match="a vector of finite numbers"):
         Tikhonov(towards=np.array([1.0, np.nan]))
     with pytest.raises(UsageError, match="a parameter of zero or more; received -1"):
@@ -465,9 +457,8 @@ def certified_digits(theta, certified):
 
 
 def filip():
-    x, y = np.loadtxt(
-        Path(truth.__file__).with_name("nist_filip.csv"), delimiter=",", skiprows=1, unpack=True
-    )
+    path = Path(truth.__file__).with_name("nist_filip.csv")
+    x, y = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
     return LinearSystem(np.vander(x, 11, increasing=True), y)
 
 
