@@ -252,9 +252,10 @@ def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_a_prior_of_a_sum_narrows_the_sum(method):
-    std = 0.002
-    together = replace(lag(prior=Prior(LAG_S + SHARE, std)), known_with=(CURVE_SHARE.name,))
-    plain, known = (ev.identify(problem(item, share(), noise=2.0), method) for item in (lag(), together))
+    std, few = 0.002, {"grid": FEW_LAGS, "tolerance": NEAR}
+    together = replace(lag(**few, prior=Prior(LAG_S + SHARE, std)), known_with=(CURVE_SHARE.name,))
+    bend = share(grid=FEW_SHARES, tolerance=NEAR)
+    plain, known = (ev.identify(problem(item, bend, noise=2.0), method) for item in (lag(**few), together))
     direction = known.direction("actuator_lag") + known.direction("curve_share")
     error, before = (
         np.sqrt(direction @ fit.joint_covariance.part("classical").matrix @ direction)

@@ -24,6 +24,7 @@ from PIL import Image
 from scipy.io import loadmat
 
 import eivor as ev
+from coarse_search import coarse
 from eivor.errors import EivorError, EstimationError, InputError, MissingReaderError, UsageError
 
 
@@ -49,9 +50,11 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit):
     assert hostile not in replace(fit, prepared=(replace(fit.prepared[0], recording=log),))._repr_html_()
 
 
-def test_residuals_are_a_table_a_log_and_two_layouts(fit, command_line, tmp_path):
+@pytest.mark.usefixtures("coarse_search")
+def test_residuals_are_a_table_a_log_and_two_layouts(recording, command_line, tmp_path):
     """Layouts draw what the files hold."""
-    assert command_line("identify", "--example", "--residuals", tmp_path).code == 0
+    fit = ev.identify_flight(recording, window=(5.0, 20.0))
+    command_line("identify", "--example", "--window", "5:20", "--residuals", tmp_path)
     files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     table = pl.read_csv(files["residuals.csv"])
     left = table["vertical_acceleration/measured"] - table["vertical_acceleration/predicted"]
@@ -94,7 +97,8 @@ def test_without_matplotlib_a_page_has_its_tables(fit, command_line, monkeypatch
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingReaderError, match=r"Install it: pip install 'eivor\[plot\]'"):
         fit.plot()
-    command_line("identify", "--example", "--html", tmp_path / "page.html")
+    with coarse():
+        command_line("identify", "--example", "--window", "5:20", "--html", tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "The drawing needs Matplotlib" in page
     assert page.count('class="chart"') > 1
