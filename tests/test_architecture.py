@@ -40,7 +40,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 36_169}  # To be 36,000
+PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 35_402}
 
 
 def lint_imports(source):
