@@ -5,17 +5,12 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy
-import scipy.linalg
-import scipy.stats
 from flight_logs import FRICTION, GAIN, LAG_S, flown, prepare_vertical
 from scipy import stats
 
-import eivor
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.estimation.methods import identify, reference_iv
@@ -28,6 +23,7 @@ from eivor.flights.quantity import (
     NAN,
     Counts,
     QuantityEstimate,
+    QuantitySpec,
     QuantityTable,
     SystematicUncertainty,
     widened,
@@ -41,7 +37,7 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.motions.vertical.regression import VerticalFlights, vertical_problem
+from eivor.motions.vertical.regression import vertical_problem
 from eivor.report.card import result_card
 from eivor.report.flight import checks
 from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
@@ -70,10 +66,8 @@ MORE = (-0.25, 0.1, 0.6)
 @pytest.fixture(scope="module")
 def one_sine():
     """Flights along one sine, in air that drags them differently."""
-    logs = [
-        flown(1, seconds=20.0, seed=20 + n, hertz=(0.35,), friction=FRICTION + more)[0]
-        for n, more in enumerate(MORE)
-    ]
+    how = {"seconds": 20.0, "hertz": (0.35,)}
+    logs = [flown(1, seed=20 + n, friction=FRICTION + more, **how)[0] for n, more in enumerate(MORE)]
     return ev.identify_flight(named(logs))
 
 
@@ -106,9 +100,8 @@ def test_common_and_separate_are_what_they_say(alike):
     logs = [flight.recording for flight in alike.prepared]
     common = ev.identify_flight(logs, pool_friction="common")
     assert common.by_flight == ()
-    assert common.quantities[K].value == pytest.approx(
-        alike.quantities[K].value, abs=0.5 * common.quantities[K].std_error
-    )
+    friction = common.quantities[K]
+    assert friction.value == pytest.approx(alike.quantities[K].value, abs=0.5 * friction.std_error)
     separate = ev.identify_flight(logs, pool_friction="separate")
     assert separate.fit.estimate.joint_covariance.part("between_flights").degrees == 1.0
     assert [finding.name for finding in separate.findings].count("flights_differ") == 1
@@ -127,15 +120,15 @@ class Laden(Vertical):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_motion_says_what_belongs_to_the_flight(alike):
-    identify_flight = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
-    rows = [row.quantities for row in identify_flight.by_flight]
+    fit = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
+    rows = [row.quantities for row in fit.by_flight]
     assert len({row["input_gain"].value for row in rows}) == 2
     assert len({row[K].value for row in rows}) == 1
     for name, value in {K: FRICTION, "input_gain": GAIN}.items():
-        low, high = identify_flight.quantities[name].interval
+        low, high = fit.quantities[name].interval
         assert low < value < high
-    ends = identify_flight.fit.sets[K].profile.hull
-    assert ends[0] < identify_flight.quantities[K].value < ends[1]
+    ends = fit.fit.sets[K].profile.hull
+    assert ends[0] < fit.quantities[K].value < ends[1]
 
 
 @pytest.mark.thorough
@@ -185,10 +178,7 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
 def logs(pool, count, gusts=0.3):
     """Logs of simulated flights of one vehicle, each with a trajectory, wind and noise of its own."""
     specs = [VerticalFlightSpec(gust_rms=gusts, seed=1000 * pool + number) for number in range(count)]
-    return [
-        replace(f.recording, sha256=str(s.seed))
-        for s, f in zip(specs, simulate_vertical_flights(specs), strict=True)
-    ]
+    return named(flight.recording for flight in simulate_vertical_flights(specs))
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +189,7 @@ def pair():
 def pooled(pair, recordings):
     """Return what `identify_flight` makes of a pool, without each flight's own result."""
     prepared = tuple(prepare(log, pair.motion, pair.options) for log in recordings)
-    made = problem_of(pair)
+    made = pair.fit.problem
     problem = vertical_problem(
         tuple(vertical_flight(flight) for flight in prepared), made.motion, made.rule, made.nuisances
     )
@@ -208,20 +198,8 @@ def pooled(pair, recordings):
         name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.quantities[name])
         for name, quantity in pair.motion.derive(problem, estimate).items()
     }
-    assert pair.fit is not None
-    return replace(
-        pair,
-        prepared=prepared,
-        fit=replace(pair.fit, problem=problem, estimate=estimate),
-        quantities=quantities,
-    )
-
-
-def problem_of(result):
-    """What was estimated."""
-    assert result.fit is not None
-    assert isinstance(result.fit.problem, VerticalFlights)
-    return result.fit.problem
+    fit = replace(pair.fit, problem=problem, estimate=estimate)
+    return replace(pair, prepared=prepared, fit=fit, quantities=quantities)
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +209,7 @@ def pool(pair):
 
 @pytest.fixture(scope="module")
 def found(pool):
-    return eivor.bootstrap_flights(pool, runs=40, seed=4)
+    return bootstrap_flights(pool, runs=40, seed=4)
 
 
 @pytest.mark.thorough
@@ -243,14 +221,13 @@ def test_the_seed_decides(pool, found):
 @pytest.mark.thorough
 def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool):
     """The recipe renews its whitening in each replicate: a tenth of a standard error, no more."""
-    alone = replace(problem_of(pool), nuisances=lag_and_delay(delays_s=[0.0]))
-    assert pool.fit is not None
+    alone = replace(pool.fit.problem, nuisances=lag_and_delay(delays_s=[0.0]))
     single = replace(pool, fit=replace(pool.fit, problem=alone, estimate=identify(alone, reference_iv())))
     random = np.random.default_rng(6)
     fast = bootstrap_flights(single, runs=4, seed=6)
     for replicate in fast.replicates:
         drawn = random.integers(0, 10, 10)
-        flights = tuple(problem_of(pool).flights[number] for number in drawn)
+        flights = tuple(pool.fit.problem.flights[number] for number in drawn)
         full = identify(vertical_problem(flights, alone.motion, alone.rule, alone.nuisances), reference_iv())
         for name in ("viscous_friction", "input_gain", "actuator_lag"):
             away = replicate[fast.names.index(name)] - full.parameters[name]
@@ -267,8 +244,7 @@ def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(fo
 
 @pytest.mark.thorough
 def test_what_cannot_be_resampled_is_refused(pool):
-    assert pool.fit is not None
-    item = replace(problem_of(pool), columns=problem_of(pool).columns[:1])
+    item = replace(pool.fit.problem, columns=pool.fit.problem.columns[:1])
     alone = replace(pool, fit=replace(pool.fit, problem=item))
     with pytest.raises(UsageError, match="two flights or more"):
         bootstrap_flights(alone)
@@ -322,10 +298,8 @@ def test_states_are_carried_on_as_their_equation_says():
     time = 0.005 * np.arange(600)
     force, decay = np.sin(3.0 * time), 1.5
 
-    def truth(nuisances):
-        return (decay * np.sin(3.0 * time[nuisances]) - 3.0 * np.cos(3.0 * time[nuisances])) / (
-            decay**2 + 9.0
-        )
+    def truth(at):
+        return (decay * np.sin(3.0 * time[at]) - 3.0 * np.cos(3.0 * time[at])) / (decay**2 + 9.0)
 
     started = np.stack([truth(samples), truth(samples) + 1.0])
     driven = starts.over_step(force)
@@ -359,18 +333,14 @@ def test_every_half_second_that_is_predicted_stands_on_data(broken):
 
 
 def test_errors_are_held_against_those_of_simpler_models():
-    errors = (
-        error("fit", "roll rate", 1.0),
-        error("other", "roll rate", 4.0),
-        error("fit", "yaw rate", 1.0),
-        error("other", "yaw rate", 0.5),
-    )
-    multi_step_prediction = MultiStepPrediction(errors, np.arange(4.0))
-    assert multi_step_prediction.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
-    assert multi_step_prediction.predicts
-    assert "'model other' leaves less of yaw rate." in multi_step_prediction.sentence
-    assert "roll rate" not in multi_step_prediction.sentence
-    worse = replace(multi_step_prediction, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
+    of_roll = error("fit", "roll rate", 1.0), error("other", "roll rate", 4.0)
+    errors = (*of_roll, error("fit", "yaw rate", 1.0), error("other", "yaw rate", 0.5))
+    prediction = MultiStepPrediction(errors, np.arange(4.0))
+    assert prediction.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
+    assert prediction.predicts
+    assert "'model other' leaves less of yaw rate." in prediction.sentence
+    assert "roll rate" not in prediction.sentence
+    worse = replace(prediction, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
     assert not worse.predicts
     alone = MultiStepPrediction(errors[:1], np.arange(4.0))
     assert "nothing to hold" in alone.sentence
@@ -378,13 +348,10 @@ def test_errors_are_held_against_those_of_simpler_models():
 
 def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
     unmeasured = replace(error("fit", "position", 1.0), left=np.full((4, 5), np.nan))
-    half = replace(
-        error("fit", "roll rate", 3.0), left=np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
-    )
-    item = (error("fit", "roll rate", 1.0), unmeasured)
-    result = multi_step_predictions(
-        [item, (half, unmeasured), ()], [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",)
-    )
+    left = np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
+    half, whole = replace(error("fit", "roll rate", 3.0), left=left), error("fit", "roll rate", 1.0)
+    flights = [(whole, unmeasured), (half, unmeasured), ()]
+    result = multi_step_predictions(flights, [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",))
     assert [each.quantity for each in result.errors] == ["roll rate"]
     assert result.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
     assert result.start_s.size == 8
@@ -500,13 +467,12 @@ def test_what_cannot_be_followed_is_refused(hover):
 
 # Diagnostics of a flight: constancy, least squares beside the estimate, memory, leverage of runs.
 
-EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"
 LAGS = np.geomspace(0.02, 0.12, 5)
 
 
 @pytest.fixture(scope="module")
 def example() -> ev.FlightEstimate:
-    return ev.identify_flight(ev.read_log(str(EXAMPLE)))
+    return ev.identify_flight(ev.example_flight())
 
 
 @pytest.mark.calibration
@@ -530,9 +496,8 @@ def test_a_change_between_flights_is_told():
     assert diagnose.constancy.p_value <= 0.01
     assert diagnose.constancy.break_at == pytest.approx(0.5, abs=0.05)
     gain = fit.names.index("input_gain")
-    assert diagnose.constancy.change[gain] / fit.parameters["input_gain"] == pytest.approx(
-        1.0 / 1.21 - 1.0, abs=0.07
-    )
+    change = diagnose.constancy.change[gain] / fit.parameters["input_gain"]
+    assert change == pytest.approx(1.0 / 1.21 - 1.0, abs=0.07)
     assert any("change during the record" in reason.sentence for reason in diagnose.reasons)
 
 
@@ -583,14 +548,11 @@ def test_checks_are_said_in_words(example):
     )
     sentence = said_of(worse)
     assert sentence["agreement"] == "the instruments disagree (p <= 0.001)"
-    assert sentence["constancy"] == (
-        "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
-    )
+    changes = "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
+    assert sentence["constancy"] == changes
     assert sentence["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
-    push = {
-        "parameters": result.periodicity.parameters,
-        "left_over": (replace(swing, of="acceleration", unit="m/s²", amplitude=0.3),),
-    }
+    left_over = replace(swing, of="acceleration", unit="m/s²", amplitude=0.3)
+    push = {"parameters": result.periodicity.parameters, "left_over": (left_over,)}
     assert said_of(changed(worse, periodicity=push))["periods"] == (
         "what the model leaves over of the acceleration swings by ±0.3 m/s² with a period of 6 s "
         "(p <= 0.001), as by a wind or a supply that swings"
@@ -602,14 +564,11 @@ def test_checks_are_said_in_words(example):
 
 @pytest.mark.thorough
 def test_a_direct_method_has_fewer_checks():
-    identify_flight = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
-    sentence = dict(checks(identify_flight))
+    fit = ev.identify_flight(ev.example_flight(), ev.FlightOptions(method="least_squares"))
+    sentence = dict(checks(fit))
     assert "instruments" not in sentence
     assert "least squares" not in sentence
     assert "constancy" in sentence
-
-
-COEFFICIENT = "viscous_friction"
 
 
 @pytest.fixture(scope="module")
@@ -634,20 +593,20 @@ def two_frequencies() -> Recording:
 @pytest.mark.thorough
 def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     alone = ev.identify_flight(one_frequency)
-    sets = alone.fit.sets[COEFFICIENT]
+    sets = alone.fit.sets[K]
     assert not sets.anderson_rubin.is_bounded
     assert not sets.profile.is_bounded
-    quantity = alone.quantities[COEFFICIENT]
+    quantity = alone.quantities[K]
     assert quantity.interval == quantity.widened(sets.robust.hull)
     assert quantity.interval[0] < sets.robust.hull[0]
     assert alone.verdict.status is Status.REFUSED
-    (reason,) = [item for item in alone.quantities[COEFFICIENT].reasons if item.status is Status.REFUSED]
+    (reason,) = [item for item in alone.quantities[K].reasons if item.status is Status.REFUSED]
     assert "one frequency (0.3" in reason.sentence
     assert "leave the viscous friction anywhere above " in reason.sentence
     assert reason.remedy.endswith("--lag MS:STD or --lag LOW..HIGH.")
-    assert json.loads(alone.to_json())["parameters"][COEFFICIENT]["sets"]["anderson_rubin"][-1][1] is None
+    assert json.loads(alone.to_json())["parameters"][K]["sets"]["anderson_rubin"][-1][1] is None
     known = ev.identify_flight(one_frequency, lag=ev.Prior(LAG_S, 0.015))
-    sets = known.fit.sets[COEFFICIENT]
+    sets = known.fit.sets[K]
     assert sets.anderson_rubin.is_bounded
     assert sets.anderson_rubin.hull[0] > 0.0
     assert sets.profile.contains(FRICTION)
@@ -660,11 +619,11 @@ def test_strong_instruments_at_a_wrong_lag_tell_nothing():
     """At the best lag, which is far too long, every F is above ten, and the interval there has two ends."""
     result = ev.identify_flight(flown(seconds=15.0, gust=1.0, seed=2, hertz=(0.32,))[0])
     assert min(result.fit.checks.first_stage.values()) >= STRONG_FIRST_STAGE
-    sets = result.fit.sets[COEFFICIENT]
+    sets = result.fit.sets[K]
     assert sets.wald.is_bounded
     assert not sets.profile.is_bounded
     assert sets.profile.contains(FRICTION)
-    low, high = result.quantities[COEFFICIENT].interval
+    low, high = result.quantities[K].interval
     assert low < FRICTION < high == np.inf
     assert result.verdict.status is Status.REFUSED
     assert any("how long the lag is at most" in sentence for sentence in result.verdict.sentences)
@@ -675,7 +634,7 @@ def test_strong_instruments_at_a_wrong_lag_tell_nothing():
 def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencies):
     result = ev.identify_flight(two_frequencies)
     assert min(result.fit.checks.first_stage.values()) < 10.0
-    sets, quantity = result.fit.sets[COEFFICIENT], result.quantities[COEFFICIENT]
+    sets, quantity = result.fit.sets[K], result.quantities[K]
     assert sets.wald.hull[0] < 0.0 < sets.anderson_rubin.hull[0]
     assert quantity.interval == quantity.widened(sets.robust.hull)
     (low, high), (outer_low, outer_high) = sets.robust.hull, sets.anderson_rubin.hull
@@ -688,8 +647,8 @@ def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencie
     assert not any("First-stage F" in item.sentence for item in quantity.reasons)
     low, high = quantity.interval
     assert result.quantities["time_constant"].interval == (1.0 / high, 1.0 / low)
-    narrow = result.interval(COEFFICIENT, 0.9)
-    assert result.interval(COEFFICIENT) == quantity.interval
+    narrow = result.interval(K, 0.9)
+    assert result.interval(K) == quantity.interval
     assert low < narrow[0] < narrow[1] < high
 
 
@@ -698,7 +657,7 @@ def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencie
 def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
     result = ev.identify_flight(gusty, method="extended_iv")
     assert result.fit.sets == {}
-    assert json.loads(result.to_json())["parameters"][COEFFICIENT]["sets"] is None
+    assert json.loads(result.to_json())["parameters"][K]["sets"] is None
     whitened = ev.identify_flight(gusty)
     problem, estimate = whitened.fit.problem, whitened.fit.estimate
     with pytest.raises(UsageError, match="viscous_friction, input_gain"):
@@ -716,12 +675,12 @@ def test_sets_cover_and_tell_where_instruments_are_weak():
     results = [ev.identify_flight(log) for log in logs]
     weak = [result for result in results if min(result.fit.checks.first_stage.values()) < STRONG_FIRST_STAGE]
     assert len(weak) >= 10
-    robust = [result.fit.sets[COEFFICIENT].robust for result in weak]
+    robust = [result.fit.sets[K].robust for result in weak]
     covered = sum(item.contains(FRICTION) for item in robust)
-    assert covered >= scipy.stats.binom.ppf(1e-3, len(robust), 0.95)
+    assert covered >= stats.binom.ppf(1e-3, len(robust), 0.95)
     selected = [item.is_bounded and item.hull[0] > 0.0 for item in robust]
     assert np.mean(selected) >= 0.3
-    assert np.mean([result.fit.sets[COEFFICIENT].wald.hull[0] > 0.0 for result in weak]) < np.mean(selected)
+    assert np.mean([result.fit.sets[K].wald.hull[0] > 0.0 for result in weak]) < np.mean(selected)
 
 
 LATE = SystematicUncertainty(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
@@ -756,12 +715,34 @@ def test_what_follows_from_a_headline_follows_it_when_it_widens():
         "hover_input": QuantityEstimate(10.0, "", 0.5, (9.0, 11.0)),
         "time_constant": QuantityEstimate(2.0, "s", 0.2, (1.6, 2.6)),
     }
-    same = with_systematic_uncertainties(
-        Vertical(), quantities, {"viscous_friction": (), "hover_input": (LEAST,)}
-    )
+    parts = {"viscous_friction": (), "hover_input": (LEAST,)}
+    same = with_systematic_uncertainties(Vertical(), quantities, parts)
     assert same["time_constant"] == quantities["time_constant"]
     assert same["hover_input"].interval == (8.0, 12.0)
     part = SystematicUncertainty(Counts.ADDED, 0.15, 0.4, "more")
     wider = with_systematic_uncertainties(Vertical(), quantities, {"viscous_friction": (part,)})
     assert wider["viscous_friction"].interval == pytest.approx((0.25, 1.0))
     assert wider["time_constant"].interval == pytest.approx((1.0, 4.0))
+
+
+LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
+
+
+@pytest.mark.parametrize(
+    ("interval", "possible"),
+    [
+        ((-1.0, 2.0), (0.0, 2.0)),
+        ((0.5, 2.0), (0.5, 2.0)),
+        ((-1.0, 0.0), (0.0, 0.0)),
+        # Nothing possible is left, or nothing was said: cutting would say more than the data do.
+        ((-2.0, -1.0), (-2.0, -1.0)),
+        ((-float("inf"), float("inf")), (-float("inf"), float("inf"))),
+    ],
+)
+def test_intervals_end_where_the_quantity_does(interval, possible):
+    quantity = QuantityEstimate(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), LAG)
+    assert quantity.interval == possible
+    assert quantity.verdict is Status.WEAK
+    anything = replace(LAG, lowest=-float("inf"))
+    estimate = QuantityEstimate(1.0, "s", 0.5, interval)
+    assert estimate.judged(Verdict(Status.WEAK), anything).interval == interval

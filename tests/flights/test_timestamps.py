@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import json
+import math
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, GAIN, LAG_S, changed, channel, flown, prepare_vertical
+from flight_logs import FRICTION, GAIN, LAG_S, changed, channel, every, flown, prepare_vertical
 from flight_logs import STEP_S as TELEMETRY_STEP_S
 
 import eivor as ev
 from eivor.errors import UsageError
+from eivor.flights.estimate import (
+    SENSORS_APART_S,
+    FlightState,
+    diagnose_fit,
+    estimated,
+    lags_from_rates,
+    single_frequency_hz,
+)
 from eivor.flights.grid import Grid, command_on_grid, on_grid
 from eivor.flights.lag_prior import OWN_DELAY_S, LagPrior, telemetry_lag
 from eivor.flights.options import FlightOptions
@@ -31,12 +40,27 @@ from eivor.flights.timestamps import (
     with_corrected_stamps,
 )
 from eivor.inference.verdict import Status
-from eivor.models.separable import Bounds, Prior
+from eivor.models.separable import Bounds, LaggedReferences, Prior
+from eivor.motions.rates.motion import Rates
+from eivor.motions.vertical.model import (
+    MOT_THST_EXPO,
+    THR_MDL_FAC,
+    CurveFamily,
+    motor_signal,
+    plant_share,
+    proposed,
+    share_of,
+    thrust_of,
+)
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.select import selected
 from eivor.report.flight import checks
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, DataSheet, Frame, Recording
+from motions.turning_logs import STEP_S as TURNED_STEP_S
+from motions.turning_logs import Vehicle, turned
+
+COARSE = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
 def logged(issued_s: float, rate_hz: float, *, jitter_s: float = 0.0, seconds: float = 60.0):
@@ -80,16 +104,11 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     assert command_clock(quick, [quick, quicker]).slack_s == pytest.approx(0.0025, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("issued_s", "rate_hz", "jitter_s"),
-    [
-        (0.004, 100.0, 0.001),
-        (0.004, 100.0, 0.003),
-        (0.004, 90.0, 0.002),
-        (0.01, 47.3, 0.003),
-        (0.01, 30.0, 0.003),
-    ],
-)
+BEATING = [(0.004, 100.0, 0.001), (0.004, 100.0, 0.003), (0.004, 90.0, 0.002)]
+BEATING += [(0.01, 47.3, 0.003), (0.01, 30.0, 0.003)]
+
+
+@pytest.mark.parametrize(("issued_s", "rate_hz", "jitter_s"), BEATING)
 def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issued_s, rate_hz, jitter_s):
     stamps = logged(issued_s, rate_hz, jitter_s=jitter_s)
     assert period_from_aliasing(stamps, 0.001) == pytest.approx(issued_s, rel=0.01)
@@ -292,13 +311,18 @@ def log() -> Recording:
     return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
 
 
+def rotor_state(log):
+    """The command of a log, and the state of its rotors."""
+    command = log.channels["rotor_command_1"]
+    state = actuator_state(command.values[:, None], step_s=TELEMETRY_STEP_S, lag_s=LAG_S, delay_s=0.0)
+    return command, state[:, 0]
+
+
 def with_telemetry(
     log: Recording, *, rate_hz: float = 50.0, late_s: float = 0.0, power: float = 1.0, rotors: int = 1
 ) -> Recording:
     """The log with the speeds of its rotors in rpm, on a clock of their own."""
-    command = log.channels["rotor_command_1"]
-    state = actuator_state(command.values[:, None], step_s=TELEMETRY_STEP_S, lag_s=LAG_S, delay_s=0.0)[:, 0]
-    results = {}
+    (command, state), results = rotor_state(log), {}
     for rotor in range(rotors):
         stamps = np.arange(0.003, command.time_s[-1] - 0.1, 1.0 / rate_hz)
         speeds = 1.8e4 * np.interp(stamps - late_s, command.time_s, state) ** power + 300.0
@@ -337,7 +361,7 @@ def test_slow_telemetry_and_what_does_not_follow_tell_nothing(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@COARSE
 def test_the_lag_by_telemetry_is_used_and_said(log):
     alone, known = ev.identify_flight(log), ev.identify_flight(with_telemetry(log))
     for name in ("effective_lag", "viscous_friction"):
@@ -355,7 +379,7 @@ def test_the_lag_by_telemetry_is_used_and_said(log):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@COARSE
 def test_telemetry_that_contradicts_the_flight_is_told_and_not_used():
     good = flown(seconds=15.0)[0]
     alone, late = ev.identify_flight(good), ev.identify_flight(with_telemetry(good, late_s=0.12))
@@ -490,8 +514,7 @@ def test_noise_of_measured_rotors_goes_through_the_map():
 
 def telemetry(log, late_s):
     """The log with its rotors' actual speed, stamped late, in place of their command."""
-    command = log.channels["rotor_command_1"]
-    speed = actuator_state(command.values[:, None], step_s=TELEMETRY_STEP_S, lag_s=LAG_S, delay_s=0.0)[:, 0]
+    command, speed = rotor_state(log)
     measured = channel("rotor_speed_1", command.time_s + late_s, speed)
     return changed(log, "rotor_command_1", rotor_speed_1=replace(measured, held=False))
 
@@ -499,29 +522,29 @@ def telemetry(log, late_s):
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("late_s", [0.0, 0.02, pytest.param(-0.023, marks=pytest.mark.thorough)])
 def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
-    identify_flight = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
-    delay = identify_flight.quantities["delay"]
+    fit = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
+    delay = fit.quantities["delay"]
     assert delay.interval[0] < -late_s < delay.interval[1]
     assert delay.half_width < 0.01
-    assert identify_flight.quantities["effective_lag"].value == delay.value
+    assert fit.quantities["effective_lag"].value == delay.value
     for name, truth in (("viscous_friction", FRICTION), ("input_gain", GAIN)):
-        low, high = identify_flight.quantities[name].interval
+        low, high = fit.quantities[name].interval
         assert low < truth < high
-    assert identify_flight.verdict.status is Status.IDENTIFIED
-    assert identify_flight.names == ("viscous_friction", "input_gain", "delay")
-    assert "their stamps are late" in identify_flight.motion.view(identify_flight.prepared[0]).symbols
+    assert fit.verdict.status is Status.IDENTIFIED
+    assert fit.names == ("viscous_friction", "input_gain", "delay")
+    assert "their stamps are late" in fit.motion.view(fit.prepared[0]).symbols
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 def test_the_delay_is_part_of_the_friction_s_interval():
     calm_log = telemetry(flown(seconds=26.0)[0], 0.0)
-    identify_flight = ev.identify_flight(calm_log)
-    problem = identify_flight.fit.problem
+    fit = ev.identify_flight(calm_log)
+    problem = fit.fit.problem
     lag, delay = problem.nuisances
     known = problem.with_nuisances((lag, delay.known_at(0.0)))
     sure = ev.identify(known, ev.methods.reference_iv())
-    assert identify_flight.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
+    assert fit.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
 
 
 @pytest.fixture(scope="module")
@@ -539,11 +562,229 @@ def usable(log_open, **open_loop):
 
 def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(log_open):
     assert "input" not in usable(log_open, at=[0.0, 15.0, 19.9], states=[1.0, 0.0, 0.0])
-    flight = prepare_vertical(
-        changed(log_open, input_open_loop=channel("landed", [0.0, 15.0], [1.0, 0.0])), ev.FlightOptions()
-    )
-    (remark,) = [reference.remark for reference in flight.references if reference.name == "input"]
+    open_first = changed(log_open, input_open_loop=channel("landed", [0.0, 15.0], [1.0, 0.0]))
+    references = prepare_vertical(open_first, ev.FlightOptions()).references
+    (remark,) = [reference.remark for reference in references if reference.name == "input"]
     assert remark == "a loop acts on it, though for 25% of the flight only"
-    assert "input" not in [
-        reference.name for reference in prepare_vertical(log_open, ev.FlightOptions()).references
+    references = prepare_vertical(log_open, ev.FlightOptions()).references
+    assert "input" not in [reference.name for reference in references]
+
+
+# The lag as information: by turning, by what is known, and what the thrust curve of motors is.
+
+
+@pytest.mark.thorough
+@COARSE
+def test_a_given_lag_is_one_unknown_less(monkeypatch):
+    """Finding 3: two instruments were too few for friction, gain and a lag that was given."""
+    every = LaggedReferences.columns
+    monkeypatch.setattr(LaggedReferences, "columns", lambda rule, driven: every(rule, driven)[:, :2])
+    log = flown(seconds=30.0)[0]
+    alone = ev.identify_flight(log)
+    assert alone.fit is None
+    assert "at least 3 independent instruments" in alone.verdict.sentences[0]
+    flight = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.005))
+    assert "the flight alone has too few instruments for a lag" in dict(checks(flight))["lag"]
+    assert flight.quantities["viscous_friction"].value == pytest.approx(0.4, rel=0.2)
+    low, high = flight.quantities["effective_lag"].interval
+    assert LAG_S - 0.0115 <= low <= high <= LAG_S + 0.0115  # never wider than what was given
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("value", "error", "p_value"), [(0.07, 0.004, 1.0), (0.08, 0.0, 0.0455), (0.083, 0.012, 0.4053)]
+)
+def test_the_test_is_that_of_two_independent_numbers(value, error, p_value):
+    alone = QuantityEstimate(value, "s", error, (value - 2.0 * error, value + 2.0 * error))
+    given = LagPrior(ev.Prior(0.07, 0.005 if error < 0.01 else 0.01), alone)
+    assert given.p_value == pytest.approx(p_value, abs=1e-3)
+
+
+ROTORS = Vehicle(lag_s=LAG_S - 2 * TURNED_STEP_S)
+
+
+@pytest.fixture(scope="module")
+def turning() -> Recording:
+    """What a flight that turns logs of that."""
+    return turned(3, vehicle=ROTORS, seconds=26.0)
+
+
+def measured(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagPrior:
+    interval = (value - half_width, value + half_width)
+    lag = QuantityEstimate(value, "s", 0.5 * half_width, interval)
+    return LagPrior.by_measurement(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
+
+
+def estimate(log: Recording, *lag_measurement: LagPrior):
+    options = FlightOptions()
+    return estimated(
+        FlightState(Vertical(), (prepare_vertical(log, options),), options, lambda: lag_measurement)
+    )
+
+
+@pytest.mark.thorough
+@COARSE
+def test_the_lag_by_turning_is_used_and_said(log, turning):
+    log = changed(log, **turning.channels)
+    alone, known = estimate(log), ev.identify_flight(log)
+    for name in ("effective_lag", "viscous_friction"):
+        assert known.quantities[name].half_width < alone.quantities[name].half_width
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("turning about the body axes (--model rates) says ")
+    given = json.loads(known.to_json())["given_lag"]
+    low, high = given["told_interval"]
+    assert low < LAG_S < high
+    assert given["told_by"] == "rates"
+    assert given["telemetry_interval"] is None
+    assert given["alone"] == alone.quantities["effective_lag"].value
+    assert given["std"] == pytest.approx(np.hypot(0.25 * (high - low), SENSORS_APART_S), rel=0.05)
+
+
+@pytest.mark.thorough
+@COARSE
+def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(log):
+    for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
+        options = FlightOptions(lag=lag)
+        flights = (prepare_vertical(log, options),)
+        given = estimated(FlightState(Vertical(), flights, options, not_to_be_made)).fit.lag_prior
+        assert given.measured is None
+        assert given.known == lag
+
+
+@pytest.mark.thorough
+@COARSE
+def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
+    log = flown(seconds=15.0)[0]
+    alone, late = estimate(log), estimate(log, measured(LAG_S + 0.1))
+    assert late.fit.lag_prior is None
+    assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
+    (finding,) = [item for item in late.findings if item.name == "other_contradicts"]
+    assert "is not used" in finding.message
+
+
+@pytest.mark.thorough
+@COARSE
+def test_the_closest_that_agrees_serves():
+    log = flown(seconds=15.0)[0]
+    both = estimate(log, measured(half_width=0.02, source="rough"), measured(source="close"))
+    assert both.fit.lag_prior.source == "close"
+    wrong = estimate(log, measured(half_width=0.02, source="rough"), measured(LAG_S + 0.1, source="wrong"))
+    assert wrong.fit.lag_prior.source == "rough"
+    assert any(finding.name == "wrong_contradicts" for finding in wrong.findings)
+
+
+def family(log: Recording, begin: str) -> list[str]:
+    return [name for name in log.channels if name.startswith(begin)]
+
+
+def answering(log: Recording) -> Recording:
+    names = family(log, "reference_")
+    loops = {f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}") for name in names}
+    return changed(log, *names, **loops)
+
+
+@pytest.mark.thorough
+@COARSE
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda log: every(log, 3, *family(log, "angular_rate")),
+        lambda log: every(log, 2, *family(log, "torque_setpoint")),
+        lambda log: changed(log, *family(log, "torque_setpoint")),
+        answering,
+    ],
+)
+def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch):
+    unmade(monkeypatch)
+    assert lags_from_rates((Rates(),), spoilt(turning), None, {}) == ()
+    with pytest.raises(AssertionError, match="estimated"):
+        lags_from_rates((Rates(),), turning, None, {})
+
+
+@pytest.mark.thorough
+@COARSE
+def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
+    unmade(monkeypatch)
+    assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None, {}) == ()
+
+
+def not_to_be_made(*_: object, **__: object) -> tuple[LagPrior, ...]:
+    raise AssertionError("estimated")
+
+
+def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eivor.flights.estimate.STAGES", (not_to_be_made, diagnose_fit))
+
+
+@pytest.mark.thorough
+@COARSE
+def test_turning_that_is_not_trusted_says_nothing(turning):
+    assert lags_from_rates((Rates(),), turning, (5.0, 18.0), {}) == ()  # too short to be identified
+
+
+@pytest.mark.parametrize(("share", "hover"), [(0.3, 0.4), (0.7, 0.6), (-0.2, 0.5)])
+def test_the_share_of_a_signal_behind_the_curve_is_the_parameter(share, hover):
+    assert plant_share(CurveFamily(True), share, hover, None) == share
+    assert plant_share(CurveFamily(True), share, hover, 0.0) == pytest.approx(share)
+    exponent = CurveFamily(True).exponent(share, hover)
+    assert plant_share(CurveFamily(False), exponent, hover, None) == pytest.approx(share)
+
+
+@pytest.mark.parametrize("in_force", [-0.4, 0.0, 0.3, 1.0])
+@pytest.mark.parametrize("true", [-0.3, 0.0, 0.65, 1.0])
+def test_before_the_curve_both_curves_together_are_the_vehicle_s(in_force, true):
+    """Commands went through the inverse of one curve, and thrust is another of the signal."""
+    signal, step = 0.45, 1e-6
+
+    def setpoint(nuisances):
+        return thrust_of(in_force, nuisances)
+
+    hover = setpoint(signal)
+    assert motor_signal(hover, in_force) == pytest.approx(signal)
+    ends = [
+        (math.log(thrust_of(true, item)), math.log(setpoint(item))) for item in (signal - step, signal + step)
     ]
+    seen = (ends[1][0] - ends[0][0]) / (ends[1][1] - ends[0][1])
+    assert plant_share(CurveFamily(False), seen, hover, in_force) == pytest.approx(true, abs=1e-6)
+    of_commands = share_of(seen, hover)
+    if math.isfinite(of_commands):
+        assert plant_share(CurveFamily(True), of_commands, hover, in_force) == pytest.approx(true, abs=1e-6)
+    # thrust that is proportional to the setpoint leaves the curve as it is
+    assert plant_share(CurveFamily(True), 0.0, hover, in_force) == pytest.approx(in_force)
+
+
+@pytest.mark.parametrize("in_force", [None, 0.3])
+def test_intervals_hold_every_pair_and_are_cut_to_the_range(in_force):
+    curve, hover = (0.6, (0.5, 0.7)), (0.4, (0.38, 0.42))
+    share, thrust = proposed(THR_MDL_FAC, CurveFamily(True), curve, hover, in_force)
+    for value in np.linspace(0.5, 0.7, 9):
+        for command in np.linspace(0.38, 0.42, 9):
+            item = plant_share(CurveFamily(True), value, command, in_force)
+            assert share[1][0] - 1e-12 <= item <= share[1][1] + 1e-12
+            reported = thrust_of(item, motor_signal(command, in_force))
+            assert thrust[1][0] - 1e-12 <= reported <= thrust[1][1] + 1e-12
+    wide = (0.6, (-math.inf, math.inf))
+    assert proposed(THR_MDL_FAC, CurveFamily(True), wide, hover, in_force)[0][1] == (0.0, 1.0)
+    exponents = (1.4, (0.2, 40.0))
+    at_rest = (0.4, (-0.1, 1.2))
+    share, _ = proposed(MOT_THST_EXPO, CurveFamily(False), exponents, at_rest, in_force)
+    assert share[1] == (-1.0, 1.0)
+
+
+@pytest.mark.thorough
+def test_a_reference_of_one_frequency_is_told():
+    seconds = TELEMETRY_STEP_S * np.arange(2000)
+    sine, steps = np.sin(2.0 * np.pi * 0.3 * seconds), np.sign(np.sin(2.0 * np.pi * 0.3 * seconds))
+    log = flown(seconds=20.0)[0]
+
+    def frequency(**references):
+        flight = prepare_vertical(changed(log, **references), ev.FlightOptions())
+        return single_frequency_hz((flight,), tuple(references))
+
+    assert frequency(reference_position_z=sine, reference_velocity_z=np.gradient(sine)) == pytest.approx(
+        0.3, abs=0.03
+    )
+    assert frequency(reference_position_z=steps) == 0.0
+    assert frequency(reference_position_z=sine, reference_velocity_z=steps) == 0.0
+    assert frequency(reference_position_z=sine + 0.3 * np.sin(2.0 * np.pi * 0.8 * seconds)) == 0.0
+    assert frequency() == 0.0
