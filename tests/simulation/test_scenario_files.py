@@ -118,51 +118,48 @@ ratio_to_signal = 0.5
     assert read(TRUTH + CONTROL).control == VelocityControl(15.0)
 
 
-KINDS = [
-    ("disturbance", 'kind = "white"\nstd = 0.1'),
-    ("disturbance", 'kind = "arma"\nstd = 1\nautoregression = [0.5]'),
-    ("disturbance", 'kind = "random_coefficient_moving_average"'),
-    (
-        "disturbance",
-        'kind = "threshold_moving_average"\nthresholds = [0]\ncoefficients = [[0.1], [0.9]]\ndelay = 2',
-    ),
-    ("disturbance", 'kind = "bilinear"\ncoefficient = 0.3'),
-    ("disturbance", 'kind = "garch"\nfloor = 0.1\nshocks = [0.85]\nlargest_square = 1e4'),
-    ("disturbance", 'kind = "variance_switch"\nseries = { kind = "white", std = 1.0 }'),
-    ("disturbance", 'kind = "trend"\ncoefficients = [0, 3]'),
-    ("disturbance", 'kind = "sinusoids"\namplitudes = [2]\nfrequencies = [0.05]'),
-    ("disturbance", 'kind = "bounded"\nbound = 0.1\nlongest_s = 20\nshortest_s = 1'),
-    ("disturbance", 'kind = "dryden"\nstd = 0.1\nlength_m = 10\nairspeed_mps = 5'),
-    ("disturbance", 'kind = "sum"\nparts = [{ kind = "paper" }, { kind = "white", std = 1 }]'),
-    (
-        "disturbance",
-        'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ amplitude = 0.8, cycles = 3 }]',
-    ),
-    ("disturbance", 'kind = "series"\nvalues = [' + "1, -1, " * 60 + "]"),
-    (
-        "disturbance",
-        'kind = "bilinear_sum"\nterms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]',
-    ),
-    (
-        "disturbance",
-        'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ kind = "sum", parts = [{ mean = 0.3 }, '
-        '{ kind = "series", series = [' + "0.1, -0.1, " * 60 + "] }] }]",
-    ),
-    ("excitation", 'kind = "white"'),
-    ("excitation", 'kind = "filtered_white"\nstd = 1\nlow_hz = 0.1\nhigh_hz = 1'),
-    ("excitation", 'kind = "chirp"\namplitude = 1\nlow_hz = 0.1\nhigh_hz = 1'),
-    ("excitation", 'kind = "multisine"\nstd = 1\nlow_hz = 0.1\nhigh_hz = 1'),
-    ("excitation", 'kind = "pseudo_random_binary"\namplitude = 1\nregister = 7\nhold = 2'),
-    ("excitation", 'kind = "steps"\nlevels = [1, -1]\ndwell_s = 3'),
-    ("excitation", 'kind = "series"\nvalues = [' + "1, -1, " * 60 + "]"),
-]
+ONES, TENTHS = "1, -1, " * 60, "0.1, -0.1, " * 60
+#: A kind with its keys, of disturbances and of excitations.
+KINDS = {
+    "disturbance": [
+        "white; std = 0.1",
+        "arma; std = 1; autoregression = [0.5]",
+        "random_coefficient_moving_average",
+        "threshold_moving_average; thresholds = [0]; coefficients = [[0.1], [0.9]]; delay = 2",
+        "bilinear; coefficient = 0.3",
+        "garch; floor = 0.1; shocks = [0.85]; largest_square = 1e4",
+        "variance_switch; series = { kind = 'white', std = 1.0 }",
+        "trend; coefficients = [0, 3]",
+        "sinusoids; amplitudes = [2]; frequencies = [0.05]",
+        "bounded; bound = 0.1; longest_s = 20; shortest_s = 1",
+        "dryden; std = 0.1; length_m = 10; airspeed_mps = 5",
+        "sum; parts = [{ kind = 'paper' }, { kind = 'white', std = 1 }]",
+        "time_varying_arma; std = 1; autoregression = [{ amplitude = 0.8, cycles = 3 }]",
+        f"series; values = [{ONES}]",
+        "bilinear_sum; terms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]",
+        "time_varying_arma; std = 1; autoregression = [{ kind = 'sum', parts = [{ mean = 0.3 }, "
+        f"{{ kind = 'series', series = [{TENTHS}] }}] }}]",
+    ],
+    "excitation": [
+        "white",
+        "filtered_white; std = 1; low_hz = 0.1; high_hz = 1",
+        "chirp; amplitude = 1; low_hz = 0.1; high_hz = 1",
+        "multisine; std = 1; low_hz = 0.1; high_hz = 1",
+        "pseudo_random_binary; amplitude = 1; register = 7; hold = 2",
+        "steps; levels = [1, -1]; dwell_s = 3",
+        f"series; values = [{ONES}]",
+    ],
+}
+EVERY = [(section, item) for section, items in KINDS.items() for item in items]
 
 
 @pytest.mark.parametrize("route", [route.value for route in DisturbanceRoute])
-@pytest.mark.parametrize(("section", "body"), KINDS, ids=[body.split('"')[1] for _, body in KINDS])
-def test_every_kind_simulates(read, section, body, route):
+@pytest.mark.parametrize(("section", "item"), EVERY, ids=[item.split(";")[0] for _, item in EVERY])
+def test_every_kind_simulates(read, section, item, route):
     """A disturbance moves the vehicle by the dynamics, and by the equation only shifts its response."""
-    scenario = read(f'{TRUTH}samples = 100\nroute = "{route}"\n[{section}]\n{body}\n')
+    kind, *keys = item.split("; ")
+    lines = [f'{TRUTH}samples = 100\nroute = "{route}"', f"[{section}]", f'kind = "{kind}"', *keys]
+    scenario = read("\n".join(lines))
     result = ev.simulate(scenario, np.random.default_rng(1))
     assert np.isfinite(result.signals.channel("acceleration_z")).all()
     calm = ev.simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
@@ -171,6 +168,7 @@ def test_every_kind_simulates(read, section, body, route):
 
 
 CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
+WHITE = TRUTH + "[noise.input]\nkind='white'"
 WRONG = [
     ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
     (TRUTH + "samples = 1", "samples of 2 or more.*received 1"),
@@ -182,12 +180,9 @@ WRONG = [
         TRUTH + "[noise.specific_force_z]\nkind='white'\nstd=1",
         "velocity_z, acceleration_z, .*at noise of .*'specific_force_z'. A scenario moves about hover",
     ),
-    (TRUTH + "[noise.input]\nkind='white'", "std or ratio_to_signal at noise.input.*received neither"),
-    (TRUTH + "[noise.input]\nkind='white'\nstd=-1", "zero or more at noise.input.*received std=-1"),
-    (
-        TRUTH + "[noise.input]\nkind='white'\nratio_to_signal=-1",
-        "a finite number >= 0.0 at noise.input.ratio_to_signal",
-    ),
+    (WHITE, "std or ratio_to_signal at noise.input.*received neither"),
+    (WHITE + "\nstd=-1", "zero or more at noise.input.*received std=-1"),
+    (WHITE + "\nratio_to_signal=-1", "a finite number >= 0.0 at noise.input.ratio_to_signal"),
     (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
     (TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=[1.5]", "stationary.* at disturbance of"),
     (
@@ -233,20 +228,13 @@ def test_shipped_scenarios_read_and_simulate():
 
 
 SCENARIO = TRUTH + "samples = 60\n"
-SERIES = '[excitation]\nkind = "series"\nvalues = {{ file = "{file}", column = "{column}" }}\n'
 VALUES = np.random.default_rng(4).standard_normal(60)
 
 
 @pytest.fixture
-def series(tmp_path):
-    """Scenario file that names a file, and a column of it."""
-
-    def scenario(file, column="u"):
-        path = tmp_path / "one.toml"
-        path.write_text(SCENARIO + SERIES.format(file=file, column=column), encoding="utf-8")
-        return path
-
-    return scenario
+def series(tmp_path, read):
+    """Reads a scenario whose excitation is a column of a file, or what else `values` says."""
+    return lambda values: read(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n')
 
 
 def table(**columns):
@@ -258,82 +246,64 @@ def test_column_is_the_input(series, tmp_path, name):
     (tmp_path / "below").mkdir()
     write = pl.DataFrame.write_parquet if name.endswith("parquet") else pl.DataFrame.write_csv
     write(table(), tmp_path / name)
-    scenario = read_scenario(series(name))
+    scenario = series(f'{{ file = "{name}", column = "u" }}')
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
     truth = ev.simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
 
 
-@pytest.mark.parametrize(
-    ("file", "said"),
-    [
-        ("none.csv", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
-        ("../mine.csv", "beside the scenario or in a folder below it"),
-        ("loop.csv", "beside the scenario or in a folder below it|a file that exists"),
-        ("below", "ends in .csv or .parquet"),
-        ("broken.parquet", "a table as PARQUET.*'broken.parquet', which is not"),
-        ("empty.csv", "a table as CSV.*'empty.csv', which is not"),
-    ],
-)
-def test_files_that_are_refused(series, tmp_path, file, said):
+#: Files and columns that are refused, and tables that name none.
+REFUSED = [
+    ("none.csv:u", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
+    ("../mine.csv:u", "beside the scenario or in a folder below it"),
+    ("link.csv:u", "beside the scenario or in a folder below it"),
+    ("loop.csv:u", "beside the scenario or in a folder below it|a file that exists"),
+    ("folder.csv:u", "a file that exists"),
+    ("below:u", "ends in .csv or .parquet"),
+    ("broken.parquet:u", "a table as PARQUET.*'broken.parquet', which is not"),
+    ("empty.csv:u", "a table as CSV.*'empty.csv', which is not"),
+    ("mine.csv:U", r"a column out of time, u, .*received 'U', not in mine.csv"),
+    ("mine.csv:word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
+    ("mine.csv:hole", "finite numbers in column 'hole'.*received no value.*row 60"),
+    ("mine.csv:infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
+    ("mine.parquet:flag", "values of Boolean"),
+    ("mine.parquet:hole", "no value"),
+    ("mine.parquet:nan", "received nan"),
+    ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
+    ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
+    ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
+    ('"mine.csv"', "a list of numbers or a table at excitation.values"),
+]
+
+
+@pytest.mark.parametrize(("values", "said"), REFUSED)
+def test_series_that_are_refused(series, tmp_path, values, said):
     outside = tmp_path.parent / f"{tmp_path.name}-outside.csv"
     table().write_csv(outside)
-    (tmp_path / "below").mkdir()
-    (tmp_path / "folder.csv").mkdir()
+    for name in ("below", "folder.csv"):
+        (tmp_path / name).mkdir()
     (tmp_path / "link.csv").symlink_to(outside)
     (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
     (tmp_path / "broken.parquet").write_bytes(b"PAR1 no more")
     (tmp_path / "empty.csv").write_text("")
-    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
-        read_scenario(series(file))
-    assert "one.toml" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("file", "column", "said"),
-    [
-        ("mine.csv", "U", r"a column out of time, u, .*received 'U', not in mine.csv"),
-        ("mine.csv", "word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
-        ("mine.csv", "hole", "finite numbers in column 'hole'.*received no value.*row 60"),
-        ("mine.csv", "infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
-        ("mine.parquet", "flag", "values of Boolean"),
-        ("mine.parquet", "hole", "no value"),
-        ("mine.parquet", "nan", "received nan"),
-    ],
-)
-def test_columns_that_are_refused(series, tmp_path, file, column, said):
     columns = {"hole": [1.0] * 59 + [None], "infinite": [np.inf] + [1.0] * 59}
     table(word=["1", "2", "x", *["4"] * 57], **columns).write_csv(tmp_path / "mine.csv")
     table(flag=[True] * 60, nan=[np.nan] * 60, **columns).write_parquet(tmp_path / "mine.parquet")
-    with pytest.raises(InputError, match=f"(?s){said}"):
-        read_scenario(series(file, column))
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
-        ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
-        ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
-        ('"mine.csv"', "a list of numbers or a table at excitation.values"),
-    ],
-)
-def test_tables_that_are_refused(tmp_path, values, said):
-    table().write_csv(tmp_path / "mine.csv")
-    path = tmp_path / "one.toml"
-    path.write_text(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n', encoding="utf-8")
-    with pytest.raises(InputError, match=said):
-        read_scenario(path)
+    file, _, column = values.partition(":")
+    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
+        series(f'{{ file = "{file}", column = "{column}" }}' if column else values)
+    assert "one.toml" in str(caught.value)
 
 
 def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
     table().write_csv(tmp_path / "mine.csv")
-    monkeypatch.setattr(scenario_files, "MOST_NUMBERS", 59)
-    with pytest.raises(InputError, match="59 numbers or fewer"):
-        read_scenario(series("mine.csv"))
-    monkeypatch.setattr(scenario_files, "LARGEST_BYTES", 100)
-    with pytest.raises(InputError, match="a file of 100 bytes or fewer"):
-        read_scenario(series("mine.csv"))
+    for name, most, words in (
+        ("MOST_NUMBERS", 59, "59 numbers"),
+        ("LARGEST_BYTES", 100, "a file of 100 bytes"),
+    ):
+        monkeypatch.setattr(scenario_files, name, most)
+        with pytest.raises(InputError, match=f"{words} or fewer"):
+            series('{ file = "mine.csv", column = "u" }')
 
 
 def study_identity(folder, values):
@@ -424,11 +394,7 @@ def test_everything_is_read(file):
     ("right", "wrong", "message"),
     [
         ("mass = 0.5", "mas = 0.5", r"at vehicle of mine\.toml.*unknown key 'mas'. Did you mean 'mass'"),
-        (
-            "spins = [1, -1, 1, -1]",
-            "spins = [1, -1, 1, 0.5]",
-            r"a list of whole numbers at vehicle\.rotors\.spins",
-        ),
+        ("spins = [1, -1, 1, -1]", "spins = [1, 0.5]", r"a list of whole numbers at vehicle\.rotors\.spins"),
         ("spins = [1, -1, 1, -1]", "spins = [1, -1]", r"a spin for each at vehicle\.rotors"),
         ("lag_up = 0.02", "lag_up = -0.02", r"lag_up above zero at vehicle\.rotors"),
         ("inertia = [3.65e-3,", "inertia = [-3.65e-3,", r"positive definite at vehicle"),

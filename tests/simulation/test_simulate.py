@@ -118,9 +118,8 @@ def test_ratios_are_of_the_motion_without_noise(route, control):
     scenario = replace(FULL, route=route, **control)
     result = ev.simulate(scenario, rng())
     noiseless = ev.simulate(replace(scenario, noise_to_signal=dict.fromkeys(RATIOS, 0.0)), rng()).truth
-    undisturbed = ev.simulate(
-        replace(scenario, noise_to_signal={}, noise={}, disturbance=None, disturbance_to_signal=None), rng()
-    ).truth
+    calm = {"noise_to_signal": {}, "noise": {}, "disturbance": None, "disturbance_to_signal": None}
+    undisturbed = ev.simulate(replace(scenario, **calm), rng()).truth
     response = undisturbed.channel("acceleration_z")
     assert result.truth.channel("disturbance").std() == pytest.approx(0.3 * response.std(), rel=1e-12)
     for name, ratio in RATIOS.items():
@@ -157,10 +156,8 @@ def test_changing_one_source_leaves_the_others(changed, change):
     def sources(scenario):
         result = ev.simulate(scenario, rng())
         errors = {name: result.signals.channel(name) - result.truth.channel(name) for name in ALWAYS_MEASURED}
-        errors |= {
-            "excitation": result.truth.channel("input"),
-            "disturbance": result.truth.channel("disturbance"),
-        }
+        truth = result.truth.channels
+        errors |= {"excitation": truth["input"], "disturbance": truth["disturbance"]}
         return {name: values / values.std() for name, values in errors.items()}
 
     before, after = sources(FULL), sources(replace(FULL, **change))
@@ -186,7 +183,7 @@ def test_record_without_noise_gives_its_parameters_back():
         ({"disturbance_to_signal": 0.1}, "a disturbance to scale; received disturbance_to_signal alone"),
         (
             {"disturbance_to_signal": -0.1, "disturbance": WhiteDisturbance(1.0)},
-            "disturbance_to_signal of zero or more; received -0.1",
+            "of zero or more; received -0.1",
         ),
         (CONTROL | {"intersample": Intersample.LINEAR}, "held between samples.*'linear'"),
         ({"disturbance_to_signal": 0.1, "disturbance": WhiteDisturbance(0.0)}, "a disturbance that varies"),
@@ -208,12 +205,9 @@ def reference(kind, *, seed=1, count=6000, vigour=1.0):
 @pytest.mark.parametrize("kind", list(TrajectoryKind))
 def test_reference_and_its_derivatives_belong_together(kind):
     flight = reference(kind)
-    np.testing.assert_allclose(
-        np.gradient(flight.position, STEP_S)[1:-1], flight.velocity[1:-1], rtol=0.0, atol=5e-3
-    )
-    np.testing.assert_allclose(
-        np.gradient(flight.velocity, STEP_S)[1:-1], flight.acceleration[1:-1], rtol=0.0, atol=5e-2
-    )
+    for of, slope, atol in (("position", "velocity", 5e-3), ("velocity", "acceleration", 5e-2)):
+        slopes = np.gradient(getattr(flight, of), STEP_S)[1:-1]
+        np.testing.assert_allclose(slopes, getattr(flight, slope)[1:-1], rtol=0.0, atol=atol)
 
 
 @pytest.mark.parametrize("kind", [TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP])
@@ -295,9 +289,8 @@ def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, h
 def test_effective_parameters_are_the_nominal_ones():
     truth = truth_of(LOUD, fly(LOUD))
     parameters = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)
-    np.testing.assert_allclose(
-        parameters, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9
-    )
+    nominal = (LOUD.viscous_friction, LOUD.input_gain, 0.0)
+    np.testing.assert_allclose(parameters, nominal, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.thorough
@@ -407,11 +400,8 @@ def test_log_of_exact_sensors_is_the_truth():
     np.testing.assert_array_equal(values(flight, "input"), truth.record.thrust)
     assert "injected_torque_x" not in flight.recording.channels
     held = {name for name, channel in flight.recording.channels.items() if channel.held}
-    assert held == {
-        name
-        for name in flight.recording.channels
-        if name.startswith(("rotor_command", "reference", "feedback", "torque")) or name == "input"
-    }
+    begins = ("rotor_command", "reference", "feedback", "torque", "input")
+    assert held == {name for name in flight.recording.channels if name.startswith(begins)}
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -466,14 +456,10 @@ def test_sensor_filters_delays_and_errs():
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_logged_rates_can_be_means_that_the_controller_does_not_get():
-    mean = replace(
-        QUIET_BODY, duration=0.6, sensors=replace(QUIET_BODY.sensors, angular_rate=Sensor(averaged_s=0.01))
-    )
-    flight = fly_body(mean)
+    short = replace(QUIET_BODY, duration=0.6)
+    flight = fly_body(replace(short, sensors=replace(short.sensors, angular_rate=Sensor(averaged_s=0.01))))
     rates = flight.truth.record.body[:, 10:13]
-    np.testing.assert_array_equal(
-        rates, fly_body(replace(QUIET_BODY, duration=0.6)).truth.record.body[:, 10:13]
-    )
+    np.testing.assert_array_equal(rates, fly_body(short).truth.record.body[:, 10:13])
     expected = np.mean([rates[4 - late : rates.shape[0] - late] for late in range(5)], axis=0)
     np.testing.assert_allclose(vectors(flight, "angular_rate")[4:], expected, atol=1e-12)
     np.testing.assert_allclose(values(flight, "angular_rate_y")[1], rates[:2, 1].mean(), atol=1e-15)
@@ -510,15 +496,9 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
 def test_flights_side_by_side_are_those_alone():
     """Other vehicles, delays, filters, gains and winds beside it make no difference."""
     short = replace(LOUD_BODY, duration=0.3)
-    other = replace(
-        short,
-        vehicle=replace(VEHICLE, mass=1.0),
-        seed=9,
-        sensors=Sensors(),
-        wind=Wind(),
-        injection=AxisExcitations(),
-        controller=replace(LOUD_BODY.controller, hold=0.0, derivative_share=0.0),
-    )
+    controller = replace(LOUD_BODY.controller, hold=0.0, derivative_share=0.0)
+    other = replace(short, vehicle=replace(VEHICLE, mass=1.0), controller=controller, seed=9)
+    other = replace(other, sensors=Sensors(), wind=Wind(), injection=AxisExcitations())
     together = list(simulate_rigid_body_flights([short, other, replace(short, seed=6)]))
     for made, alone in zip(together, (fly_body(short), fly_body(other)), strict=False):
         identical(made, alone, lambda flight: [flight.truth.record], 1e-10)
@@ -528,11 +508,7 @@ def test_flights_side_by_side_are_those_alone():
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_flights_of_several_lengths_keep_their_order():
-    specs = [
-        replace(QUIET_BODY, duration=0.2),
-        replace(QUIET_BODY, duration=0.1),
-        replace(QUIET_BODY, duration=0.2, seed=1),
-    ]
+    specs = [replace(QUIET_BODY, duration=length, seed=n) for n, length in enumerate((0.2, 0.1, 0.2))]
     flights = list(simulate_rigid_body_flights(specs))
     assert [len(flight.truth.record.body) for flight in flights] == [100, 50, 100]
 
@@ -552,10 +528,7 @@ def test_flights_of_several_lengths_keep_their_order():
         (lambda: replace(QUIET_BODY, rate_hz=400.0), "rate_hz of the controller"),
         (lambda: replace(QUIET_BODY, controller=FlightController(attitude_hz=200.0)), "attitude_hz of"),
         (lambda: replace(QUIET_BODY, vehicle=with_rotors(delay=0.003)), "multiple of 0.002 s"),
-        (
-            lambda: fly_body(replace(QUIET_BODY, vehicle=with_rotors(spins=(1,) * 4))),
-            "torque about each axis",
-        ),
+        (lambda: fly_body(replace(QUIET_BODY, vehicle=with_rotors(spins=(1,) * 4))), "torque about each"),
         (
             lambda: fly_body(replace(QUIET_BODY, sensors=Sensors(angular_rate=Sensor(cutoff_hz=300.0)))),
             "below half the simulation's rate",
@@ -569,9 +542,8 @@ def test_specifications_and_parts_are_checked(make, message):
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_lost_vehicle_is_told():
-    storm = replace(
-        QUIET_BODY, duration=1.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0))
-    )
+    torque = TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0))
+    storm = replace(QUIET_BODY, duration=1.0, torque_disturbance=torque)
     assert not fly_body(storm).flew
     with pytest.raises(ParameterError, match="stays upright"):
         log_of_rigid_body_flight(storm)
@@ -703,17 +675,11 @@ def test_rotors_and_body_exchange_momentum():
     """Rotors that speed up while the body tumbles: the sum of both momenta stays."""
     idle = replace(ROTORS, inertia=3e-8, torque_ratio=0.0, thrust_quadratic=1e-30)
     vehicle = replace(SMALL, rotors=idle)
-    bodies, rotors = flown(
-        coefficients_of(vehicle),
-        turning((2.0, -1.0, 1.0)),
-        [0.0] * 4,
-        [1000.0, 200.0, 400.0, 0.0],
-        step_s=0.001,
-        seconds=1.0,
-    )
+    speeds, command = [0.0] * 4, [1000.0, 200.0, 400.0, 0.0]
+    body, how = turning((2.0, -1.0, 1.0)), {"step_s": 0.001, "seconds": 1.0}
+    bodies, rotors = flown(coefficients_of(vehicle), body, speeds, command, **how)
     current = bodies[:, 10:] @ vehicle.inertia_matrix
     current[:, 2] -= 3e-8 * rotors @ np.array(idle.spins)
     total = rotations(bodies).apply(current)
-    np.testing.assert_allclose(
-        total, np.tile(total[0], (total.shape[0], 1)), atol=1e-7 * np.linalg.norm(total[0])
-    )
+    first = np.tile(total[0], (total.shape[0], 1))
+    np.testing.assert_allclose(total, first, atol=1e-7 * np.linalg.norm(total[0]))
