@@ -68,7 +68,7 @@ def test_neither_lag_nor_delay_is_searched():
 
 def test_a_delay_that_the_references_do_not_move_leaves_its_degree_to_them():
     """The delay ends at zero in some flights without one: J was too large there for its degrees."""
-    estimates = [ev.identify_flight(log).fit.estimate for log in flown(4, seed=900, gust=0.5)]
+    estimates = [ev.identify_flight(log).fit.estimate for log in flown(4, seconds=15.0, seed=900, gust=0.5)]
     at_end = [estimate.nuisances["delay"] < 1e-4 for estimate in estimates]
     assert any(at_end)
     for estimate, ends in zip(estimates, at_end, strict=True):

@@ -5,6 +5,7 @@ Messages are written by rosbags, whose serialisers know nothing of this project'
 
 import sqlite3
 import tomllib
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -26,6 +27,7 @@ def ulog(flight):
     return ulog_writer.ulog(flight, BOOT_US).bytes()
 
 
+@cache
 def stores(release="1.15"):
     """Typestores of ROS 1 and of ROS 2, with the messages of mavros and of a release of PX4."""
     texts = {}

@@ -485,7 +485,7 @@ CONTROLLER = AltitudeController(
 )
 
 
-def environment(count=300):
+def environment(count=150):
     """Everything at once: trajectory, wind, tilt and noise, different for each flight."""
     rng = np.random.default_rng(5)
     time = FLIGHT_STEP_S * np.arange(count)[:, None]

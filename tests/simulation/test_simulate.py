@@ -62,6 +62,7 @@ FULL = replace(
     OPEN, noise=NOISY, noise_to_signal=RATIOS, disturbance=WhiteDisturbance(1.0), disturbance_to_signal=0.3
 )
 CONTROL = {"control": VelocityControl(15.0, 4.0)}
+FALLING = {"disturbance_to_signal": -0.1, "disturbance": WhiteDisturbance(1.0)}
 
 
 def rng(seed=1):
@@ -181,10 +182,7 @@ def test_record_without_noise_gives_its_parameters_back():
         ({"input_gain": float("inf")}, "a finite input_gain"),
         ({"noise_to_signal": {"u": 0.1}}, "received noise of 'u'"),
         ({"disturbance_to_signal": 0.1}, "a disturbance to scale; received disturbance_to_signal alone"),
-        (
-            {"disturbance_to_signal": -0.1, "disturbance": WhiteDisturbance(1.0)},
-            "of zero or more; received -0.1",
-        ),
+        (FALLING, "disturbance_to_signal of zero or more; received -0.1"),
         (CONTROL | {"intersample": Intersample.LINEAR}, "held between samples.*'linear'"),
         ({"disturbance_to_signal": 0.1, "disturbance": WhiteDisturbance(0.0)}, "a disturbance that varies"),
     ],
@@ -528,7 +526,10 @@ def test_flights_of_several_lengths_keep_their_order():
         (lambda: replace(QUIET_BODY, rate_hz=400.0), "rate_hz of the controller"),
         (lambda: replace(QUIET_BODY, controller=FlightController(attitude_hz=200.0)), "attitude_hz of"),
         (lambda: replace(QUIET_BODY, vehicle=with_rotors(delay=0.003)), "multiple of 0.002 s"),
-        (lambda: fly_body(replace(QUIET_BODY, vehicle=with_rotors(spins=(1,) * 4))), "torque about each"),
+        (
+            lambda: fly_body(replace(QUIET_BODY, vehicle=with_rotors(spins=(1,) * 4))),
+            "torque about each axis",
+        ),
         (
             lambda: fly_body(replace(QUIET_BODY, sensors=Sensors(angular_rate=Sensor(cutoff_hz=300.0)))),
             "below half the simulation's rate",
