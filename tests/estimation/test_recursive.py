@@ -61,9 +61,7 @@ def part(signals, first, last):
 
 
 def after(signals, cuts=(), **options):
-    recursion = ev.RecursiveIdentification(
-        MOTION, options.pop("method", ev.methods.generalized_iv()), INSTRUMENTS, **options
-    )
+    recursion = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS, **options)
     for first, last in pairwise([0, *map(int, cuts), signals.sample_count]):
         recursion = recursion.update(part(signals, first, last))
     return recursion
@@ -76,9 +74,8 @@ def batch(signals):
     used = np.ones(signals.sample_count - problem.first, bool) if problem.used is None else problem.used
     w = (FACTOR ** np.arange(used.size - 1, -1, -1.0))[used]
     table = (rows.instruments * w[:, None]).T @ np.column_stack([rows.regressors, rows.response])
-    noise = shared_noise_of_rows(
-        INSTRUMENTS, (*problem.regressor_columns, problem.equation.response), signals, problem.first
-    )
+    columns = (*problem.regressor_columns, problem.equation.response)
+    noise = shared_noise_of_rows(INSTRUMENTS, columns, signals, problem.first)
     for name, series in noise.items():
         table[name] -= w @ series[used]
     return np.linalg.lstsq(table[:, :2] / w.sum(), table[:, 2] / w.sum(), rcond=None)[0]
@@ -109,12 +106,8 @@ def test_equals_the_weighted_batch_where_samples_are_missing(fractional):
 def test_chunks_of_any_size_give_the_same_estimate_and_intervals(cuts):
     signals = record(420, masked=True, fractional=True)
     whole, cut = after(signals).estimate(), after(signals, cuts).estimate()
-    for name in whole.names:
-        np.testing.assert_allclose(
-            [cut.parameters[name], *cut.interval(name)],
-            [whole.parameters[name], *whole.interval(name)],
-            rtol=1e-10,
-        )
+    ends = [[each.parameters[name], *each.interval(name)] for each in (cut, whole) for name in whole.names]
+    np.testing.assert_allclose(ends[:2], ends[2:], rtol=1e-10)
 
 
 @pytest.mark.parametrize("memory", [200.0, 10.0])
@@ -164,12 +157,8 @@ def test_memory_does_not_grow_with_the_stream():
 
     def held(recursion):
         weighted, tail = recursion._products, recursion._tail
-        return (
-            weighted.closed.products.sums.nbytes,
-            weighted.full.products.sums.nbytes,
-            weighted.waiting.columns.shape[1],
-            tail.sample_count,
-        )
+        sums = (part.products.sums.nbytes for part in (weighted.closed, weighted.full))
+        return *sums, weighted.waiting.columns.shape[1], tail.sample_count
 
     early = after(part(signals, 0, 3000), (1000, 2000), detector=ev.ChangeDetector())
     late = after(signals, range(1000, 9000, 1000), detector=ev.ChangeDetector())
@@ -185,9 +174,8 @@ def test_effective_rows_are_twice_the_memory():
 
 def test_both_covariances_are_alike_for_white_errors_and_know_their_degrees():
     parts = [after(record(6000, seed=seed)).estimate().joint_covariance.parts for seed in range(30)]
-    cosines, blocks = (
-        np.mean([np.diag(part.matrix) for part in each], axis=0) for each in zip(*parts, strict=True)
-    )
+    variances = np.array([[np.diag(part.matrix) for part in each] for each in parts])
+    cosines, blocks = variances.mean(axis=0)
     np.testing.assert_allclose(cosines / blocks, 1.0, atol=0.35)
     # squares of weights that fall by a factor: (1 + q) / (1 - q) blocks count, less one for each parameter
     forgetting = after(record(400))._products.forgetting
@@ -199,19 +187,16 @@ def test_both_covariances_are_alike_for_white_errors_and_know_their_degrees():
 def test_estimates_follow_the_stream():
     signals = record(600)
     chunks = [part(signals, k, k + 50) for k in range(0, 600, 50)]
-    recursive_identification = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS)
-    identify_recursively = list(ev.identify_recursively(chunks, recursive_identification))
-    assert [recursion.samples for recursion, _ in identify_recursively] == [*range(40, 600, 50)]
-    low, high = identify_recursively[-1][1].interval("input_gain")
+    begun = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS)
+    results = list(ev.identify_recursively(chunks, begun))
+    assert [recursion.samples for recursion, _ in results] == [*range(40, 600, 50)]
+    low, high = results[-1][1].interval("input_gain")
     assert low < 0.1 < high
 
 
 def test_bias_compensated_least_squares_needs_no_instruments():
-    signals = record(2000)
-    signals = replace(
-        signals,
-        noise={**signals.noise, "velocity_z": ev.WhiteNoise(0.01), "acceleration_z": ev.WhiteNoise(0.01)},
-    )
+    signals, others = record(2000), ("velocity_z", "acceleration_z")
+    signals = replace(signals, noise=signals.noise | dict.fromkeys(others, ev.WhiteNoise(0.01)))
     recursion = ev.RecursiveIdentification(MOTION, ev.methods.bias_compensated_least_squares())
     assert recursion.update(signals).estimate().parameters["input_gain"] == pytest.approx(0.1, rel=0.05)
 
@@ -257,18 +242,14 @@ def flight_record(seed=0, count=COUNT, *, masked=False):
     """A record whose input has fractional noise, which remembers where its record began."""
     rng = np.random.default_rng(seed)
     channels = {name: rng.standard_normal(count).cumsum() for name in ("velocity_z", "input")}
-    channels["specific_force_z"] = (
-        0.5 * channels["input"] - 0.3 * channels["velocity_z"] + 9.8 + 0.1 * rng.standard_normal(count)
-    )
+    force = 0.5 * channels["input"] - 0.3 * channels["velocity_z"] + 9.8
+    channels["specific_force_z"] = force + 0.1 * rng.standard_normal(count)
     valid = None
     if masked:
         valid = np.ones(count, dtype=bool)
         valid[100:117] = valid[300] = False
-    noise = {
-        "input": ev.FractionalNoise(std=0.2, order=-0.4),
-        "velocity_z": ev.WhiteNoise(std=0.1),
-        "specific_force_z": ev.WhiteNoise(std=0.1),
-    }
+    noise = dict.fromkeys(("velocity_z", "specific_force_z"), ev.WhiteNoise(std=0.1))
+    noise |= {"input": ev.FractionalNoise(std=0.2, order=-0.4)}
     return ev.Signals(rate_hz=5.0, channels=channels, noise=noise, valid=valid)
 
 
@@ -452,14 +433,10 @@ def test_the_moments_of_chunks_are_solved_once(weighting, monkeypatch):
 
     monkeypatch.setattr(AugmentedLeastSquares, "solve", counted)
     method, signals = ev.methods.generalized_iv(weighting), flight_record()
-    fit = ev.identify_chunks(
-        lambda: chunks_of(signals, [200, 400]),
-        model=STREAM_MOTION,
-        method=method,
-        instruments=ev.lags("input", 0, ORDER),
-    )
+    given = {"model": STREAM_MOTION, "method": method, "instruments": ev.lags("input", 0, ORDER)}
+    fit = ev.identify_chunks(lambda: chunks_of(signals, [200, 400]), **given)
     assert sizes == [(ORDER + 2, 3)]
-    whole = ev.identify(STREAM_MOTION.regression(signals, ev.lags("input", 0, ORDER)), method)
+    whole = ev.identify(STREAM_MOTION.regression(signals, given["instruments"]), method)
     assert fit.parameters == pytest.approx(whole.parameters, rel=1e-9)
 
 
@@ -494,14 +471,8 @@ def told(signals, method, of_input=1.0, of_motion=1.0):
     scaled = in_units(signals, of_input, of_motion)
     scaled = replace(scaled, noise={}) if method in SOUGHT else scaled
     estimate = ev.identify(MODEL.regression(scaled, ev.lags("input", 0, 10)), method)
-    gain = of_motion / of_input
-    names = (("viscous_friction", 1.0), ("input_gain", gain))
-    return np.array(
-        [
-            [estimate.parameters[name] / unit, *np.divide(estimate.interval(name), unit)]
-            for name, unit in names
-        ]
-    )
+    names, units = ("viscous_friction", "input_gain"), np.array([[1.0], [of_motion / of_input]])
+    return np.array([[estimate.parameters[name], *estimate.interval(name)] for name in names]) / units
 
 
 @pytest.mark.parametrize("method", [*DECLARED, *SOUGHT], ids=lambda method: method.name)

@@ -8,7 +8,6 @@ from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
-import polars as pl
 import pytest
 from cost import in_transforms
 from hypothesis import given, settings
@@ -97,27 +96,18 @@ def test_impossible_noises_are_refused(make, said):
 
 def test_published_weights_and_differences():
     """Order 0.4: 1, -0.4, -0.12, ...; order 0.5 of (1, 2, 4, 7, 0); by hand, from the binomial series."""
-    np.testing.assert_allclose(
-        fractional_weights(0.4, 6), [1.0, -0.4, -0.12, -0.064, -0.0416, -0.029952], rtol=1e-14
-    )
-    np.testing.assert_allclose(
-        fractional_difference(np.array([1.0, 2.0, 4.0, 7.0, 0.0]), 0.5),
-        [1.0, 1.5, 2.875, 4.6875, -4.1640625],
-        rtol=1e-13,
-    )
+    weights = [1.0, -0.4, -0.12, -0.064, -0.0416, -0.029952]
+    np.testing.assert_allclose(fractional_weights(0.4, 6), weights, rtol=1e-14)
+    difference = fractional_difference(np.array([1.0, 2.0, 4.0, 7.0, 0.0]), 0.5)
+    np.testing.assert_allclose(difference, [1.0, 1.5, 2.875, 4.6875, -4.1640625], rtol=1e-13)
 
 
 def test_order_is_the_slope_of_the_spectrum():
     """Over the middle decades, log S rises by 2 * order per unit of log w."""
     for order in (-0.5, -0.4, 0.3):
-        noise = ev.FractionalNoise(1.0, order)
-        power = np.mean(
-            [
-                np.abs(np.fft.rfft(noise.sample(4096, stream) * np.hanning(4096))) ** 2
-                for stream in np.random.default_rng(2).spawn(60)
-            ],
-            axis=0,
-        )
+        noise, streams = ev.FractionalNoise(1.0, order), np.random.default_rng(2).spawn(60)
+        samples = np.array([noise.sample(4096, stream) for stream in streams])
+        power = np.mean(np.abs(np.fft.rfft(samples * np.hanning(4096))) ** 2, axis=0)
         w = 2.0 * np.pi * np.fft.rfftfreq(4096)
         band = (w > 0.01) & (w < 0.5)
         slope, _ = np.polyfit(np.log(2.0 * np.sin(w[band] / 2.0)), np.log(power[band]), 1)
@@ -256,10 +246,8 @@ def test_fft_is_the_direct_sum(order, count, seed):
     values = np.random.default_rng(seed).standard_normal((count, 2))
     weights = fractional_weights(order, count)
     direct = np.stack([np.convolve(weights, column)[:count] for column in values.T], axis=1)
-    scale = 1.0 + np.abs(direct).max()
-    np.testing.assert_allclose(
-        fractional_difference(values, order), direct, rtol=0.0, atol=1e-13 * count * scale
-    )
+    near = 1e-13 * count * (1.0 + np.abs(direct).max())
+    np.testing.assert_allclose(fractional_difference(values, order), direct, rtol=0.0, atol=near)
 
 
 @pytest.mark.parametrize("order", [-1.3, -0.5, 0.25, 0.5, 1.7])
@@ -319,9 +307,7 @@ def test_rotors_have_numbers():
 
 
 def test_declared_channels_in_maps(declared, tmp_path):
-    pl.DataFrame({"t": [0.0, 1.0], "v": [36.0, 72.0], "i": [1.0, 2.0], "pwm": [9, 9]}).write_csv(
-        tmp_path / "t.csv"
-    )
+    (tmp_path / "t.csv").write_text("t,v,i,pwm\n0.0,36.0,1.0,9\n1.0,72.0,2.0,9\n")
     text = """
 name = "rover"
 [time]
@@ -381,9 +367,7 @@ def test_a_family_beside_one_of_its_members(table):
     with pytest.raises(UsageError, match="wheel_1"):
         canonical.declare_channels(canonical.CanonicalChannel("wheel_*", "rad/s"))
     with pytest.raises(UsageError, match="declared once"):
-        canonical.declare_channels(
-            canonical.CanonicalChannel("track_1", ""), canonical.CanonicalChannel("track_*", "")
-        )
+        canonical.declare_channels(*(canonical.CanonicalChannel(f"track_{end}", "") for end in "1*"))
 
 
 @pytest.mark.parametrize("name", ["", "Speed", "time", "a b", "a-b", "*"])
@@ -475,9 +459,7 @@ def test_cleaning_is_the_naive_walk_through_the_samples(stamps, seed):
 
 @pytest.mark.parametrize("stamps", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, np.nan], [0.0, np.inf]])
 def test_channels_refuse_stamps_that_do_not_increase(stamps):
-    with pytest.raises(
-        NonFiniteError, match=r"Expected finite, strictly increasing time stamps.*clean_channel"
-    ):
+    with pytest.raises(NonFiniteError, match=r"finite, strictly increasing time stamps.*clean_channel"):
         channel(stamps)
 
 
@@ -522,9 +504,7 @@ def test_families_are_in_the_order_of_their_numbers():
 
 def test_missing_channels_say_what_was_looked_for():
     log = ev.Recording("a.ulg", "ulog", {}, looked_for={"velocity_z": ("vehicle_local_position.vz",)})
-    with pytest.raises(
-        MissingChannelError, match=r"Expected the channel 'velocity_z' in a\.ulg.*position\.vz"
-    ):
+    with pytest.raises(MissingChannelError, match=r"the channel 'velocity_z' in a\.ulg.*position\.vz"):
         log.channel("velocity_z")
     with pytest.raises(MissingChannelError, match="no source of it is known"):
         log.channel("input")
@@ -550,16 +530,11 @@ def test_signals_refuse_rates_that_are_none(rate):
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
-    "build",
-    [
-        lambda: ev.Signals(1.0, {}),
-        lambda: ev.Signals(1.0, {"input": np.zeros(3), "velocity_z": np.zeros(4)}),
-        lambda: ev.Signals(1.0, {"input": np.zeros(3)}, valid=np.ones(2, dtype=bool)),
-    ],
+    ("counts", "valid"), [({}, None), ({"input": 3, "velocity_z": 4}, None), ({"input": 3}, np.ones(2, bool))]
 )
-def test_signals_refuse_shapes_that_do_not_fit(build):
+def test_signals_refuse_shapes_that_do_not_fit(counts, valid):
     with pytest.raises(ShapeError, match="Expected at least one channel"):
-        build()
+        ev.Signals(1.0, {name: np.zeros(count) for name, count in counts.items()}, valid=valid)
 
 
 def test_signals_refuse_values_that_are_not_finite_where_they_count():
@@ -569,9 +544,7 @@ def test_signals_refuse_values_that_are_not_finite_where_they_count():
     with pytest.raises(NonFiniteError, match=r"received 1 .* sample 3"):
         ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, True]))
     ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, False]))
-    with pytest.raises(
-        MissingChannelError, match="Expected a channel called 'speed'; received channels input"
-    ):
+    with pytest.raises(MissingChannelError, match="a channel called 'speed'; received channels input"):
         ev.Signals(1.0, {"input": np.zeros(2)}).channel("speed")
 
 
@@ -706,10 +679,7 @@ def test_lines_between_samples_are_filtered_exactly_also_beyond_half_the_grids_r
 
 
 def test_angles_are_those_of_successive_turns_and_yaw_goes_on():
-    count = 50
-    angles = np.stack(
-        [np.linspace(-1.0, 1.2, count), np.linspace(0.8, -1.1, count), np.linspace(-2.0, 9.0, count)]
-    )
+    angles = np.linspace([-1.0, 0.8, -2.0], [1.2, -1.1, 9.0], 50).T
     quaternions = Rotation.from_euler("ZYX", angles[::-1].T).as_quat(scalar_first=True).T
     quaternions[:, ::7] *= -1.0  # the same attitudes
     np.testing.assert_allclose(canonical.roll_pitch_yaw(quaternions), angles, atol=1e-12)
