@@ -6,6 +6,7 @@ import inspect
 import json
 import warnings
 from functools import cache
+from operator import attrgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -185,6 +186,12 @@ NOT_DOORS = {
     *("Frame", "Status"),
 }
 
+#: Doors of which every argument has a default.
+WITHOUT_ARGUMENTS = {
+    *("AutocorrelatedErrors", "ChangeDetector", "FlightLimits", "VehicleGuess", "VerticalMotion"),
+    *("example_flight", "actuator", "input", "reference", "covariances.KernelRobust"),
+}
+
 #: Channels of a scenario in open loop.
 NOISY = ("input", "velocity_z", "acceleration_z")
 
@@ -210,7 +217,7 @@ def made():
 
 
 def doors(folder):
-    """Every door with right arguments; those that are left out have their defaults."""
+    """Every door with right arguments: public names, then methods of what they give."""
     m = made()
     noisy = ev.Scenario(0.3, 0.02, samples=50, noise=dict.fromkeys(NOISY, ev.WhiteNoise(0.1)))
     model = {"model": m.motion, "method": m.iv, "instruments": ev.lags("input", 0, 2)}
@@ -222,126 +229,93 @@ def doors(folder):
     matrix = {"response": m.y, "regressors": m.X, "instruments": m.Z}
     # A type that has no public name.
     system = inspect.signature(ev.weighted_total_least_squares, eval_str=True).parameters["system"].annotation
+    covariances = np.tile(np.eye(3), (60, 1, 1))
     name, std = {"name": "theta_1"}, {"std": 1.0}
+    unknown = ev.UnknownOrder("order", 0.2, 0.9)
     region, of_fraction = m.found.region, {"parameters": FRACTIONAL}
     columns = {"time": np.arange(60.0), "velocity_z": m.y}
     u = np.random.default_rng(1).standard_normal(900)
     turned = lfilter([0.0, 0.2], [1.0, -0.9], u)
     response = {"u": u, "y": turned, "reference": u, "rate_hz": 20.0}
-    return {
-        "AutocorrelatedErrors": (ev.AutocorrelatedErrors, {}),
-        "ChangeDetector": (ev.ChangeDetector, {}),
-        "Column": (ev.Column, {"channel": "input"}),
-        "ConfidenceSet": (ev.ConfidenceSet, {"intervals": ((0.0, 1.0),)}),
-        "FlightOptions": (
-            ev.FlightOptions,
-            {"noise": {"velocity_z": 0.02}, "rotor_radius": 0.1, "controller_rate_hz": 400.0},
-        ),
-        "FlightLimits": (ev.FlightLimits, {}),
-        "VehicleGuess": (ev.VehicleGuess, {}),
-        "FractionalNoise": (ev.FractionalNoise, {**std, "order": 0.2}),
-        "AutoregressiveNoise": (ev.AutoregressiveNoise, {**std, "coefficient": 0.9}),
-        "HeavyTailedNoise": (ev.HeavyTailedNoise, {**std, "degrees": 3.0}),
-        "RoundingNoise": (ev.RoundingNoise, std),
-        "Recording": (
-            ev.Recording,
-            {"name": "a", "format": "csv", "channels": m.recording.channels, "frame": m.recording.frame},
-        ),
-        "RecursiveIdentification": (ev.RecursiveIdentification, model),
-        "Regression": (
-            ev.Regression,
-            {
-                **matrix,
-                "parameters": m.rows.parameters,
-                "layout": m.rows.layout,
-                "regressor_noise": np.eye(3),
-                "instrument_noise": np.zeros((2, 3)),
-            },
-        ),
-        "Scenario": (ev.Scenario, {"viscous_friction": 0.3, "input_gain": 0.02}),
-        "SignalRegression": (ev.SignalRegression, {"signals": m.signals, "equation": m.motion.equation()}),
-        "Signals": (
-            ev.Signals,
-            {"rate_hz": 5.0, "channels": {"input": m.y}, "noise": {"input": ev.WhiteNoise(1.0)}},
-        ),
-        "VerticalMotion": (ev.VerticalMotion, {}),
-        "FractionalDifferenceModel": (
-            ev.FractionalDifferenceModel,
-            {"output": (0.0, ev.UnknownOrder("order", 0.2, 0.9)), "input": (ev.FractionalTerm(0.0),)},
-        ),
-        "FractionalTerm": (ev.FractionalTerm, {"order": 0.5, "lag": 1}),
-        "UnknownOrder": (ev.UnknownOrder, {"name": "order", "low": 0.2, "high": 0.9}),
-        "Bounds": (ev.Bounds, {"low": -2.0, "high": 4.0}),
-        "Prior": (ev.Prior, {"mean": 0.07, "std": 0.015}),
-        "WhiteNoise": (ev.WhiteNoise, std),
-        "iv": (
-            ev.iv,
-            {"y": m.rows.response, "X": m.rows.regressors, "Z": m.rows.instruments, "names": ("a", "b")},
-        ),
-        "frequency_response": (ev.frequency_response, response),
-        "transfer_functions": (ev.transfer_functions, {"response": ev.frequency_response(**response)}),
-        "loop_margins": (ev.loop_margins, {"loop": lambda s: 9.0 / (s * (0.1 * s + 1.0))}),
-        "proposed_controllers": (
-            ev.proposed_controllers,
-            {"models": ev.transfer_functions(ev.frequency_response(**response), orders=(1,))},
-        ),
-        "anderson_rubin_set": (ev.anderson_rubin_set, {"problem": m.rows, "method": m.iv}),
-        "bootstrap": (ev.bootstrap, {"problem": m.rows, "method": m.iv, "runs": 3, "block_length": 2}),
-        "bootstrap_flights": (ev.bootstrap_flights, {"fit": None, "runs": 3}),
-        "derived": (ev.derived, {"estimate": m.fit, "function": lambda p: p["theta_1"]}),
-        "diagnose": (ev.diagnose, {"estimate": m.fit}),
-        "estimate_long_memory": (ev.estimate_long_memory, {"values": m.y, "bandwidth": 20}),
-        "identify": (ev.identify, {"problem": m.rows, "method": m.iv}),
-        "identify_chunks": (ev.identify_chunks, {"chunks": lambda: [m.signals], **model}),
-        "identify_flight": (ev.identify_flight, {"recordings": m.recording, "progress": print}),
-        "identify_log": (ev.identify_log, {"recordings": m.recording, "progress": print}),
-        "identify_recursively": (
-            ev.identify_recursively,
-            {"chunks": [m.signals], "recursion": ev.RecursiveIdentification(**model)},
-        ),
-        "example_flight": (ev.example_flight, {}),
-        "load_fit": (ev.load_fit, {"file": fit_file}),
-        "log_signals": (ev.log_signals, {"log": ev.example_flight(), "actuator_lag": 0.05}),
-        "lags": (ev.lags, {"channel": "input", "first": 0, "last": 2}),
-        "moments": (ev.moments, {"chunks": [m.signals], **model}),
-        "actuator": (ev.actuator, {}),
-        "behind": (ev.behind, {"of": "u", "actuator": "servo"}),
-        "input": (ev.input, {}),
-        "reference": (ev.reference, {}),
-        "load_machine": (ev.load_machine, {"source": "rover"}),
-        "machine": (
-            ev.machine,
-            {
-                "name": "drag",
-                "channels": {"drag_speed": "m/s", "drag_command": ev.input()},
-                "response": "ddt(drag_speed)",
-                "terms": {"c": "-drag_speed", "a": "drag_command"},
-            },
-        ),
-        "motion_by_name": (ev.motion_by_name, {"name": "vertical"}),
-        "plan": (ev.plan, {"source": ev.VehicleGuess(), "target": "lag"}),
-        "ratio": (ev.ratio, {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2"}),
-        "read_chunks": (ev.read_chunks, {"path": parquet, "rate_hz": 5.0}),
-        "read_log": (ev.read_log, {"path": log, "max_bytes": 1000}),
-        "recording_from_columns": (ev.recording_from_columns, {"columns": columns, "name": "a"}),
-        "regression": (
-            ev.regression,
-            {
-                **matrix,
-                "names": ["a", "b"],
-                "noise_covariance": np.eye(3),
-                "instrument_noise_covariance": np.zeros((2, 3)),
-            },
-        ),
-        "sign_perturbed_set": (ev.sign_perturbed_set, {"problem": m.rows, "method": m.iv, "rng": m.rng}),
-        "shipped_scenario": (ev.shipped_scenario, {"name": "v"}),
-        "simulate": (ev.simulate, {"scenario": m.scenario, "rng": m.rng}),
-        "validate": (ev.validate, {"fit": fit_file, "recording": m.recording}),
-        "weighted_total_least_squares": (
-            ev.weighted_total_least_squares,
-            {"system": system(m.X, m.y), "row_covariances": np.tile(np.eye(3), (60, 1, 1))},
-        ),
-        # methods of what they give, and of the rooms
+    measured = ev.frequency_response(**response)
+    plain = {
+        **{door: {} for door in WITHOUT_ARGUMENTS},
+        "Column": {"channel": "input"},
+        "ConfidenceSet": {"intervals": ((0.0, 1.0),)},
+        "FlightOptions": {"noise": {"velocity_z": 0.02}, "rotor_radius": 0.1, "controller_rate_hz": 400.0},
+        "FractionalNoise": {**std, "order": 0.2},
+        "AutoregressiveNoise": {**std, "coefficient": 0.9},
+        "HeavyTailedNoise": {**std, "degrees": 3.0},
+        "RoundingNoise": std,
+        "Recording": {name: getattr(m.recording, name) for name in ("name", "format", "channels", "frame")},
+        "RecursiveIdentification": model,
+        "Regression": {**matrix, "parameters": m.rows.parameters, "layout": m.rows.layout}
+        | {"regressor_noise": np.eye(3), "instrument_noise": np.zeros((2, 3))},
+        "Scenario": {"viscous_friction": 0.3, "input_gain": 0.02},
+        "SignalRegression": {"signals": m.signals, "equation": m.motion.equation()},
+        "Signals": {"rate_hz": 5.0, "channels": {"input": m.y}, "noise": {"input": ev.WhiteNoise(1.0)}},
+        "FractionalDifferenceModel": {"output": (0.0, unknown), "input": (ev.FractionalTerm(0.0),)},
+        "FractionalTerm": {"order": 0.5, "lag": 1},
+        "UnknownOrder": {"name": "order", "low": 0.2, "high": 0.9},
+        "Bounds": {"low": -2.0, "high": 4.0},
+        "Prior": {"mean": 0.07, "std": 0.015},
+        "WhiteNoise": std,
+        "iv": {"y": m.rows.response, "X": m.rows.regressors, "Z": m.rows.instruments, "names": ("a", "b")},
+        "frequency_response": response,
+        "transfer_functions": {"response": measured},
+        "loop_margins": {"loop": lambda s: 9.0 / (s * (0.1 * s + 1.0))},
+        "proposed_controllers": {"models": ev.transfer_functions(measured, orders=(1,))},
+        "anderson_rubin_set": {"problem": m.rows, "method": m.iv},
+        "bootstrap": {"problem": m.rows, "method": m.iv, "runs": 3, "block_length": 2},
+        "bootstrap_flights": {"fit": None, "runs": 3},
+        "derived": {"estimate": m.fit, "function": lambda p: p["theta_1"]},
+        "diagnose": {"estimate": m.fit},
+        "estimate_long_memory": {"values": m.y, "bandwidth": 20},
+        "identify": {"problem": m.rows, "method": m.iv},
+        "identify_chunks": {"chunks": lambda: [m.signals], **model},
+        "identify_flight": {"recordings": m.recording, "progress": print},
+        "identify_log": {"recordings": m.recording, "progress": print},
+        "identify_recursively": {"chunks": [m.signals], "recursion": ev.RecursiveIdentification(**model)},
+        "load_fit": {"file": fit_file},
+        "log_signals": {"log": ev.example_flight(), "actuator_lag": 0.05},
+        "lags": {"channel": "input", "first": 0, "last": 2},
+        "moments": {"chunks": [m.signals], **model},
+        "behind": {"of": "u", "actuator": "servo"},
+        "load_machine": {"source": "rover"},
+        "machine": {
+            "name": "drag",
+            "channels": {"drag_speed": "m/s", "drag_command": ev.input()},
+            "response": "ddt(drag_speed)",
+            "terms": {"c": "-drag_speed", "a": "drag_command"},
+        },
+        "motion_by_name": {"name": "vertical"},
+        "plan": {"source": ev.VehicleGuess(), "target": "lag"},
+        "ratio": {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2"},
+        "read_chunks": {"path": parquet, "rate_hz": 5.0},
+        "read_log": {"path": log, "max_bytes": 1000},
+        "recording_from_columns": {"columns": columns, "name": "a"},
+        "regression": {**matrix, "names": ["a", "b"], "noise_covariance": np.eye(3)}
+        | {"instrument_noise_covariance": np.zeros((2, 3))},
+        "sign_perturbed_set": {"problem": m.rows, "method": m.iv, "rng": m.rng},
+        "shipped_scenario": {"name": "v"},
+        "simulate": {"scenario": m.scenario, "rng": m.rng},
+        "validate": {"fit": fit_file, "recording": m.recording},
+        "weighted_total_least_squares": {"system": system(m.X, m.y), "row_covariances": covariances},
+        "methods.extended_iv": {"weighting": ev.methods.TwoStage()},
+        "methods.generalized_iv": {"weighting": ev.methods.TwoStage()},
+        "methods.by_name": {"name": "reference_iv"},
+        "methods.regularised": {"method": m.iv, "parameter": 0.1},
+        "methods.fuller": {"strength": 4.0},
+        "methods.generalized_fuller": {"strength": 4.0},
+        "methods.TwoStepRobust": {"bandwidth": 3},
+        "bounds.cramer_rao": {"scenario": noisy, "runs": 1},
+        "fleet.open": {"folder": write_fleet(folder / "fleet", [row("a")])},
+        "covariances.EqualWeightedCosines": {"averages": 8},
+        "covariances.ClusteredByFlight": {"least_flights": 8},
+        "covariances.FixedBandwidth": {"bandwidth": 3.0},
+        "covariances.Widest": {"estimators": (ev.covariances.Classical(),)},
+    }
+    of_results = {
         "VerticalMotion.regression": (m.motion.regression, {"signals": m.signals}),
         "FractionalDifferenceModel.problem": (
             m.fractional.problem,
@@ -372,21 +346,8 @@ def doors(folder):
         "ConfidenceSet.contains": (ev.ConfidenceSet(((0.0, 1.0),)).contains, {"value": 0.5}),
         "Signals.channel": (m.signals.channel, {"name": "input"}),
         "Recording.channel": (m.recording.channel, {"name": "velocity_z"}),
-        "methods.extended_iv": (ev.methods.extended_iv, {"weighting": ev.methods.TwoStage()}),
-        "methods.generalized_iv": (ev.methods.generalized_iv, {"weighting": ev.methods.TwoStage()}),
-        "methods.by_name": (ev.methods.by_name, {"name": "reference_iv"}),
-        "methods.regularised": (ev.methods.regularised, {"method": m.iv, "parameter": 0.1}),
-        "methods.fuller": (ev.methods.fuller, {"strength": 4.0}),
-        "methods.generalized_fuller": (ev.methods.generalized_fuller, {"strength": 4.0}),
-        "methods.TwoStepRobust": (ev.methods.TwoStepRobust, {"bandwidth": 3}),
-        "bounds.cramer_rao": (ev.bounds.cramer_rao, {"scenario": noisy, "runs": 1}),
-        "fleet.open": (ev.fleet.open, {"folder": write_fleet(folder / "fleet", [row("a")])}),
-        "covariances.EqualWeightedCosines": (ev.covariances.EqualWeightedCosines, {"averages": 8}),
-        "covariances.ClusteredByFlight": (ev.covariances.ClusteredByFlight, {"least_flights": 8}),
-        "covariances.KernelRobust": (ev.covariances.KernelRobust, {}),
-        "covariances.FixedBandwidth": (ev.covariances.FixedBandwidth, {"bandwidth": 3.0}),
-        "covariances.Widest": (ev.covariances.Widest, {"estimators": (ev.covariances.Classical(),)}),
     }
+    return {door: (attrgetter(door)(ev), given) for door, given in plain.items()} | of_results
 
 
 def check(door, call, given):
