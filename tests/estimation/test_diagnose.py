@@ -39,16 +39,10 @@ def signals(seed, count=2000, *, memory=0.8, noise=NOISE, gain=None, valid=None)
     u = autoregression(rng, count, 0.9)
     v = lfilter([0.3], [1.0, -0.7], u)
     s = (0.5 if gain is None else gain) * u - 0.8 * v + 0.3 * autoregression(rng, count, memory)
-    return ev.Signals(
-        rate_hz=5.0,
-        channels={"velocity_z": v, "specific_force_z": s, "input": u + noise * rng.standard_normal(count)},
-        noise={
-            "input": ev.WhiteNoise(std=noise),
-            "velocity_z": ev.WhiteNoise(std=0.0),
-            "specific_force_z": ev.WhiteNoise(std=0.3),
-        },
-        valid=valid,
-    )
+    channels = {"velocity_z": v, "specific_force_z": s, "input": u + noise * rng.standard_normal(count)}
+    stds = {"input": noise, "velocity_z": 0.0, "specific_force_z": 0.3}
+    noises = {name: ev.WhiteNoise(std) for name, std in stds.items()}
+    return ev.Signals(rate_hz=5.0, channels=channels, noise=noises, valid=valid)
 
 
 def problem(made, first=0, last=5):
@@ -65,12 +59,8 @@ def test_folded_products_are_those_of_rows(lags):
     cut = problem(made, *lags)
     rows, noise = cut.rows(), cut.instrument_noise_covariance()
     method = ev.methods.generalized_iv(methods.TwoStage())
-    arrays = ev.regression(
-        response=rows.response,
-        regressors=rows.regressors,
-        instruments=rows.instruments,
-        instrument_noise_covariance=noise,
-    )
+    columns = {name: getattr(rows, name) for name in ("response", "regressors", "instruments")}
+    arrays = ev.regression(**columns, instrument_noise_covariance=noise)
     folded, plain = (record_of(ev.identify(each, method)) for each in (cut, arrays))
     assert folded.products.counts.size == plain.products.counts.size == 128
     assert folded.products.count == plain.products.count == rows.response.size
@@ -91,19 +81,17 @@ def test_blocks_of_folded_products_are_their_rows():
     solved = ev.identify(cut, ev.methods.generalized_iv())
     record = record_of(solved)
     rows = cut.rows()
-    Z = np.column_stack(
-        [rows.instruments, rows.regressors, rows.response - rows.regressors @ solved.solution.theta]
-    )
+    residual = rows.response - rows.regressors @ solved.solution.theta
+    Z = np.column_stack([rows.instruments, rows.regressors, residual])
     edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
+    tested, moving = slice(0, 6), slice(6, 8)
+    parts = {"instruments": (tested, tested), "cross": (tested, moving), "instrument_response": (tested, 8)}
+    parts |= {"regressors": (moving, moving), "regressor_response": (moving, 8), "power": (8, 8)}
     for k in (0, 1, 77, 127):
         current = Z[edges[k] : edges[k + 1]].T @ Z[edges[k] : edges[k + 1]]
-        scale = np.abs(current).max()
-        np.testing.assert_allclose(record.products.instruments[k], current[:6, :6], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.cross[k], current[:6, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.instrument_response[k], current[:6, 8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.regressors[k], current[6:8, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.regressor_response[k], current[6:8, 8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.power[k], current[8, 8], atol=1e-10 * scale)
+        for name, place in parts.items():
+            result, near = getattr(record.products, name)[k], 1e-10 * np.abs(current).max()
+            np.testing.assert_allclose(result, current[place], atol=near, err_msg=name)
 
 
 METHODS = {
@@ -117,15 +105,10 @@ METHODS = {
 }
 
 
-def estimate_of(method, made):
-    return ev.identify(
-        problem(made, first=1 if METHODS[method].name == "extended_iv" else 0), METHODS[method]
-    )
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_is_diagnosed(method):
-    diagnose = ev.diagnose(estimate_of(method, signals(3)))
+    made = problem(signals(3), first=1 if method == "extended_iv" else 0)
+    diagnose = ev.diagnose(ev.identify(made, METHODS[method]))
     instrumental = METHODS[method].assembler.needs_instruments
     assert (diagnose.first_stage is not None) == instrumental
     assert (diagnose.over_identification is not None) == instrumental
@@ -190,9 +173,7 @@ def test_a_gain_that_changes_is_told_with_its_time():
 
 def test_a_wrong_declared_noise_is_told():
     made = signals(7, 20_000)
-    wrong = ev.Signals(
-        rate_hz=5.0, channels=dict(made.channels), noise={**made.noise, "input": ev.WhiteNoise(std=0.0)}
-    )
+    wrong = replace(made, noise={**made.noise, "input": ev.WhiteNoise(std=0.0)})
     result = diagnosed(wrong)
     assert any("disagree" in reason.sentence for reason in result.reasons)
     assert not any("disagree" in reason.sentence for reason in diagnosed(made).reasons)
@@ -258,11 +239,10 @@ def test_one_bad_stretch_is_told():
 def test_a_drifting_residual_is_told():
     made = signals(10, 4000)
     drift = np.cumsum(np.random.default_rng(0).standard_normal(4000))
-    channels = dict(made.channels)
-    channels["specific_force_z"] = channels["specific_force_z"] + drift
+    force = {"specific_force_z": made.channels["specific_force_z"] + drift}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        result = diagnosed(ev.Signals(rate_hz=5.0, channels=channels, noise=made.noise))
+        result = diagnosed(replace(made, channels={**made.channels, **force}))
     assert result.memory.memory > 0.7
     assert any("drifts" in reason.sentence for reason in result.reasons)
 
@@ -271,10 +251,8 @@ def test_a_drifting_residual_is_told():
 def test_weak_instruments_are_told():
     rng = np.random.default_rng(11)
     u = rng.standard_normal(3000)
-    made = ev.Signals(
-        rate_hz=5.0,
-        channels={"velocity_z": rng.standard_normal(3000), "specific_force_z": 0.5 * u, "input": u},
-    )
+    channels = {"velocity_z": rng.standard_normal(3000), "specific_force_z": 0.5 * u, "input": u}
+    made = ev.Signals(rate_hz=5.0, channels=channels)
     diagnose = ev.diagnose(ev.identify(problem(made, 1, 5), ev.methods.extended_iv()))
     assert any("hardly move" in r.sentence and r.status is Status.WEAK and r.remedy for r in diagnose.reasons)
 
@@ -289,9 +267,7 @@ def test_short_records_say_less():
 
 def test_moments_alone_cannot_be_diagnosed():
     fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
-    with pytest.raises(
-        EstimationError, match="Expected an estimate with its rows available, for diagnostics"
-    ):
+    with pytest.raises(EstimationError, match="an estimate with its rows available, for diagnostics"):
         ev.diagnose(replace(fit, problem=None))
 
 
@@ -337,9 +313,7 @@ def problem_intervals(rng, kind):
     y = x @ TRUTH + autocorrelated(rng, memory, INTERVALS_NOISE, 1)[:, 0]
     errors = np.zeros((COUNT, 2)) if kind == "exact" else INTERVALS_NOISE * rng.standard_normal((COUNT, 2))
     noisy = x + errors
-    current = np.diag(
-        [INTERVALS_NOISE**2, INTERVALS_NOISE**2, INTERVALS_NOISE**2 if kind == "errors in all" else 0.0]
-    )
+    current = INTERVALS_NOISE**2 * np.diag([1.0, 1.0, float(kind == "errors in all")])
     other = x + autocorrelated(rng, 0.3, 0.5, 2)
     instruments, shared = [other, other**3], np.zeros((4, 3))
     if kind == "shared":
@@ -370,10 +344,7 @@ def coverage(draw, seed):
 @pytest.mark.calibration
 @pytest.mark.parametrize("name", INTERVALS_METHODS)
 def test_default_intervals_cover(name):
-    method, kind = INTERVALS_METHODS[name]
-    hits = coverage(
-        lambda rng: ev.identify(problem_intervals(rng, kind), method),
-        seed=list(INTERVALS_METHODS).index(name),
-    )
+    (method, kind), seed = INTERVALS_METHODS[name], list(INTERVALS_METHODS).index(name)
+    hits = coverage(lambda rng: ev.identify(problem_intervals(rng, kind), method), seed)
     low, high = stats.binom.ppf(CHANCE, RUNS, 0.92), stats.binom.ppf(1.0 - CHANCE, RUNS, 0.98)
     assert np.all((low <= hits) & (hits <= high)), hits / RUNS

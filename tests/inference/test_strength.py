@@ -154,9 +154,8 @@ def test_moments_are_compensated_alike():
     moments = (Z.T @ Z / 2000, Z.T @ X / 2000, X.T @ X / 2000, 2000)
     compensated = strength_of(Z, X, shared=shared, constant=np.zeros(4)).conditional
     np.testing.assert_allclose(first_stage_of_products(*moments, shared), compensated, rtol=1e-6)
-    np.testing.assert_allclose(
-        first_stage_of_products(*moments)[1], conditional_first_stage(orthonormal_basis(Z), X)[1], rtol=1e-6
-    )
+    of_rows = conditional_first_stage(orthonormal_basis(Z), X)
+    np.testing.assert_allclose(first_stage_of_products(*moments)[1], of_rows[1], rtol=1e-6)
     # what the noise itself contributes is no longer counted
     assert (compensated < 0.5 * first_stage_of_products(*moments)).all()
 
@@ -294,9 +293,8 @@ def test_linearmodels_kernel_weights(kernel, name, bandwidth):
     y, endogenous, exogenous, excluded = data.housing()
     scores, A, count, _ = parts((y, endogenous, exogenous, excluded))
     S = kernel_sum_covariance([scores], count, kernel, float(bandwidth)) / count
-    peer = linearmodels.IVGMM(
-        y, exogenous, endogenous, excluded, weight_type="kernel", kernel=name, bandwidth=bandwidth
-    ).fit(iter_limit=2)
+    weights = {"weight_type": "kernel", "kernel": name, "bandwidth": bandwidth}
+    peer = linearmodels.IVGMM(y, exogenous, endogenous, excluded, **weights).fit(iter_limit=2)
     result = hansen_j(scores.mean(axis=0), A, S, count)
     assert pytest.approx(peer.j_stat.stat, rel=1e-6) == result.J
     assert result.p_value == pytest.approx(peer.j_stat.pval, rel=1e-6)
@@ -433,20 +431,19 @@ def constancy_of(seed, **circumstances):
 
 
 def test_wald_path_is_its_formula():
-    groups = np.random.default_rng(0).standard_normal((residuals.GROUPS, 2)) @ np.array(
-        [[1.0, 0.3], [0.0, 2.0]]
-    )
+    groups = np.random.default_rng(0).standard_normal((residuals.GROUPS, 2)) @ [[1.0, 0.3], [0.0, 2.0]]
     path = residuals.wald_path(groups)
     assert path.size == residuals.GROUPS - 20 + 1
     for k in (10, 31, 54):
         S = np.zeros((2, 2))
         for side in (groups[:k], groups[k:]):
             size = len(side)
-            for j in range(1, 7):
-                L = np.sqrt(2.0 / size) * sum(
-                    side[t] * np.cos(np.pi * j * (t + 0.5) / size) for t in range(size)
-                )
-                S += np.outer(L, L) / 12.0
+            L = (
+                np.sqrt(2.0 / size)
+                * np.cos(np.pi * np.outer(range(1, 7), np.arange(size) + 0.5) / size)
+                @ side
+            )
+            S += L.T @ L / 12.0
         difference = groups[:k].mean(axis=0) - groups[k:].mean(axis=0)
         W = difference @ np.linalg.solve(S * (1.0 / k + 1.0 / (residuals.GROUPS - k)), difference)
         assert path[k - 10] == pytest.approx(W * (12 - 2 + 1) / (12 * 2), rel=1e-6)
@@ -458,9 +455,8 @@ def test_table_is_what_the_simulation_draws(unknowns):
     """Shares of a fresh simulation beyond each quantile, within their binomial error."""
     runs = 3000
     rng = np.random.default_rng(100 + unknowns)
-    suprema = np.array(
-        [residuals.wald_path(rng.standard_normal((residuals.GROUPS, unknowns))).max() for _ in range(runs)]
-    )
+    drawn = rng.standard_normal((runs, residuals.GROUPS, unknowns))
+    suprema = np.array([residuals.wald_path(groups).max() for groups in drawn])
     for tail, quantile in zip(residuals.TAILS[:6], residuals.QUANTILES[unknowns], strict=False):
         low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], runs, tail)
         assert low <= np.sum(suprema > quantile) <= high

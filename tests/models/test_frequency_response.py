@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+import re
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.signal import lfilter
 
 import eivor as ev
 from eivor import errors
-from eivor.logs.mapping import recording_from_columns
-from eivor.models.frequency_response import frequency_response
-from eivor.models.transfer_functions import (
-    TransferFunction,
-    loop_margins,
-    proposed_controllers,
-    transfer_functions,
-)
-from eivor.report.flight_page import flight_page
-from eivor.report.frequency_responses import log_responses, response_figure, response_paths
 from validation.frequency_responses import FILTER_HZ, flights, truth
 
 RATE_HZ = 400.0
+NUMBERS = ("gain", "damping", "delay", "first", "second", "third")
 
 
 def low_pass(s):
@@ -40,7 +33,7 @@ def swept():
 def first(swept):
     _, r, u, y = swept
     grid = np.geomspace(0.5, 18.0, 24)
-    return frequency_response(u[:, 0], y[:, 0], reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
+    return ev.frequency_response(u[:, 0], y[:, 0], reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
 
 
 def inside(band, values):
@@ -53,9 +46,11 @@ def test_bands_hold_in_closed_loop_and_the_direct_ones_do_not(swept):
     G, _ = truth(made, grid)
     held, direct = [], []
     for k in range(made.runs):
-        result = frequency_response(u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ, frequency_hz=grid)
+        result = ev.frequency_response(
+            u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ, frequency_hz=grid
+        )
         held.append(inside(result.bands[0], np.abs(G[k])))
-        alone = frequency_response(u[:, k], y[:, k], reference=None, rate_hz=RATE_HZ, frequency_hz=grid)
+        alone = ev.frequency_response(u[:, k], y[:, k], reference=None, rate_hz=RATE_HZ, frequency_hz=grid)
         direct.append(inside(alone.bands[0], np.abs(G[k])))
         assert result.shown.mean() > 0.5
     # 128 bands of 90 %, which neighbours share: four standard errors below
@@ -68,13 +63,13 @@ def test_several_runs_and_gaps_are_combined(swept, first):
     grid = first.frequency_hz
     broken = y[:, 0].copy()
     broken[9000:9100] = np.nan
-    two = frequency_response(u[:, 0], broken, reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
+    two = ev.frequency_response(u[:, 0], broken, reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
     assert len(two.runs) == 2
     distance = np.abs(two.response / first.response - 1.0)
     assert np.median(distance[two.shown]) < 0.2
     parts = [slice(0, 12000), slice(12000, 24000)]
     lists = [[values[part, 0] for part in parts] for values in (u, y, r)]
-    joined = frequency_response(*lists[:2], reference=lists[2], rate_hz=RATE_HZ, frequency_hz=grid)
+    joined = ev.frequency_response(*lists[:2], reference=lists[2], rate_hz=RATE_HZ, frequency_hz=grid)
     assert len(joined.runs) == 2
     assert joined.frequency_hz.tolist() == grid.tolist()
 
@@ -85,7 +80,7 @@ def test_a_periodic_multisine_without_noise_gives_the_exact_response():
     response = lfilter([0.0, 0.02, 0.01], [1.0, -1.6, 0.68], r)
     steady = slice(9600, None)  # six periods of 6 s, after the transient
     given = {"reference": r[steady], "rate_hz": RATE_HZ, "period_s": 6.0}
-    result = frequency_response(r[steady], response[steady], **given)
+    result = ev.frequency_response(r[steady], response[steady], **given)
     z = np.exp(2j * np.pi * result.frequency_hz / RATE_HZ)
     exact = (0.02 * z + 0.01) / (z * z - 1.6 * z + 0.68)
     assert result.frequency_hz.size > 20
@@ -95,13 +90,13 @@ def test_a_periodic_multisine_without_noise_gives_the_exact_response():
 def test_shown_only_where_the_reference_reaches(first):
     rng = np.random.default_rng(0)
     u, y, r = rng.standard_normal((3, 8000))
-    nothing = frequency_response(u, y, reference=r, rate_hz=100.0)
+    nothing = ev.frequency_response(u, y, reference=r, rate_hz=100.0)
     assert not nothing.shown.any()
     said = "at no three neighbouring frequencies: nothing is shown. Fly a sweep."
     assert nothing.findings[0].endswith(said)
     assert np.isnan(nothing.bands[0][:, 1]).mean() > 0.5
     with pytest.raises(errors.EstimationError, match="a reference that reaches 6 frequencies"):
-        transfer_functions(nothing)
+        ev.transfer_functions(nothing)
     assert first.shown_ranges
     frame = first.to_frame()
     assert frame.height == 24
@@ -147,8 +142,8 @@ def test_models_find_order_lag_and_delay(swept):
     made, r, u, y = swept
     held, orders = [], []
     for k in range(made.runs):
-        result = frequency_response(u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ)
-        models = transfer_functions(result, sensor_filter=low_pass)
+        result = ev.frequency_response(u[:, k], y[:, k], reference=r[:, k], rate_hz=RATE_HZ)
+        models = ev.transfer_functions(result, sensor_filter=low_pass)
         orders.append(models.chosen.order)
         for name, value in {"gain": made.K[k], "delay": made.delay[k], "lag": made.lag[k]}.items():
             low, high = models.intervals[name]
@@ -159,7 +154,7 @@ def test_models_find_order_lag_and_delay(swept):
     poles = models.by_order[4].poles
     assert poles.size == 4
     with pytest.raises(errors.UsageError, match="orders out of 1, 2, 3 and 4"):
-        transfer_functions(result, orders=(5,))
+        ev.transfer_functions(result, orders=(5,))
 
 
 def test_margins_agree_with_python_control():
@@ -167,7 +162,7 @@ def test_margins_agree_with_python_control():
     s = control.tf("s")
     system = 40.0 * (1.0 + 1.0 / (0.5 * s)) / ((s + 1.0) * (0.05 * s + 1.0) * (0.02 * s + 1.0))
     gain_margin, phase_margin, at_phase, at_gain = control.margin(system)
-    margins = loop_margins(system)
+    margins = ev.loop_margins(system)
     assert margins.phase_margin_deg == pytest.approx(phase_margin, rel=1e-6)
     assert margins.gain_margin_db == pytest.approx(20.0 * np.log10(gain_margin), rel=1e-6)
     assert 2.0 * np.pi * margins.crossover_hz == pytest.approx(at_gain, rel=1e-6)
@@ -180,10 +175,11 @@ def test_margins_agree_with_python_control():
 
 def test_responses_and_models_go_to_python_control(first):
     pytest.importorskip("control")
-    numbers = {"gain": 150.0, "damping": 2.0, "delay": 0.01, "first": 0.04, "second": 5e-4, "third": 0.005}
-    model = TransferFunction(4, numbers, np.eye(6))
+    model = ev.transfer_functions(first, orders=(4,)).chosen
+    gain, damping, delay, one, two, three = (model.parameters[name] for name in NUMBERS)
     s = 2j * np.pi * 3.0
-    exact = 150.0 * np.exp(-0.01 * s) / ((s + 2.0) * (1.0 + 0.04 * s + 5e-4 * s * s) * (1.0 + 0.005 * s))
+    lagging = (1.0 + one * s + two * s * s) * (1.0 + three * s)
+    exact = gain * np.exp(-delay * s) / ((s + damping) * lagging)
     assert model.to_control()(s) == pytest.approx(exact, rel=1e-6)
     shown = first.to_control()
     assert shown.omega / (2.0 * np.pi) == pytest.approx(first.frequency_hz[first.shown])
@@ -191,9 +187,9 @@ def test_responses_and_models_go_to_python_control(first):
 
 def test_proposals_reach_their_phase_margin_on_the_vehicle(swept):
     made, r, u, y = swept
-    result = frequency_response(u[:, 1], y[:, 1], reference=r[:, 1], rate_hz=RATE_HZ)
-    models = transfer_functions(result, sensor_filter=low_pass)
-    simc, *others = proposed_controllers(models)
+    result = ev.frequency_response(u[:, 1], y[:, 1], reference=r[:, 1], rate_hz=RATE_HZ)
+    models = ev.transfer_functions(result, sensor_filter=low_pass)
+    simc, *others = ev.proposed_controllers(models)
     grid = np.geomspace(0.2, 20.0, 400)
     G = truth(made, grid)[0][1] * simc.response(2j * np.pi * grid)
     crossing = np.flatnonzero(np.abs(G) < 1.0)[0]
@@ -210,39 +206,49 @@ def test_proposals_reach_their_phase_margin_on_the_vehicle(swept):
 
 
 @pytest.fixture(scope="module")
-def log(swept):
+def log(swept, tmp_path_factory):
+    """A log of the first flight as a table."""
     _, r, u, y = swept
-    time = np.arange(len(u)) / RATE_HZ
     columns = {"torque_setpoint_x": u[:, 0], "angular_rate_x": y[:, 0], "injected_torque_x": r[:, 0]}
-    return recording_from_columns({"time": time, **columns}, name="sweep")
+    path = tmp_path_factory.mktemp("log") / "sweep.csv"
+    pl.DataFrame({"time": np.arange(len(u)) / RATE_HZ, **columns}).write_csv(path)
+    return path
 
 
-def responses(log, reference="", axis="roll"):
-    return log_responses([log], ev.FlightOptions(), [None], response_paths(axis), reference)
+@pytest.fixture
+def responses(command_line):
+    """Frequency responses that the command finds, by axis."""
+
+    def found(*arguments):
+        run = command_line("frequency-response", *arguments, "--json", "-")
+        return json.loads(run.out)["axes"]
+
+    return found
 
 
-def test_one_axis_of_a_log_suffices(log):
-    (item,) = responses(log, axis="")
-    assert (item.axis, item.reference) == ("roll", "injected_torque_x")
-    assert item.models.chosen.order in (2, 3)
-    assert item.controllers
-    assert len(response_figure([item]).axes) == 4
+def test_one_axis_of_a_log_suffices(responses, log, tmp_path):
+    (item,) = responses(log, "--figure", tmp_path / "x.svg")
+    assert (item["axis"], item["reference"]) == ("roll", "injected_torque_x")
+    assert item["order"] in (2, 3)
+    assert item["controllers"]
+    assert len(re.findall(r'<g id="axes_\d+"', (tmp_path / "x.svg").read_text(encoding="utf-8"))) == 4
 
 
-def test_references_of_the_loop_are_refused(log):
-    with pytest.raises(errors.UsageError, match="an axis out of"):
-        response_paths("wing")
-    with pytest.raises(errors.UsageError, match="a channel out of"):
-        responses(log, "nothing")
-    channel = log.channels["injected_torque_x"]
-    name = "feedback_reference_angular_rate_x"
-    made = replace(log, channels={**log.channels, name: replace(channel, name=name)})
-    with pytest.raises(errors.InstrumentError, match="a loop makes"):
-        responses(made, name)
-    bare = {key: value for key, value in log.channels.items() if not key.startswith("injected")}
-    (item,) = responses(replace(log, channels=bare))
-    assert item.response.is_direct
-    assert not item.controllers
+def test_references_of_the_loop_are_refused(responses, command_line, log, tmp_path):
+    table, name = pl.read_csv(log), "feedback_reference_angular_rate_x"
+    table.rename({"injected_torque_x": name}).write_csv(tmp_path / "loop.csv")
+    for path, option, word, said in (
+        (log, "--axis", "wing", "an axis out of"),
+        (log, "--reference", "nothing", "a channel out of"),
+        (tmp_path / "loop.csv", "--reference", name, "a loop makes"),
+    ):
+        run = command_line("frequency-response", path, option, word)
+        assert run.code in (1, 2)
+        assert said in run.err
+    table.drop("injected_torque_x").write_csv(tmp_path / "bare.csv")
+    (item,) = responses(tmp_path / "bare.csv")
+    assert item["direct_only"]
+    assert not item["controllers"]
 
 
 def test_a_reference_that_answers_the_output_is_provisional():
@@ -251,14 +257,15 @@ def test_a_reference_that_answers_the_output_is_provisional():
     attitude = np.cumsum(y, axis=0) / RATE_HZ
     loop = made.ka * (setpoint - attitude)
     for reference, answered in ((loop, True), (setpoint, False)):
-        result = frequency_response(u[:, 0], y[:, 0], reference=reference[:, 0], rate_hz=RATE_HZ)
+        result = ev.frequency_response(u[:, 0], y[:, 0], reference=reference[:, 0], rate_hz=RATE_HZ)
         assert result.is_answered is answered
         assert any("provisional" in sentence for sentence in result.findings) is answered
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_page_of_turning_shows_responses(log):
-    page = flight_page(ev.identify_flight(log, model="rates", window=(0.0, 30.0)))
+def test_page_of_turning_shows_responses(command_line, log, tmp_path):
+    command_line("identify", log, "--model", "rates", "--window", "0:30", "--html", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Response of roll: magnitude" in page
     assert "Response of pitch" not in page
 
@@ -268,7 +275,7 @@ def test_order_of_turning_is_chosen():
     """A motor and its controller lag in two stages: the delay is too long where one lag imitates them."""
     made, r, u, y = flights(3, "chirp", 2.0, 2, 7)
     columns = {"torque_setpoint_x": u[:, 1], "angular_rate_x": y[:, 1], "injected_torque_x": r[:, 1]}
-    log = recording_from_columns({"time": np.arange(len(u)) / RATE_HZ, **columns}, name="sweep")
+    log = ev.recording_from_columns({"time": np.arange(len(u)) / RATE_HZ, **columns}, name="sweep")
     truth = made.delay[1] + np.sqrt(2.0) / (2.0 * np.pi * FILTER_HZ)
     fits = {order: ev.identify_flight(log, model="rates", order=order) for order in (None, 1, 2, 3)}
     off = {order: abs(fit.quantities["delay"].value - truth) for order, fit in fits.items()}
@@ -281,19 +288,29 @@ def test_order_of_turning_is_chosen():
         ev.identify_flight(log, model="rates", order=4)
 
 
+CART = """
+name = "cart"
+response = "ddt(speed)"
+[channels]
+speed = { unit = "m/s" }
+u = { unit = "1", role = "input" }
+wanted = { unit = "m/s", role = "reference" }
+[terms]
+drag = "-speed"
+gain = { of = "u", behind = "drive" }
+[actuators.drive]
+lag_ms = [2, 300]
+delay_ms = [0, 200]
+"""
+
+
 @pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of the same shapes
-def test_declared_machine_has_a_response():
+def test_declared_machine_has_a_response(responses, command_line, tmp_path):
     """From its input to its state, on its references; truth is K / (s + D) behind lag and delay."""
-    cart = ev.machine(
-        "cart",
-        response="ddt(speed)",
-        terms={"drag": "-speed", "gain": {"of": "u", "behind": "drive"}},
-        channels={"speed": "m/s", "u": ev.input("1"), "wanted": ev.reference("m/s")},
-        actuators={"drive": {"lag_ms": [2, 300], "delay_ms": [0, 200]}},
-    )
-    rng = np.random.default_rng(4)
-    wanted = np.repeat(rng.standard_normal(120), 50)
-    columns = cart.simulate(
+    file, log = tmp_path / "cart.toml", tmp_path / "log.csv"
+    file.write_text(CART, encoding="utf-8")
+    wanted = np.repeat(np.random.default_rng(4).standard_normal(120), 50)
+    columns = ev.load_machine(file).simulate(
         {"gain": 5.0, "drag": 0.8, "actuator_lag": 0.1, "delay": 0.05},
         {"wanted": wanted, "u": lambda time, of: wanted[round(time / 0.02)] - 0.4 * of["speed"]},
         seconds=120.0,
@@ -301,15 +318,16 @@ def test_declared_machine_has_a_response():
         noise={"speed": 0.01},
         disturbance=(0.2, 1.0),
     )
-    made = recording_from_columns({name: np.ravel(values) for name, values in columns.items()}, name="m")
-    (item,) = log_responses([made], ev.FlightOptions(), [None], response_paths("", cart))
-    assert (item.input, item.output, item.reference) == ("u", "speed", "wanted")
-    values = item.models.chosen.parameters
-    assert values["gain"] == pytest.approx(5.0, rel=0.03)
-    assert values["damping"] == pytest.approx(0.8, rel=0.1)
-    assert values["delay"] + item.models.chosen.lag_s == pytest.approx(0.15, abs=0.005)
-    with pytest.raises(errors.UsageError, match="an axis out of"):
-        response_paths("roll", cart)
+    pl.DataFrame({name: np.ravel(values) for name, values in columns.items()}).write_csv(log)
+    (item,) = responses(log, "--machine", file)
+    assert (item["input"], item["output"], item["reference"]) == ("u", "speed", "wanted")
+    chosen = item["models"][str(item["order"])]["parameters"]
+    assert chosen["gain"] == pytest.approx(5.0, rel=0.03)
+    assert chosen["damping"] == pytest.approx(0.8, rel=0.1)
+    lag_s = chosen["delay"] + chosen["first"] + chosen.get("third", 0.0)
+    assert lag_s == pytest.approx(0.15, abs=0.005)
+    refused = command_line("frequency-response", log, "--machine", file, "--axis", "roll")
+    assert "an axis out of" in refused.err
 
 
 def test_a_crazyflie_has_a_lag_of_58_ms(recordings):
