@@ -226,11 +226,16 @@ def responses(command_line):
     return found
 
 
-def test_one_axis_of_a_log_suffices(responses, log, tmp_path):
-    (item,) = responses(log, "--figure", tmp_path / "x.svg")
+def test_one_axis_of_a_log_suffices(responses, log):
+    (item,) = responses(log)
     assert (item["axis"], item["reference"]) == ("roll", "injected_torque_x")
     assert item["order"] in (2, 3)
     assert item["controllers"]
+
+
+@pytest.mark.thorough
+def test_a_figure_has_four_panels_for_an_axis(responses, log, tmp_path):
+    responses(log, "--figure", tmp_path / "x.svg")
     assert len(re.findall(r'<g id="axes_\d+"', (tmp_path / "x.svg").read_text(encoding="utf-8"))) == 4
 
 
