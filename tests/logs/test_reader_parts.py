@@ -7,6 +7,7 @@ import struct
 import tracemalloc
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import zip_longest
 
 import numpy as np
 import pytest
@@ -477,6 +478,7 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
         bag = write_ros1(tmp_path / "m.bag", mavros_messages(ros1, flight), ros1)
     else:
         bag = write_ros2(tmp_path / "p", px4_messages(ros2, flight), ros2)
+        (bag / "metadata.yaml").unlink()  # takes half of the time, and is not what changes
 
     def changed(payloads, layout_of):
         """As decoded, but one field of one topic is of another kind."""
@@ -494,10 +496,14 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
     monkeypatch.setattr(topics, "decoded", changed)
     whole = ev.read_log(bag)
     assert len(known) > 50
-    for entry in known:
-        wanted[:] = [entry]
+    of_topics = [
+        [entry for entry in known if entry[0] == key] for key in dict.fromkeys(key for key, _ in known)
+    ]
+    together = [[entry for entry in row if entry] for row in zip_longest(*of_topics)]  # one of each topic
+    for wanted[:] in together:
         try:
             result = ev.read_log(bag)
         except EivorError:
+            together.extend([entry] for entry in wanted if len(wanted) > 1)
             continue
         assert set(result.channels) <= {*whole.channels, *whole.looked_for}
