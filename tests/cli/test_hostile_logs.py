@@ -285,7 +285,9 @@ def cut_short(log, rng):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(8), *(pytest.param(n, marks=pytest.mark.long) for n in range(8, 200))]
+)
 def test_parts_of_real_flights_end_so(recordings, good_fit, seed):
     import eivor as ev
 

@@ -179,6 +179,7 @@ def spread():
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
+@pytest.mark.long  # 70 s; covariances are compared with those of joint least squares above
 @pytest.mark.parametrize("number", range(4))
 def test_intervals_of_two_nuisances_cover(spread, number):
     away = [(fit.values - TRUTH)[number] / std_errors(fit)[number] for fit in spread]
@@ -215,11 +216,8 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
-@pytest.mark.parametrize(
-    "method",
-    [item if item.name == "reference_iv" else pytest.param(item, marks=pytest.mark.long) for item in METHODS],
-    ids=named,
-)
+@pytest.mark.long  # 27 s a method; a prior is compared with an observation of its own above
+@pytest.mark.parametrize("method", METHODS, ids=named)
 def test_intervals_with_a_prior_cover(method):
     """Where data and prior say about as much, over draws of both."""
     rng, std = np.random.default_rng(11), 0.005

@@ -256,23 +256,26 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])
-def test_real_flights(log, recordings, tmp_path, monkeypatch, command_line):
+@pytest.mark.parametrize(
+    ("log", "stands", "written", "term"),
+    [
+        ("battery_brownout.ulg", "before", {"MPC_THR_HOVER"}, "THR_MDL_FAC"),
+        ("log_123_2024-3-1-14-47-02.ulg", "before", {"MPC_THR_HOVER"}, "THR_MDL_FAC"),
+        ("log_0036_mechanical_failure.bin", "behind", set(), "MOT_THST_EXPO"),
+    ],
+)
+def test_real_flights(log, stands, written, term, recordings, tmp_path, monkeypatch, command_line):
     """None of these flights tells its curve: nothing beyond a range is written, and it is said why."""
     monkeypatch.chdir(tmp_path)
-    (ulog,) = recordings.rglob(f"{log}.ulg")
-    (dataflash,) = recordings.rglob("*.bin")
-    Path("flight.ulg").symlink_to(ulog)
-    Path("flight.bin").symlink_to(dataflash)
-    for command in OF_AUTOPILOTS:
+    (source,) = recordings.rglob(log)
+    Path("flight").with_suffix(source.suffix).symlink_to(source)
+    of_log = re.compile("ardupilot|bin" if source.suffix == ".bin" else "px4|ulg")
+    for command in filter(of_log.search, OF_AUTOPILOTS):
         assert command_line(*shlex.split(command)).code in {0, 3}, command
-    px4, of_ardupilot = Path("vehicle.params").read_text(), Path("vehicle.param").read_text()
-    assert "THR_MDL_FAC is not written: " in px4
-    assert "Command: actuator_output, before the autopilot's thrust curve" in px4
-    assert list(qgc(px4)) == ["MPC_THR_HOVER"]
-    assert "MOT_THST_EXPO is not written: " in of_ardupilot
-    assert "Command: actuator_output, behind the autopilot's thrust curve" in of_ardupilot
-    assert ardupilot(of_ardupilot) == {}
+    (file,) = tmp_path.glob("vehicle.param*")
+    assert f"{term} is not written: " in file.read_text()
+    assert f"Command: actuator_output, {stands} the autopilot's thrust curve" in file.read_text()
+    assert set((ardupilot if source.suffix == ".bin" else qgc)(file.read_text())) == written
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
