@@ -40,7 +40,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 35_157}
+PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 35_171}
 
 
 def lint_imports(source):
