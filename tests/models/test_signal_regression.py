@@ -29,7 +29,15 @@ from eivor.errors import (
 )
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.lab.fractional_model import FilteredSignals, FractionalPart, Side
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay, nothing_moves
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    AxisColumns,
+    LaggedRuns,
+    actuators,
+    lag_and_delay,
+    nothing_moves,
+    of_order,
+)
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
 from eivor.models.separable import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments, Nuisance
 from eivor.models.signal_regression import SignalRegression, cross_fitted
@@ -418,8 +426,7 @@ class Throttle:
 
 
 def lagged(values, nuisance_values):
-    lag_s, delay_s = nuisance_values["actuator_lag"], nuisance_values["delay"]
-    return actuator_state(values, step_s=RUN_STEP_S, lag_s=lag_s, delay_s=delay_s)
+    return actuator_state(values, step_s=RUN_STEP_S, **actuators(nuisance_values))
 
 
 def columns(seed, *, candidates=1, instruments=4, **more):
@@ -459,17 +466,19 @@ def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run()
         assert start == rows.response.size
 
 
-def test_columns_between_lags_and_delays_are_those_that_a_filter_makes():
-    """Products of interpolated columns are those of columns filtered at each lag and delay."""
+@pytest.mark.parametrize("stages", [(0.0,), (0.1, 0.249)])
+def test_columns_between_lags_and_delays_are_those_that_a_filter_makes(stages):
+    """Products of interpolated columns are those of columns filtered at each lag, delay and second stage."""
     item = columns(3)
     item = replace(item, moving=functools.partial(lagged, item.moving.throttle[:, None]), linear=True)
     nuisances = lag_and_delay(np.geomspace(0.004, 0.15, 9), (0.0, 0.01, 0.03, 0.05))
+    nuisances = of_order(nuisances, 3 if any(stages) else 2)
     problem = LaggedRuns((item, replace(item, axis=1)), PAIR, nuisances)
     direct = LaggedRuns((replace(item, linear=False), replace(item, axis=1)), PAIR, nuisances)
     assert problem.interpolation is not None
     assert direct.interpolation is None
-    grid = itertools.product((0.004, 0.0123, 0.15), (0.0, 0.0071, 0.05))
-    points = [{"actuator_lag": lag, "delay": delay} for lag, delay in grid]
+    grid = itertools.product((0.004, 0.0123, 0.15), (0.0, 0.0071, 0.05), stages)
+    points = [{"actuator_lag": lag, "delay": delay, "second_stage": stage} for lag, delay, stage in grid]
     weights = SpectralWhitening().last_pass(problem, np.array([0.3, 1.0]), points[4])
     plain = replace(weights, problem=direct)
     np.testing.assert_allclose(weights.products(points), plain.products(points), rtol=1e-8, atol=1e-9)

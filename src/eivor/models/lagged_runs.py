@@ -125,13 +125,18 @@ INTERPOLATION_ERROR = 1e-9
 NO_LAG_S = 1e-9
 #: Samples of all axes and runs whose columns take a few milliseconds.
 COSTLY_SAMPLES = 50_000
-#: Most lags times delays of them: more take longer than a search.
-MOST_INTERPOLATED = 400
+#: Most lags times delays of them for each nuisance: more take longer than a search.
+MOST_INTERPOLATED = 200
+#: The shortest second lag that is distinguished from none, as a share of the shortest lag.
+LEAST_SECOND_LAG = 0.05
 
 
 @dataclass(frozen=True)
 class LagsAndDelays(Interpolation):
-    """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between."""
+    """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between.
+
+    Two stages are a combination of two lags.
+    """
 
     ends: tuple[float, float]  # Logarithms of the least and the longest lag [s]
     lags: int
@@ -139,9 +144,10 @@ class LagsAndDelays(Interpolation):
     delays: int
 
     @classmethod
-    def of_grids(cls, lag: Nuisance, delay: Nuisance, step_s: float) -> LagsAndDelays:
-        """For all values of two grids."""
-        low, high = np.log(lag.around(lag.first)[0]), np.log(lag.around(float(lag.grid[-1]))[1])
+    def of_grids(cls, lag: Nuisance, delay: Nuisance, step_s: float, *, staged: bool) -> LagsAndDelays:
+        """For all values of two grids, and all stages of these lags."""
+        shortest_s = lag.around(lag.first)[0] * (LEAST_SECOND_LAG if staged else 1.0)
+        low, high = np.log(shortest_s), np.log(lag.around(float(lag.grid[-1]))[1])
         # 1/(1 + i w tau) has its poles pi/2 from the line of log tau
         reach = np.pi / (high - low)
         count = np.ceil(-np.log(INTERPOLATION_ERROR) / np.log(reach + np.hypot(reach, 1.0)))
@@ -161,15 +167,28 @@ class LagsAndDelays(Interpolation):
 
     def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
         """See `Interpolation.weights`."""
-        lags, steps = (
+        lags, delays = (
             np.array([point[name] for point in points]) for name in (ACTUATOR_LAG.name, DELAY.name)
         )
+        stages = np.array([point.get(SECOND_STAGE.name, 0.0) for point in points])
+        if not stages.any():
+            return self._of_one_stage(lags, delays / self.step_s)
+        apart = np.sqrt(1.0 - 4.0 * stages)
+        longer, shorter = (
+            part[:, None]
+            * self._of_one_stage(np.maximum(part * lags, np.exp(self.ends[0])), delays / self.step_s)
+            for part in (0.5 + 0.5 * apart, 0.5 - 0.5 * apart)
+        )
+        return (longer - shorter) / apart[:, None]
+
+    def _of_one_stage(
+        self, lags: Float[np.ndarray, " points"], steps: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "points nodes"]:
         low, high = self.ends
         away = ((2.0 * np.log(lags) - low - high) / (high - low))[:, None] - self._nodes
         ends = np.where(np.isin(np.arange(self.lags), (0, self.lags - 1)), 0.5, 1.0)
         of_lag = (-1.0) ** np.arange(self.lags) * ends / np.where(away == 0.0, 1e-300, away)
         of_lag /= of_lag.sum(axis=1, keepdims=True)
-        steps = steps / self.step_s
         whole = np.minimum(np.floor(steps + 1e-9).astype(np.int64), self.delays - 2)
         decay = self.step_s / lags
         earlier = np.expm1((np.maximum(steps - whole, 0.0) - 1.0) * decay) / np.expm1(-decay)
@@ -243,12 +262,13 @@ class LaggedRuns(SeparableProblem):
         names = [item.name for item in searched]
         if not all(column.linear for column in self.columns) or len(steps) > 1:
             return None
-        if names != [ACTUATOR_LAG.name, DELAY.name] or len(self.nuisances) > 2 or searched[1].first < 0.0:
+        known = [ACTUATOR_LAG.name, DELAY.name, SECOND_STAGE.name][: len(self.nuisances)]
+        if len(names) < 2 or names != known or searched[1].first < 0.0:
             return None
-        made = LagsAndDelays.of_grids(searched[0], searched[1], steps.pop())
+        made = LagsAndDelays.of_grids(searched[0], searched[1], steps.pop(), staged=len(names) > 2)
         count = made.lags * made.delays
         numbers = count * sum(run.count for run in self._bin_layout.runs) * len(self.parameters)
-        return made if count <= MOST_INTERPOLATED and numbers <= MEMO_NUMBERS else None
+        return made if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
         """See `SeparableProblem.moved_runs`."""
