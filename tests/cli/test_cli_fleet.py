@@ -230,14 +230,22 @@ def test_wrong_usage_is_told(eivor, arguments, code, sentence):
     assert sentence in run.err
 
 
-def test_a_missing_extra_is_a_sentence():
-    code = (
-        "import sys; sys.modules['uvicorn'] = None; sys.argv = ['eivor', 'serve', '--no-browser']; "
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        ("serve --no-browser", 1, "pip install 'eivor[serve]'"),
+        ("idenify flight.ulg", 2, "Did you mean 'identify'?"),  # what others lack is not in the way
+        ("--config other.toml identify flight.ulg", 1, "'other.toml', unreadable"),
+    ],
+)
+def test_a_missing_extra_is_a_sentence(words, code, sentence):
+    code_of = (
+        f"import sys; sys.modules['uvicorn'] = None; sys.argv = ['eivor', *{words.split()}]; "
         "from eivor.__main__ import run; run()"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert run.returncode == 1
-    assert "pip install 'eivor[serve]'" in run.stderr
+    run = subprocess.run([sys.executable, "-c", code_of], capture_output=True, text=True, check=False)
+    assert run.returncode == code
+    assert sentence in run.stderr
     assert "Traceback" not in run.stderr
 
 

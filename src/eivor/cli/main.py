@@ -140,11 +140,17 @@ class Commands(TyperGroup):
         """Read the arguments of a command, and run it."""
         with _readable_errors():
             refuse_empty_options(ctx)
+            return super().invoke(ctx)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that is named, then the options that repeat."""
+        found = super().resolve_command(ctx, args)
+        if not ctx.resilient_parsing:
             try:
                 read_repeated_options(ctx, ctx.params["config"], _targets())
             except InputError as error:
                 raise typer.Exit(int(reported(error))) from None
-            return super().invoke(ctx)
+        return found
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:
@@ -263,5 +269,8 @@ def _requested_command(arguments: list[str]) -> typer.Typer:
         )
     if not arguments or arguments[0] in {"--help", "--version"}:
         return application(loaded=False)
-    named = [name for name in arguments[:1] if name in _targets()]
-    return application(*named)
+    given = arguments if not arguments[0].startswith("--config") else arguments[2 - ("=" in arguments[0]) :]
+    named = [name for name in given[:1] if name in _targets()]
+    return application(
+        *named, loaded=bool(named)
+    )  # a misspelt one is answered without the packages of others
