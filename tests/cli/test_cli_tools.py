@@ -308,4 +308,6 @@ def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeyp
         if fetched:
             shutil.copy(ran.out.strip(), tmp_path)
         check(entry, ran.out + ran.err)
+        if "hover.html" in line:
+            assert f"The exit code is {ran.code}," in PAGE
     assert (tmp_path / "hover.html").stat().st_size > 100_000

@@ -182,11 +182,14 @@ class Fitted:
         return f"{item.verdict.value}. {' '.join(reason.sentence for reason in item.reasons)}".rstrip()
 
     def why_not(self, *names: str) -> str:
-        """Why quantities are not written; a reason that several share stands once."""
-        shared: dict[str, list[str]] = {}
+        """Why quantities are not written; a sentence that several share stands once."""
+        verdicts: dict[str, list[str]] = {}
         for name in names:
-            shared.setdefault(self.reason(name), []).append(name)
-        return " ".join(f"{listed(items)} {why}" for why, items in shared.items())
+            item = self.quantities.get(name)
+            verdicts.setdefault("not estimated" if item is None else item.verdict.value, []).append(name)
+        reasons = (item.reasons for name, item in self.quantities.items() if name in names)
+        sentences = dict.fromkeys(reason.sentence for of_name in reasons for reason in of_name)
+        return " ".join((*(f"{listed(items)} {why}." for why, items in verdicts.items()), *sentences))
 
     def needed(self, name: str, supplied: Supplied, target: str) -> Number:
         """A quantity that a target cannot do without: identified, or else given."""
@@ -199,8 +202,15 @@ class Fitted:
         raise NotIdentifiedError(
             f"{name} identified, which {target} cannot do without",
             self.why_not(name).rstrip("."),
-            f"Fly again as the report says, or give what is known: --prior {name}=VALUE:STD.",
+            f"Fly again as the report says, or give what is known: --prior {name}=VALUE:STD."
+            f"{self.acceptance(name)}",
         )
+
+    def acceptance(self, *names: str) -> str:
+        """Sentence that says which option would write quantities that are not identified."""
+        verdicts = {self.quantities[name].verdict for name in names if name in self.quantities}
+        worst = next((item for item in ACCEPTABLE if item in verdicts), None)
+        return f" Or write them with their verdict: --accept {worst.value}." if worst else ""
 
 
 @dataclass(frozen=True, slots=True)

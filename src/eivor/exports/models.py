@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -300,10 +300,10 @@ def _at_rest(made: _MachineEquations) -> StateSpace:
     return StateSpace(AB[:, :n], AB[:, n:], C, D, states, tuple(made.inputs), outputs, delay_s, made.numbers)
 
 
-def _document(fitted: Fitted, comments: tuple[str, ...], made: StateSpace, **parts: object) -> str:
+def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str:
     document = {
         "schema": "eivor.statespace/1",
-        "comments": [one_line(line) for line in (*fitted.origin(), *comments)],
+        "comments": [one_line(line) for line in comments],
         **{name: getattr(made, name).tolist() for name in "ABCD"},
         "states": made.states,
         "inputs": made.inputs,
@@ -318,12 +318,12 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != RIGID_BODY:
         if fitted.machine is None:
             supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
-        return Exported(_document(fitted, (), state_space(fitted, supplied)))
+        return Exported(_document(fitted.origin(), state_space(fitted, supplied)))
     made = describe(fitted, supplied, "a state space", BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
-    text = _document(fitted, (*made.comments, remark), hover, forward=parts)
+    text = _document((*made.comments, remark), hover, forward=parts)
     return Exported(text, made.omitted)
 
 
@@ -349,7 +349,7 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
                 quantities["hover_input"] = replace(quantities["hover_input"], value=hover)
             spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
     drawn_arrays = {name: [getattr(item, name).tolist() for item in spaces] for name in "AB"}
-    return Exported(_document(fitted, (JOINT,), state_space(fitted, supplied), draws=drawn_arrays))
+    return Exported(_document((*fitted.origin(), JOINT), state_space(fitted, supplied), draws=drawn_arrays))
 
 
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:

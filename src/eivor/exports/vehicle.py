@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -291,14 +292,15 @@ def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
 def _lacks(lacking: Iterable[str], missing: Missing, fitted: Fitted, target: str) -> NotIdentifiedError:
     whys = [missing.get(name, f"No flight of this kind determines {name}.") for name in lacking]
     roots = dict.fromkeys(root for why in whys if not isinstance(why, str) for root in why)
-    reasons = " ".join([fitted.why_not(*roots), *dict.fromkeys(why for why in whys if isinstance(why, str))])
+    texts = (sentence for why in whys if isinstance(why, str) for sentence in re.split(r"(?<=\.) ", why))
+    reasons = " ".join([fitted.why_not(*roots), *dict.fromkeys(texts)])
     formulas = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {formulas.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
-        f"{words}: identified, or given, since {target} cannot do without",
-        reasons.strip().rstrip("."),
-        f"Give what is known: {priors}",
+        f"{words}, identified or given, which {target} cannot do without",
+        f"none. {reasons.strip().rstrip('.')}",
+        f"Give what is known: {priors}.{fitted.acceptance(*roots)}",
     )
 
 

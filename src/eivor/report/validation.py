@@ -365,7 +365,7 @@ def _prepared(
         raise MissingChannelError(
             f"the input of the fit, '{prediction.input}', in {recording.name}",
             "a log without it",
-            "Give a log with the same command, or name its column in a channel map (--map).",
+            "Give a log with the same command; in a table or a bag, a channel map may name it (--map).",
         )
     flight = prepare(recording, motion, options)
     if not flight.runs:

@@ -313,7 +313,8 @@ class Recording:
         sources = ", ".join(self.looked_for.get(name, ())) or "no source of it is known for this format"
         expected = f"the channel '{name}' in {self.name}"
         received = f"a log without it (looked for: {sources})"
-        raise MissingChannelError(expected, received, "Log it, or name its column in a channel map (--map).")
+        remedy = "Log it; in a table or a bag, a channel map may name its column (--map)."
+        raise MissingChannelError(expected, received, remedy)
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

@@ -418,11 +418,11 @@ def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
 
 
 def _unexcited(yaw: YawInertia) -> str:
-    text = "The gyroscopic couplings of the flight do not identify Izz"
+    text = "The gyroscopic couplings of the flight do not identify Izz."
     if yaw.ratio is not None:
         low, high = yaw.ratio.interval
-        text += f", as it hardly turns about two axes at once (Izz/Ixx is between {low:.3g} and {high:.3g})"
-    return f"{text}; yaw torque alone determines only its ratio to the torque ratio."
+        text += f" It hardly turns about two axes at once: Izz/Ixx is between {low:.3g} and {high:.3g}."
+    return f"{text} Yaw torque alone determines only its ratio to the torque ratio."
 
 
 def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
