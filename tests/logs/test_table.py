@@ -154,6 +154,9 @@ def test_units_in_a_line_below_the_names_are_read(tmp_path):
     assert "time ms, velocity_z ft/s, position_z yards, input counts" in finding.message
     with pytest.raises(ChannelMapError) as caught:
         csv(tmp_path, "T,Altitude,Vz\nms,ft,ft/s\n0,1,1\n")
+    with pytest.raises(ChannelMapError) as suffixed:
+        csv(tmp_path, "t_ms,vz,z_sp\n0,1,1\n")
+    assert suffixed.value.__notes__[3:5] == ['column = "t_ms"', 'unit = "ms"']
     assert [line for line in caught.value.__notes__ if "unit" in line] == [
         'unit = "ms"',
         'unit = "ft"',

@@ -163,8 +163,10 @@ def identified(
         known = {"references", "lags", *recording.channels}
         absent = ", ".join(f"'{name}'" for name in options.instruments if name not in known)
         if absent:
-            expected = f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}"
-            remedy = did_you_mean(absent.strip("'"), known, "Name those, or references, or lags.")
+            expected = f"channels of {recording.name} as instruments"
+            remedy = did_you_mean(
+                absent.strip("'"), known, "Name some that eivor inspect lists, or references, or lags."
+            )
             raise UsageError(expected, absent, remedy)
     try:
         return identify_log(recordings, options, windows=windows, models=motions, progress=progress)

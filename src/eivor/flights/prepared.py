@@ -243,9 +243,9 @@ def chosen_input(
         name = wanted.rstrip("*").rstrip("_")
         channels = log.family(name)
         if not channels:
-            expected = f"an input out of the channels {', '.join(sorted(log.channels))}"
+            expected = f"an input out of the channels of {log.name}"
             known = [*log.channels, *(family.name for family in families if log.family(family.name))]
-            remedy = f"Name a channel, or a family such as {families[0].name}."
+            remedy = f"Name one that eivor inspect lists, or a family such as {families[0].name}."
             raise UsageError(expected, f"'{wanted}'", did_you_mean(name, known, remedy))
         stem, _, number = name.rpartition("_")
         called = {name, stem} if number.isdecimal() else {name}

@@ -85,8 +85,10 @@ def _by_channel(
     for name, declared in noise.items():
         members = [name] if name in known else family_members(name.rstrip("*").rstrip("_"), known)
         if not members:
-            expected = f"noise of channels of {log.name}: {', '.join(sorted(known))}"
-            remedy = did_you_mean(name, known, "Name one of them, or a family such as rotor_speed.")
+            expected = f"noise of channels of {log.name}"
+            remedy = did_you_mean(
+                name, known, "Name one that eivor inspect lists, or a family such as rotor_speed."
+            )
             raise UsageError(expected, f"'{name}'", remedy)
         declareds.update(dict.fromkeys(members, declared))
     return declareds

@@ -475,8 +475,8 @@ def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
     given = section.convert(_ChannelTable)
     channel, known = canonical_channel(name), canonical_channels()
     if channel is None:
-        remedy = did_you_mean(name, known, "Rename the channel.")
-        raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
+        remedy = did_you_mean(name, known, f"The names are {', '.join(known)}.")
+        raise section.wrong("", "a canonical channel name", f"'{name}'", remedy)
     kinds = [kind for kind in EXPRESSIONS if getattr(given, kind) is not None]
     sources = f"exactly one of {', '.join(EXPRESSIONS)}"
     received = " and ".join(kinds) or "none of them"

@@ -56,6 +56,7 @@ _CALLED = {
     **dict.fromkeys(("altitude", "alt", "height", "z", "pz"), "position_z"),
     **dict.fromkeys(("vz", "velocityz", "climbrate", "verticalspeed", "verticalvelocity"), "velocity_z"),
     **dict.fromkeys(("targetalt", "targetaltitude", "altitudesetpoint", "zsetpoint"), "reference_position_z"),
+    **dict.fromkeys(("zsp", "zref"), "reference_position_z"),
     **dict.fromkeys(("targetclimbrate", "climbratesetpoint", "vzsetpoint"), "reference_velocity_z"),
     **{f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"},
     **{f"{word}{n}": f"rotor_command_{n}" for word in ("motor", "rotor", "esc", "pwm") for n in range(1, 9)},
@@ -104,6 +105,9 @@ def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> 
     found: dict[str, tuple[str, str | None]] = {}
     for column in names:
         name, unit = _named(column, units)
+        word, _, suffix = name.rpartition("_")
+        if unit is None and suffix in TIME_UNITS and _CALLED.get(word.lower()) == "time":
+            name, unit = word, suffix
         channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
         if channel in _CALLED.values() or canonical_channel(channel) is not None:
             found.setdefault(channel, (column, unit))
