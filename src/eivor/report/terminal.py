@@ -89,7 +89,8 @@ class CardText:
             if lines
             else (0, 0, 0)
         )
-        below = width + symbols + numbers + 3 * GAP > options.max_width
+        room = options.max_width - width - symbols - 3 * GAP
+        below = numbers > room
         yield Text()
         for group in self.card.groups:
             yield Text(printable(group.heading), style=COLOURS[group.look.value])
@@ -105,17 +106,19 @@ class CardText:
                         yield Padding(Text(printable(line.remark), style="dim"), (0, 0, 0, 2 * GAP))
                 elif below:
                     yield Padding(words.append(f"  {printable(line.symbol)}"), (0, 0, 0, GAP))
-                    yield Padding(_number(line), (0, 0, 0, 2 * GAP))
+                    yield Padding(_number(line, options.max_width - 2 * GAP), (0, 0, 0, 2 * GAP))
                 else:
-                    grid.add_row(words, Text(printable(line.symbol)), _number(line))
+                    grid.add_row(words, Text(printable(line.symbol)), _number(line, room))
             if grid.row_count:
                 yield Padding(grid, (0, 0, 0, GAP))
 
 
-def _number(line: CardLine) -> Text:
-    text = Text(printable(line.number), style="bold")
-    if line.setting:
-        text.append("  ").append(printable(line.setting), style="bold" if line.command else "not bold")
+def _number(line: CardLine, room: int) -> Text:
+    """Number, setting and remark; a setting that would break has a line of its own."""
+    text, setting = Text(printable(line.number), style="bold"), printable(line.setting)
+    if setting:
+        gap = " " * GAP if _width(line.number) + GAP + _width(setting) <= room else "\n"
+        text.append(gap).append(setting, style="bold" if line.command else "not bold")
     return text.append(f"\n{printable(line.remark)}", style="not bold") if line.remark else text
 
 
