@@ -16,7 +16,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.card import result_card
-from eivor.report.document import Bullets, Card, CardLine, Look, TableOf
+from eivor.report.document import Bullets, Card, CardLine, Document, Look, TableOf
 from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
@@ -221,6 +221,27 @@ def test_the_card_sets_what_is_identified_and_in_the_terms_of_its_parameter(
     if verdict is Status.IDENTIFIED:
         of_parameter = f"Hover throttle 0.515 [0.503, 0.527], MPC_THR_HOVER is {old}"
         assert card.title == (of_parameter if remark != TOGETHER else "Hover input 0.515 [0.503, 0.527]")
+
+
+def test_a_setting_is_not_broken(fit):
+    card = card_of(fit, Quantity(0.515, "", 0.006, (0.503, 0.527), Status.IDENTIFIED), CurveSide.BEFORE, 0.58)
+    text = _text(on_terminal(Document("flight", "", (), card)), 70)
+    assert "MPC_THR_HOVER 0.58 -> 0.515" in map(str.strip, text.splitlines())
+
+
+def test_a_log_that_is_damaged_says_so_in_red(fit, still):
+    damage = Finding("corrupt_parts", "Damaged parts were left out: 12 bytes.")
+    for result, title in ((fit, "Viscous friction"), (still, "The log is damaged")):
+        flight = result.prepared[0]
+        log = replace(flight.recording, findings=(*flight.recording.findings, damage))
+        card = result_card((replace(result, prepared=(replace(flight, recording=log),)),))
+        group = card.groups[-1]
+        assert card.title.startswith(title)
+        assert (group.look, group.heading, group.lines[0].text) == (
+            Look.CONTRADICTED,
+            "Damaged",
+            damage.message,
+        )
 
 
 def test_only_a_contradiction_is_red(fit):

@@ -26,6 +26,9 @@ HEADINGS = {
     Look.MISSING: "Not identified",
     Look.CONTRADICTED: "Contradicted",
 }
+#: Findings of readers that values are lost, and what is said of them.
+DAMAGE = ("corrupt_parts", "checksum", "overflow")
+LEFT_OUT = "What is damaged is left out: copy the log again, or mend its logger."
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +57,18 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
         look: tuple(map(_line, chosen) if look in (Look.IDENTIFIED, Look.ROUGH) else _missing(chosen))
         for look, chosen in by_look.items()
     }
-    groups = tuple(CardGroup(look, HEADINGS[look], item) for look, item in lines.items() if item)
-    return Card(*_title(by_look), groups)
+    groups = [CardGroup(look, HEADINGS[look], item) for look, item in lines.items() if item]
+    damaged = tuple(_damaged(results[0]))
+    groups += [CardGroup(Look.CONTRADICTED, "Damaged", damaged)] * bool(damaged)
+    return Card(*_title(by_look, damaged=bool(damaged)), tuple(groups))
+
+
+def _damaged(result: FlightEstimate) -> Iterator[CardLine]:
+    """A line for each damage of a log; the last says what to do."""
+    logs = [flight.recording for flight in result.prepared]
+    found = [(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
+    for place, (name, message) in enumerate(found):
+        yield CardLine(name, message, remark=LEFT_OUT if place + 1 == len(found) else "")
 
 
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
@@ -182,7 +195,8 @@ def _names(entries: Sequence[CardEntry]) -> Iterator[str]:
     for _, group in groupby(entries, lambda entry: id(entry.result)):
         first, *others = group
         if others and 1 + len(others) == len(list(_entries(first.result))):
-            yield first.result.motion.words.title
+            title = first.result.motion.words.title
+            yield f"{title[0].lower()}{title[1:]}"
         else:
             yield from (entry.words for entry in (first, *others))
 
@@ -210,7 +224,7 @@ def _remedy(entry: CardEntry) -> str:
     return f"{_first(reason.remedy)}." if reason.remedy else ""
 
 
-def _title(by_look: Mapping[Look, Sequence[CardEntry]]) -> tuple[str, Look]:
+def _title(by_look: Mapping[Look, Sequence[CardEntry]], *, damaged: bool) -> tuple[str, Look]:
     """The most useful number, or that there is none, and how it looks."""
     for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:
@@ -219,4 +233,6 @@ def _title(by_look: Mapping[Look, Sequence[CardEntry]]) -> tuple[str, Look]:
             return capitalised(f"{before}{entry.words} {_line(entry).number}{known}"), look
     if by_look[Look.CONTRADICTED]:
         return "The data contradict themselves: nothing is identified", Look.CONTRADICTED
+    if damaged:
+        return "The log is damaged: nothing is identified", Look.CONTRADICTED
     return "Nothing is identified", Look.MISSING

@@ -82,7 +82,7 @@ def table(columns: Iterable[str | TableColumn], rows: Iterable[Iterable[str | Ce
 
 
 class Look(Enum):
-    """How the lines of a card look: green, amber, grey; red where data contradict themselves."""
+    """How the lines of a card look: green, amber, grey; red of contradictions and damage."""
 
     IDENTIFIED = Status.IDENTIFIED.value
     ROUGH = Status.WEAK.value

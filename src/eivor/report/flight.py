@@ -357,8 +357,10 @@ def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
 
 def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[Document, ...]:
     """Documents of the motions of a log behind the card of all; the last says why others are left out."""
-    results, said = tuple(result.motions.values()), set[str]()
+    results = tuple(result.motions.values())
     title, made = ", ".join(flight.recording.name for flight in result.first.prepared), result_card(results)
+    lines = [line for group in made.groups for line in group.lines]
+    said = {text for line in lines for text in (line.text, f"{line.words}: {line.text}")}
     bodies = [tuple(_sections(item, said, flight_card=card)) for item in results]
     bodies[-1] = (*bodies[-1], *section("Left out", Facts, tuple(result.left_out.items())))
     if len(results) == 1:
