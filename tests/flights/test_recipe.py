@@ -135,6 +135,8 @@ def test_constant_reference_is_refused(log):
     # The numbers are printed all the same, and the hover input may be told.
     assert result.estimate is not None
     assert result.quantities["hover_input"].value == pytest.approx(HOVER, rel=0.02)
+    dragged = ev.identify_flight(still, terms=("quadratic-drag",))
+    assert dragged.quantities["quadratic_drag"].verdict is ev.Status.REFUSED
 
 
 def test_without_a_reference_the_numbers_are_provisional(log):
@@ -155,6 +157,30 @@ def test_without_a_reference_the_numbers_are_provisional(log):
     known, without = (item.quantities["hover_input"] for item in (result, still))
     assert without.verdict is ev.Status.IDENTIFIED
     assert without.value == pytest.approx(known.value, rel=0.01)
+
+
+def test_key_figures_are_what_was_put_in():
+    """Shares of motors, vibration of a known size and pitch, and a supply that sags with the load."""
+    log = flown(seconds=40.0, noise=0.1)[0]
+    command, force = log.channels["rotor_command_1"], log.channels["specific_force_z"]
+    shares, fast = np.array([0.9, 1.0, 1.05, 1.05]), np.arange(0.0, 40.0, 0.0025)
+    load = (command.values / HOVER) ** 2
+    columns = {f"rotor_command_{n}": share * command.values for n, share in enumerate(shares, 1)}
+    columns |= {"battery_voltage": 16.0 - 0.8 * load - 0.01 * command.time_s}
+    shaken = np.interp(fast, force.time_s, force.values) + 2.0 * np.sin(2.0 * np.pi * 60.0 * fast)
+    known = dict.fromkeys("xyz", 0.0 * fast) | {"z": shaken}
+    body = {f"specific_force_body_{axis}": channel("", fast, values) for axis, values in known.items()}
+    body = {name: replace(item, name=name) for name, item in body.items()}
+    changes = {name: channel(name, command.time_s, values) for name, values in columns.items()}
+    result = ev.identify_flight(replace(log, channels={**log.channels, **changes, **body}))
+    figures = {figure.name: figure for figure in result.figures}
+    found = [figures[f"motor_share_{n}"].value for n in range(1, 5)]
+    assert found == pytest.approx(shares.tolist(), rel=1e-3)
+    assert figures["vibration"].value == pytest.approx(2.0**0.5, rel=0.02)
+    assert figures["vibration_peak"].value == pytest.approx(60.0, abs=0.5)
+    assert figures["battery_sag"].value == pytest.approx(0.8, rel=0.05)
+    assert figures["thrust_margin"].value == pytest.approx(1.0 - HOVER, abs=0.02)
+    assert figures["thrust_exponent"].interval[0] < 2.0 < figures["thrust_exponent"].interval[1]
 
 
 def test_friction_of_the_wrong_sign_is_refused(log):

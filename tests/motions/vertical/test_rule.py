@@ -76,6 +76,7 @@ def test_a_good_flight_has_no_reason_against_it():
 
 UNKNOWN = QuantityEstimate(0.4, "1/s", 0.1, (-np.inf, np.inf))
 SIGN = {"scale": Difference(2.0 * (-1.01 - 1.0) / (-1.01 + 1.0), 1e-3)}
+STILL = {"scale": Difference(-2.05, 0.05)}
 UNIT = {"scale": Difference(2.0 * 99.0 / 101.0, 1e-3)}
 AGREE = OverIdentification(0.0, 1, 0.5, None)
 CONTRADICTED = LagPrior(ev.Prior(0.05, 0.001), quantity(0.09, 0.002))
@@ -101,6 +102,7 @@ CASES = [
     (LAG, {}, {"checks": VerticalChecks(apparent_gravity=998.0)}, REFUSED, "look like milli-g"),
     (GAIN, {}, {"checks": VerticalChecks(apparent_gravity=-9.8)}, REFUSED, "-9.8 m/s.2, where 9.81"),
     (GAIN, {}, {"sensors": SensorAgreement(SIGN, AGREE)}, REFUSED, "goes down where the accelerometer goes"),
+    (GAIN, {}, {"sensors": SensorAgreement(STILL, AGREE)}, REFUSED, "does not follow the accelerometer"),
     (GAIN, {}, {"sensors": SensorAgreement(UNIT, AGREE)}, REFUSED, "reads 100 times what"),
     # instruments
     (FRICTION, {}, CONSTANT, REFUSED, r"never moved \(a: constant"),

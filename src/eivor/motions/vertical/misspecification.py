@@ -360,6 +360,7 @@ LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
 }
 #: One sensor that reads so many times what the other does is in another unit.
 OTHER_UNIT_TIMES = 3.0
+SENSORS = ("velocity", "accelerometer")
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
 #: Body axes whose tilt is taken out of an attitude; and the largest share of it by which the mean thrust may
@@ -446,16 +447,10 @@ def sentence(name: str, difference: Difference) -> str:
     """What a difference is, with number and unit."""
     value, half = difference.value, difference.half_width
     if name == OFFSET.name:
-        late, early = ("accelerometer", "velocity") if value > 0.0 else ("velocity", "accelerometer")
+        early, late = SENSORS if value > 0.0 else SENSORS[::-1]
         return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
     if name == SCALE.name:
-        times = velocity_over_accelerometer(value)
-        if times < 0.0:
-            return "The velocity goes down where the accelerometer goes up."
-        if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
-            return f"The velocity reads {times:.3g} times what the accelerometer does."
-        width, more = half / (1.0 - value / 2.0) ** 2, "more" if value > 0.0 else "less"
-        return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
+        return _scale_sentence(difference)
     along = {
         "tilt_forward": ("forward", "backward"),
         "tilt_left": ("to the left", "to the right"),
@@ -469,6 +464,24 @@ def sentence(name: str, difference: Difference) -> str:
             f"{width:.0f} degrees {along}. Check their axes and signs."
         )
     return f"Attitude and accelerometer differ by {degrees:.1f} ± {width:.1f} degrees {along}."
+
+
+def _scale_sentence(scale: Difference) -> str:
+    value, times = scale.value, velocity_over_accelerometer(scale.value)
+    if one_stands(scale):
+        still, moving = SENSORS if value < 0.0 else SENSORS[::-1]
+        return f"The {still} does not follow the {moving}."
+    if times < 0.0:
+        return "The velocity goes down where the accelerometer goes up."
+    if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        return f"The velocity reads {times:.3g} times what the accelerometer does."
+    width, more = scale.half_width / (1.0 - value / 2.0) ** 2, "more" if value > 0.0 else "less"
+    return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
+
+
+def one_stands(scale: Difference) -> bool:
+    """Whether one sensor may stand still while the other moves, so that their ratio has no known sign."""
+    return abs(abs(scale.value) - 2.0) <= scale.half_width
 
 
 def velocity_over_accelerometer(scale: float) -> float:

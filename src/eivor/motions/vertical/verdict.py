@@ -19,7 +19,6 @@ from eivor.flights.verdict import (
     Rule,
     SystematicPart,
     VerdictInputs,
-    direct_rule,
     disagreement_part,
     end_of_grid_rule,
     flight_rules,
@@ -44,6 +43,7 @@ from eivor.motions.vertical.misspecification import (
     OmittedTerms,
     Sensitivities,
     VelocitySpectrum,
+    one_stands,
     sentence,
     velocity_over_accelerometer,
 )
@@ -463,6 +463,15 @@ def _times(inputs: VerdictInputs) -> float:
     return 1.0 if scale is None else velocity_over_accelerometer(scale.value)
 
 
+def _sensor_remedy(inputs: VerdictInputs) -> str:
+    scale = _difference(inputs, SCALE.name)
+    if scale is not None and one_stands(scale):
+        return "Log both at 50 Hz or more: vibration folds into slower samples."
+    if _times(inputs) < 0.0:
+        return "Turn one of them, so that z points up (in a table by a channel map: sign = -1)."
+    return "Correct the unit of one of them (in a table by a channel map: unit = ...)."
+
+
 def _beyond(inputs: VerdictInputs, limit: float) -> bool:
     return abs(inputs.value("intercept")) - inputs.quantities["intercept"].half_width > limit
 
@@ -479,11 +488,11 @@ def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
 
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
     return (
-        direct_rule(WORDS, name),
+        *flight_rules(WORDS, name, ())[:2],  # of references that never moved, and of direct methods
         Rule(
             name,
             lambda inputs: strength(inputs) < STRONG_FIRST_STAGE,
-            Status.WEAK,
+            Status.REFUSED,
             lambda inputs: weak_instrument_sentence(words, strength(inputs)),
             FLY,
         ),
@@ -513,11 +522,7 @@ RULES = (
         lambda inputs: not 1.0 / OTHER_UNIT_TIMES < _times(inputs) < OTHER_UNIT_TIMES,
         Status.REFUSED,
         _sensor_sentence(SCALE.name),
-        lambda inputs: (
-            "Turn one of them: z points up, in a channel map with sign = -1."
-            if _times(inputs) < 0.0
-            else "Correct the unit of one of them, in a channel map with unit = ..."
-        ),
+        _sensor_remedy,
         Cause.CONTRADICTION,
     ),
     *(rule for names, of in _INSTRUMENTED for rule in flight_rules(WORDS, names, _STAGES, of)),
