@@ -418,6 +418,14 @@ def test_a_real_log_without_excitation_is_refused(recordings):
     assert flight.verdict.status is ev.Status.REFUSED
 
 
+@pytest.mark.thorough
+def test_a_lag_of_torques_that_surely_turn_nothing_is_refused(recordings):
+    log = ev.read_log(recordings / "px4-flights" / "3DRFlight_1.ulg")
+    lag = ev.identify_flight(log, model="rates").quantities["effective_lag"]
+    assert lag.verdict is ev.Status.REFUSED
+    assert any("No effectiveness is distinguished from zero" in reason.sentence for reason in lag.reasons)
+
+
 AHEAD_TRUTH = {
     **{f"{name}_effectiveness": item for name, item in zip(AXES, TRUTH.effectiveness, strict=True)},
     **{f"{name}_damping": item for name, item in zip(AXES, TRUTH.damping, strict=True)},

@@ -298,6 +298,11 @@ DAMPING = Limit(0.5, zero=Status.WEAK, narrower=TURN_LONGER)
 LAG = Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 
+def _holds_zero(inputs: VerdictInputs, name: str) -> bool:
+    low, high = inputs.quantities[name].interval
+    return low <= 0.0 <= high
+
+
 def axis_rules(axis: Axis) -> tuple[Rule, ...]:
     """Rows of the quantities of an axis."""
     damping, effect, *_ = names = [term.name for term in EQUATIONS[axis.number].terms]
@@ -374,6 +379,13 @@ RULES = (
         LEAST_S,
     ),
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+    Rule(
+        (*LAGS, DELAY.name),
+        lambda inputs: all(_holds_zero(inputs, name) for name in EFFECTS if name in inputs.quantities),
+        Status.REFUSED,
+        "No effectiveness is distinguished from zero, so that nothing shows the lag.",
+        EFFECTIVENESS.narrower,
+    ),
     longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
     *lag_rules(LAG, QUANTITIES[EFFECTIVE_LAG]),
     *(rule for axis in AXES for rule in axis_rules(axis)),
