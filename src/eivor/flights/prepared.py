@@ -221,6 +221,10 @@ class Selection:
         return {"command": slowest} | {name: item.rate_hz if item else 0.0 for name, item in roles.items()}
 
 
+#: Shipped machines of vehicles that are no multirotors.
+MACHINES = {"fixed wing": "fixed-wing-roll", "rover": "rover", "boat": "boat-yaw"}
+
+
 def check_vehicle(log: Recording, options: FlightOptions, *also: str) -> None:
     """Refuse a log of a vehicle that does not fly on rotors, or not all the time, but for other kinds."""
     says = f"{log.name}, which says that it is of a {log.vehicle}"
@@ -228,11 +232,10 @@ def check_vehicle(log: Recording, options: FlightOptions, *also: str) -> None:
         remedy = "Give the stretch in which it hovers: --window START:END."
         raise InputError("a window in which the vehicle hovers on its rotors", says, remedy)
     if log.vehicle not in ("", ROTARY_WING, VTOL, *also):
-        raise InputError(
-            "a log of a multirotor",
-            says,
-            f"This motion is that of multirotors. Declare that of a {log.vehicle}: docs/motions.md says how.",
-        )
+        like = f" --like {MACHINES[log.vehicle]}" if log.vehicle in MACHINES else ""
+        remedy = f"Declare another with this log's channels: eivor machine new FILE.toml{like}"
+        how = f"This motion is that of multirotors. {remedy} (docs/motions.md says how)."
+        raise InputError("a log of a multirotor", says, how)
 
 
 def chosen_input(
