@@ -296,14 +296,17 @@ def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
             eivor("export", file, "--to", "px4"),
             eivor("export", file, "--draws", "3", "-o", tmp_path / "draws.parquet", *model),
             eivor("validate", file, log, *model),
+            eivor("plan", file, "--time", "20"),
             eivor("identify", log, "--lag-from", file, "--json", "-"),
+            eivor("track", log, "--lag-from", file),
         ]
         assert ev.load_fit(file, "vertical").parameters["hover_input"] == pytest.approx(
             result.first.parameters["hover_input"]
         )
-    assert answers["1"][1].code == answers["1"][3].code == 0
+    assert [answers["1"][place].code for place in (1, 4, 5)] == [0, 0, 0]
     printed = [[(run.code, run.out.replace(str(tmp_path), "")) for run in runs] for runs in answers.values()]
-    assert printed[0][:3] == printed[1][:3] == printed[2][:3]
+    assert printed[0][:4] == printed[1][:4] == printed[2][:4]
+    assert printed[0][5] == printed[1][5] == printed[2][5]
     several = tmp_path / "several.json"
     refused = eivor("validate", several, log)
     assert (refused.code, "vertical, rates" in refused.err, "--model vertical" in refused.err) == (

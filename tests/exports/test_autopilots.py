@@ -114,6 +114,13 @@ def test_the_curve_of_the_motors_is_written_on_either_side(log, choices, side, t
     assert f"would be set to {result[curve]:.2f} [" in curve_told(reported)
 
 
+def test_the_key_figure_of_a_setpoint_is_the_curve_of_the_motors(setpoint):
+    (figure,) = [item for item in setpoint()["figures"] if item["name"] == "THR_MDL_FAC"]
+    low, high = figure["interval"]
+    assert low < TRUE < high
+    assert figure["words"] == "THR_MDL_FAC, which is 0.65"
+
+
 @pytest.mark.parametrize("in_force", [1.0, pytest.param(0.65, marks=pytest.mark.thorough)])
 def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force, tmp_path):
     """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""

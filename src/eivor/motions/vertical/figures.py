@@ -98,7 +98,7 @@ def _thrust_curve(
         if parameter.takes(value):
             (share, ends), _ = proposed(parameter, family, curve, about, before)
             if parameter.takes(share):
-                yield KeyFigure(name, name, share, "", ends, f"The log has {value:.2g}.")
+                yield KeyFigure(name, f"{name}, which is {value:.2g}", share, "", ends)
 
 
 def _motors(flight: PreparedFlight) -> Iterator[KeyFigure]:
