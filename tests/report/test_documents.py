@@ -254,3 +254,10 @@ def test_only_a_contradiction_is_red(fit):
         group = card_of(fit, hover, CurveSide.BEFORE, 0.58).groups[-1]
         why = "the interval is too wide." if look is Look.MISSING else reason.sentence
         assert (group.look, group.lines) == (look, (CardLine("Hover input", why, remark=reason.remedy),))
+
+
+def test_a_remedy_names_the_profile_that_logs_faster(fit):
+    reason = Reason(Status.REFUSED, "It is slow.", "Log both at 50 Hz or more.")
+    hover = Quantity(0.515, "", 0.006, (0.4, 0.6), Status.REFUSED, reasons=(reason,))
+    (line,) = card_of(fit, hover, CurveSide.BEFORE, 0.58).groups[-1].lines
+    assert line.remark == "Log both at 50 Hz or more (SDLOG_PROFILE 25)."

@@ -460,6 +460,7 @@ class LogFormat:
     advice: Callable[[str], tuple[str, ...]] = lambda _channel: ()  # What to log, of all or of a channel
     setpoints: str = ""  # Sentence that names the setpoints and commands to log
     sweeps: str = ""  # The autopilot's mode that injects sweeps, in words
+    faster: str = ""  # What makes the autopilot log faster, in words
     endings: tuple[str, ...] = ()
     parts: Callable[[Path], FolderParts] = lambda _folder: FolderParts()  # Of a folder; none of most formats
 

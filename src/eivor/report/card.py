@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,8 @@ from eivor.signals.channels import common_side
 
 #: Causes that other movements mend.
 MOVE = (Cause.ZERO, Cause.WIDE, Cause.EXCITATION)
+#: Remedies that a logging profile is part of.
+LOGGING = re.compile(r"^Log |, and log ")
 HEADINGS = {
     Look.IDENTIFIED: "Identified",
     Look.ROUGH: "Rough",
@@ -215,13 +218,14 @@ def _remedy(entry: CardEntry) -> str:
     """What to fly or to log instead, in one sentence."""
     reason, words = entry.reason, entry.result.motion.words
     known = log_format(entry.result.prepared[0].recording.format)
-    sweeps = known.sweeps if known is not None else ""
+    sweeps, faster = ("", "") if known is None else (known.sweeps, known.faster)
     if reason.cause in MOVE and entry.row.name in words.planned:
         other = f", or {sweeps}" if sweeps else ""
         return f"Fly what eivor plan proposes for this result (--json FIT.json){other}."
     if reason.cause is Cause.EXCITATION and sweeps:
         return f"Fly {sweeps}."
-    return f"{_first(reason.remedy)}." if reason.remedy else ""
+    how = f" ({faster})" if faster and LOGGING.search(reason.remedy) else ""
+    return f"{_first(reason.remedy)}{how}." if reason.remedy else ""
 
 
 def _title(by_look: Mapping[Look, Sequence[CardEntry]], *, damaged: bool) -> tuple[str, Look]:

@@ -187,6 +187,7 @@ FORMATS = (
         advice=advised(ardupilot.TABLES["advice"]["all"], _advice),
         setpoints=ardupilot.TABLES["advice"]["setpoints"],
         sweeps=ardupilot.TABLES["advice"]["sweeps"],
+        faster=ardupilot.TABLES["advice"]["faster"],
         endings=(".bin", ".log"),
     ),
 )

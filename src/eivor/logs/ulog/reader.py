@@ -486,6 +486,7 @@ FORMATS = (
         read_ulog,
         advice=ADVICE,
         setpoints=px4.TABLES["advice"]["setpoints"],
+        faster=px4.TABLES["advice"]["faster"],
         endings=ULOG_ENDINGS,
     ),
     # a folder of the tables that `ulog2csv` makes of one
@@ -496,6 +497,7 @@ FORMATS = (
         read_csv_folder,
         advice=ADVICE,
         setpoints=px4.TABLES["advice"]["setpoints"],
+        faster=px4.TABLES["advice"]["faster"],
         parts=csv_parts,
     ),
 )
