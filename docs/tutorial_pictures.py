@@ -24,7 +24,7 @@ IMAGES = Path(__file__).parent / "images" / "tutorial"
 def main() -> None:
     """Write every picture."""
     IMAGES.mkdir(parents=True, exist_ok=True)
-    hover = ev.identify_flight(public_log("battery_brownout"))
+    hover = ev.identify_log(public_log("battery_brownout"))
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         page = Path(folder) / "hover.html"
         page.write_text(flight_page(hover), encoding="utf-8")
