@@ -414,11 +414,6 @@ class FlightWords:
     undisturbed: str  # What to do about that
 
 
-def weak_instrument_sentence(words: str, first_stage: float) -> str:
-    """Sentence of a parameter about which instruments carry too little information."""
-    return f"First-stage F of the {words} is {first_stage:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
-
-
 def flight_rules(
     words: FlightWords, quantities: tuple[str, ...], stages: tuple[str, ...], set_of: str = ""
 ) -> tuple[Rule, ...]:
@@ -448,6 +443,14 @@ def flight_rules(
             sentence += f" They leave the {set_of.replace('_', ' ')} {_anywhere(low, high)}."
         return f"{sentence}{inputs.moved}"
 
+    def direct(inputs: VerdictInputs) -> str:
+        if not inputs.missing_reference:
+            return "A direct method is biased by disturbances in closed loop."
+        return (
+            f"No reference can serve as an instrument ({inputs.missing_reference}), so the numbers come from "
+            "nonlinear least squares, which disturbances bias."
+        )
+
     def fly(inputs: VerdictInputs) -> str:
         searched = inputs.lag_prior is None and ACTUATOR_LAG.name in inputs.searched
         return f"{words.fly} {GIVE_LAG}" if searched else words.fly
@@ -461,7 +464,16 @@ def flight_rules(
             words.fly,
             Cause.EXCITATION,
         ),
-        direct_rule(words, quantities),
+        Rule(
+            quantities,
+            lambda inputs: inputs.direct and not inputs.constant_reference,
+            Status.PROVISIONAL,
+            direct,
+            lambda inputs: (
+                words.log_reference if inputs.missing_reference else "Use reference_iv for a verdict."
+            ),
+            Cause.INSTRUMENT,
+        ),
         Rule(quantities, unidentified, Status.REFUSED, weakness, fly, Cause.EXCITATION),
         Rule(
             quantities,
@@ -502,30 +514,6 @@ def flight_rules(
             ),
             "Check what was given: it is the lag and the delay together, in ms.",
         ),
-    )
-
-
-def direct_rule(words: FlightWords, quantities: tuple[str, ...]) -> Rule:
-    """Row of a method without instruments."""
-
-    def sentence(inputs: VerdictInputs) -> str:
-        if not inputs.missing_reference:
-            return "A direct method is biased by disturbances in closed loop."
-        return (
-            f"No reference can serve as an instrument ({inputs.missing_reference}), so the numbers come from "
-            "nonlinear least squares, which disturbances bias."
-        )
-
-    def remedy(inputs: VerdictInputs) -> str:
-        return words.log_reference if inputs.missing_reference else "Use reference_iv for a verdict."
-
-    return Rule(
-        quantities,
-        lambda inputs: inputs.direct and not inputs.constant_reference,
-        Status.PROVISIONAL,
-        sentence,
-        remedy,
-        Cause.INSTRUMENT,
     )
 
 

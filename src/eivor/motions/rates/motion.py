@@ -298,11 +298,6 @@ DAMPING = Limit(0.5, zero=Status.WEAK, narrower=TURN_LONGER)
 LAG = Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 
-def _holds_zero(inputs: VerdictInputs, name: str) -> bool:
-    low, high = inputs.quantities[name].interval
-    return low <= 0.0 <= high
-
-
 def axis_rules(axis: Axis) -> tuple[Rule, ...]:
     """Rows of the quantities of an axis."""
     damping, effect, *_ = names = [term.name for term in EQUATIONS[axis.number].terms]
@@ -381,7 +376,10 @@ RULES = (
     *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     Rule(
         (*LAGS, DELAY.name),
-        lambda inputs: all(_holds_zero(inputs, name) for name in EFFECTS if name in inputs.quantities),
+        lambda inputs: all(
+            low <= 0.0 <= high
+            for low, high in [item.interval for name, item in inputs.quantities.items() if name in EFFECTS]
+        ),
         Status.REFUSED,
         "No effectiveness is distinguished from zero, so that nothing shows the lag.",
         EFFECTIVENESS.narrower,

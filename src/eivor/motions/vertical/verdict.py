@@ -26,9 +26,7 @@ from eivor.flights.verdict import (
     lag_rules,
     longest_lag_rule,
     short_flight_part,
-    weak_instrument_sentence,
 )
-from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
@@ -481,25 +479,12 @@ DELAY_HALF_WIDTH_S = 0.02
 
 
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
-    name, words = (parameter.name,), parameter.name.replace("_", " ")
-
-    def strength(inputs: VerdictInputs) -> float:
-        return inputs.first_stage.get(parameter.name, math.nan)
-
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
-    return (
-        *flight_rules(WORDS, name, ())[:2],  # of references that never moved, and of direct methods
-        Rule(
-            name,
-            lambda inputs: strength(inputs) < STRONG_FIRST_STAGE,
-            Status.REFUSED,
-            lambda inputs: weak_instrument_sentence(words, strength(inputs)),
-            FLY,
-        ),
-        *Limit(math.inf, zero=Status.WEAK, away_from_zero=leave_out).rules(
-            parameter.name, QUANTITIES[parameter.name]
-        ),
-    )
+    limit, names = Limit(math.inf, zero=Status.WEAK, away_from_zero=leave_out), (parameter.name,)
+    weak = flight_rules(WORDS, names, names, parameter.name)[
+        :3
+    ]  # instruments that there are not, or are weak
+    return (*weak, *limit.rules(parameter.name, QUANTITIES[parameter.name]))
 
 
 _STAGES = (FRICTION, GAIN, ACTUATOR_LAG.name, DELAY.name)
