@@ -480,7 +480,7 @@ DELAY_HALF_WIDTH_S = 0.02
 
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
-    limit, names = Limit(math.inf, zero=Status.WEAK, away_from_zero=leave_out), (parameter.name,)
+    limit, names = Limit(math.inf, zero=Status.REFUSED, away_from_zero=leave_out), (parameter.name,)
     weak = flight_rules(WORDS, names, names, parameter.name)[
         :3
     ]  # instruments that there are not, or are weak
