@@ -17,15 +17,6 @@ from eivor.errors import UsageError
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
-def test_the_example_is_identified(eivor):
-    run = eivor("identify", "--example")
-    assert run.code == 0
-    assert run.err == ""
-    assert "Identified" in run.out
-    assert "viscous friction" in run.out
-    assert "Flight card" not in run.out
-
-
 @pytest.mark.usefixtures("coarse_search")
 def test_the_table_has_every_quantity_in_80_columns(eivor, log, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")

@@ -89,14 +89,6 @@ def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_
 
 
 @pytest.mark.thorough
-def test_the_hover_input_is_the_autopilot_s_own(eivor, recordings):
-    document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
-    (message,) = [item["message"] for item in document["findings"] if item["name"] == "hover_estimate"]
-    assert "is 0.524 (median of" in message
-    assert document["derived"]["hover_input"]["value"] == pytest.approx(0.524, rel=0.03)
-
-
-@pytest.mark.thorough
 def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor, recordings):
     with coarse():
         document = _document(

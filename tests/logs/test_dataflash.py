@@ -291,15 +291,10 @@ def test_a_sweep_into_the_throttle_is_the_instrument(read):
 @pytest.mark.parametrize(
     ("firmware", "parameters", "kind", "wanted"),
     [
-        (
-            "ArduPlane V4.5.7 (0358a9c2)",
-            {},
-            "fixed wing",
-            "--like fixed-wing-roll (docs/motions.md says how)",
-        ),
+        ("ArduPlane V4.5.7 (0358a9c2)", {}, "fixed wing", "--like fixed-wing-roll"),
         ("ArduPlane V4.5.7", {"Q_ENABLE": 1}, "VTOL", "--window START:END"),
-        ("ArduRover V4.2.3", {}, "rover", "--like rover (docs/motions.md says how)"),
-        ("ArduRover V4.2.3", {"FRAME_CLASS": 2}, "boat", "--like boat-yaw (docs/motions.md says how)"),
+        ("ArduRover V4.2.3", {}, "rover", "--like rover"),
+        ("ArduRover V4.2.3", {"FRAME_CLASS": 2}, "boat", "--like boat-yaw"),
         ("ArduSub V4.1.0", {}, "submarine", "docs/motions.md says how"),
         ("ArduCopter V4.5.7", {"FRAME_CLASS": 6}, "helicopter", "docs/motions.md says how"),
     ],
