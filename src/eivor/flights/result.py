@@ -548,7 +548,7 @@ class FlightEstimate:
 
     def _fitted(self) -> Fit:
         if self.fit is None:
-            received = f"one without: {'; '.join(self.verdict.sentences)}"
+            received = f"one without: {' '.join(self.verdict.sentences).removesuffix('.')}"
             raise EstimationError("a flight with an estimate", received, "See its verdict.")
         return self.fit
 
