@@ -62,7 +62,7 @@ def test_commands_and_noisy_sensors_tell_every_axis(flight, fit):
 
 @pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
-    flight = body_flown(sensors=Sensors(*[Sensor()] * 5), duration=30.0, seed=3)
+    flight = body_flown(sensors=Sensors(*[Sensor()] * 5), duration=15.0, seed=3)
     result = identify_flight(flight.recording, model=DELAY_KNOWN, method="whitened_least_squares")
     for name, truth in truth_of(flight).items():
         near = {"abs": 1e-3} if name == "yaw_coupling" else {"rel": 1e-3}
