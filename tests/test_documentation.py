@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 import tomllib
+import warnings
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -274,6 +276,33 @@ def test_the_first_steps_in_python_run(tmp_path, monkeypatch):
     exec(compile(block, "getting-started.md", "exec"), names)  # noqa: S102 - the project's own page
     assert names["fit"].verdict.status.value == "identified"
     assert Path("fit.png").stat().st_size > 1000
+
+
+def cells_run(name, tmp_path, monkeypatch):
+    """Names of a notebook after its cells have run."""
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS.parent / "examples" / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    with warnings.catch_warnings():
+        for cell in json.loads(text)["cells"]:
+            if cell["cell_type"] == "code":
+                exec(compile("".join(cell["source"]), name, "exec"), names)  # noqa: S102 - the project's own
+    return names
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_notebook_of_arrays_runs(tmp_path, monkeypatch):
+    low, high = cells_run("from-arrays", tmp_path, monkeypatch)["fit"].interval("slope")
+    assert low < 0.5 < high
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_notebooks_of_logs_run(tmp_path, monkeypatch):
+    cells_run("from-a-log", tmp_path, monkeypatch)
+    assert json.loads(Path("vertical.json").read_text(encoding="utf-8"))
+    pytest.importorskip("mujoco")
+    assert abs(cells_run("to-a-simulator", tmp_path, monkeypatch)["data"].qpos[:3]).max() < 1e-3
 
 
 @pytest.mark.parametrize("name", ["from-a-log.md", "getting-started.md", "to-a-simulator.md"])

@@ -48,6 +48,7 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit):
     assert type(card) is str
     assert "<button" not in card.replace("button { display: none; }", "")
     assert hostile not in replace(fit, prepared=(replace(fit.prepared[0], recording=log),))._repr_html_()
+    assert fit.plot()._repr_png_().startswith(b"\x89PNG")
 
 
 @pytest.mark.usefixtures("coarse_search")
