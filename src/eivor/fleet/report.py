@@ -259,7 +259,9 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     if types:
         few = _notes(few_footnote(types, "vehicles"))
         yield Section("By type", (_members(report, types, "vehicle"), *few))
-    vehicle_rows = _displayed(report.vehicles)
+    chosen = vehicles_to_report(report.vehicles).head(MOST_VEHICLES).with_row_index("place")
+    numbered = report.vehicles.with_row_index("order")
+    vehicle_rows = chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
     vehicles = list(vehicle_rows.iter_rows(named=True))
     notes = list(few_footnote(vehicles, "flights"))
     if any(map(_is_of_one_flight, vehicles)):
@@ -291,12 +293,6 @@ def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
     noticed = pl.col("course").is_in(["drifts", "steps"]) | pl.col("differs")
     by_vehicle = vehicles.group_by("type", "vehicle", maintain_order=True).agg(noticed.any().alias("noticed"))
     return by_vehicle.sort("noticed", descending=True, maintain_order=True)
-
-
-def _displayed(vehicles: pl.DataFrame) -> pl.DataFrame:
-    chosen = vehicles_to_report(vehicles).head(MOST_VEHICLES).with_row_index("place")
-    numbered = vehicles.with_row_index("order")
-    return chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
 
 
 def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:

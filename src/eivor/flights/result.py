@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -507,19 +506,9 @@ class FlightEstimate:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
         return _outputs().saved(self).to_statespace()
 
-    def export(
-        self,
-        to: str,
-        *,
-        mass: tuple[float, float] | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
-        vehicle: str | Path | None = None,
-        draws: int | None = None,
-        seed: int = 0,
-    ) -> str | bytes:
+    def export(self, to: str, **choices: Any) -> str | bytes:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
-        saved = _outputs().saved(self)
-        return saved.export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
+        return _outputs().saved(self).export(to, **choices)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profiles, excitation.

@@ -753,20 +753,7 @@ def margin_intervals(
 ) -> dict[str, tuple[float, float]]:
     """Lowest and highest of each margin, by draws of the models that the data allow.
 
-    Parameters
-    ----------
-    models : TransferFunctions
-        From `transfer_functions`.
-    controller : callable
-        Response at s = 2 pi j f.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    dict
-        Interval of each field of `Margins`, the union over the orders that the data allow; NaN where fewer
-        than three draws in four have a crossing in each of them.
+    The union over their orders; NaN where fewer than three draws in four have a crossing in each of them.
     """
     rng, f = np.random.default_rng(seed), np.geomspace(*LOOKED_HZ, LOOKED_AT)
     s, tails = 2j * np.pi * f, [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]

@@ -185,7 +185,9 @@ def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
     """A line for each reason, with its quantities; of those with one remedy the last has it."""
     names: dict[tuple[str, str], list[CardEntry]] = {}
     for entry in entries:
-        names.setdefault((_remedy(entry), _why(entry.reason)), []).append(entry)
+        cause = entry.reason.cause
+        why = cause.value if cause is not Cause.CONTRADICTION else ""
+        names.setdefault((_remedy(entry), why or _first(entry.reason.sentence)), []).append(entry)
     ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
     for place, (remedy, why) in enumerate(ordered):
         words = ", ".join(_names(names[remedy, why]))
@@ -202,12 +204,6 @@ def _names(entries: Sequence[CardEntry]) -> Iterator[str]:
             yield f"{title[0].lower()}{title[1:]}"
         else:
             yield from (entry.words for entry in (first, *others))
-
-
-def _why(reason: Reason) -> str:
-    if reason.cause is Cause.CONTRADICTION or not reason.cause.value:
-        return _first(reason.sentence)
-    return reason.cause.value
 
 
 def _first(sentence: str) -> str:

@@ -58,18 +58,14 @@ def on_terminal(*documents: Document) -> Group:
 
 def _document(document: Document) -> Iterator[RenderableType]:
     if document.title:
-        yield _head(document)
+        head = Text(printable(document.title), style="bold", overflow="fold")
+        about = document.about if document.card is None else document.card.title
+        style = "not bold" if document.card is None else COLOURS[document.card.look.value]
+        yield head.append("\n").append(printable(about), style=style) if about else head
     if document.card is not None:
         yield CardText(document.card)
     for section in document.sections:
         yield from _section(section)
-
-
-def _head(document: Document) -> Text:
-    head = Text(printable(document.title), style="bold", overflow="fold")
-    about = document.about if document.card is None else document.card.title
-    style = "not bold" if document.card is None else COLOURS[document.card.look.value]
-    return head.append("\n").append(printable(about), style=style) if about else head
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +178,10 @@ class FoldingTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Choose by what would become of the words in the width that there is."""
-        words, whole = _words(self.table), options.max_width < NARROW
+        cells = [line for row in self.table.rows for cell in row for line in (cell.text, cell.below)]
+        titles = [column.title for column in self.table.columns]
+        words = Counter(printable(" ".join((*titles, *cells))).split())
+        whole = options.max_width < NARROW
         table = _side_by_side(self.table, whole=whole, names=False)
         drawn = _displayed(table, console, options)
         if not words <= drawn:
@@ -198,12 +197,6 @@ def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Count
     """Words of a table as it comes out; of a word that breaks, its parts."""
     lines = console.render_lines(table, options, pad=False)
     return Counter("\n".join("".join(part.text for part in line) for line in lines).split())
-
-
-def _words(table: TableOf) -> Counter[str]:
-    cells = [line for row in table.rows for cell in row for line in (cell.text, cell.below)]
-    titles = [column.title for column in table.columns]
-    return Counter(printable(" ".join((*titles, *cells))).split())
 
 
 def _width(text: str) -> int:

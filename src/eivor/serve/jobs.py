@@ -425,7 +425,9 @@ class KeptLogs:
         self._make_room(size, in_use())
         try:
             log = secrets.token_hex(16)
-            path = self._folder / f"{log}{_ending(name)}"
+            ending = PurePosixPath(name).suffix.lower()
+            plain = ending[1:].isascii() and ending[1:].isalnum() and len(ending) <= LONGEST_ENDING
+            path = self._folder / f"{log}{ending if plain else ''}"
             _write(path, files)
             with self._lock:
                 self._entries[log] = KeptLog(path, name, size), self._clock()
@@ -509,9 +511,3 @@ def shown_name(header: str) -> str:
     name = unquote(header, errors="replace").replace("\\", "/").rpartition("/")[2]
     name = name.replace("\0", "").strip()[:LONGEST_NAME]
     return name or "log"
-
-
-def _ending(name: str) -> str:
-    ending = PurePosixPath(name).suffix.lower()
-    plain = ending[1:].isascii() and ending[1:].isalnum()
-    return ending if plain and len(ending) <= LONGEST_ENDING else ""

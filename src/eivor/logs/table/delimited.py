@@ -427,7 +427,10 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
             raise ValueError(f"{frame.height} rows where {layout.rows} were counted")
         return frame
 
-    with polars_errors(partial(_unreadable, file)):
+    encoding = "Check the table's encoding (UTF-8)."
+    with polars_errors(
+        lambda error: corrupt_table(file.name, f"which cannot be converted: {error}", encoding)
+    ):
         if wanted.keys() >= set(columns):  # most tables hold numbers only, and no lists of them
             with suppress(pl.exceptions.ComputeError):
                 frame = scanned(pl.Float64)
@@ -486,8 +489,3 @@ def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
     numbers = numbers.fill_null(words.cast(pl.Float64, strict=False))
     bad = numbers.is_null() & words.is_not_null() & ~words.is_in(_NO_VALUE)
     return numbers.fill_null(np.nan).to_numpy().copy(), int(bad.sum())
-
-
-def _unreadable(file: Path, error: BaseException) -> CorruptLogError:
-    remedy = "Check the table's encoding (UTF-8)."
-    return corrupt_table(file.name, f"which cannot be converted: {error}", remedy)

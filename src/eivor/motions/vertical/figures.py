@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor.flights.grid import on_grid
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Counts, Interval, KeyFigure, Quantity, SystematicUncertainty, widened
+from eivor.flights.quantity import Counts, KeyFigure, Quantity, SystematicUncertainty, widened
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.inference.verdict import Status
@@ -47,12 +47,6 @@ def key_figures(
         yield from _supply(flights[0], quantities[HOVER])
 
 
-def _scattered(quantity: Quantity) -> Interval:
-    half = normal_quantile(0.95) * quantity.std_error
-    parts = [part for part in quantity.systematic_uncertainties if part.counts is not Counts.AT_LEAST]
-    return widened((quantity.value - half, quantity.value + half), quantity.value, parts)
-
-
 def _of_hover(
     flights: tuple[PreparedFlight, ...], hover: Quantity, numbers: Mapping[str, float]
 ) -> Iterator[KeyFigure]:
@@ -84,7 +78,10 @@ def _thrust_curve(
     gain, hover, exponent = quantities[GAIN], quantities[HOVER], numbers.get("thrust_exponent", math.nan)
     if gain.verdict is Status.REFUSED or hover.verdict is Status.REFUSED or not exponent > 0.0:
         return
-    low, high = (exponent * end / gain.value for end in _scattered(gain))
+    half = normal_quantile(0.95) * gain.std_error
+    parts = [part for part in gain.systematic_uncertainties if part.counts is not Counts.AT_LEAST]
+    ends = widened((gain.value - half, gain.value + half), gain.value, parts)
+    low, high = (exponent * end / gain.value for end in ends)
     words = "thrust grows as the command to the power"
     yield KeyFigure("thrust_exponent", words, exponent, "", (low, high), "Near hover; 1 is a line.")
     side, family = flights[0].curve_side, CurveFamily(of_share=False)
