@@ -148,7 +148,11 @@ def validate(
     """Do what `eivor.cli.identify.validate` declares."""
     picture = outputs.figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
-    result = fit_among(load_fits(fit), model)
+    fits = load_fits(fit)
+    result = fit_among(fits, model, preferred=tuple(fits))
+    others = [name for name, other in fits.items() if other is not result and other.estimated is not None]
+    if others and not model:
+        outputs.complain(f"compared is the first motion of {fit.name}; others: --model {' or '.join(others)}")
     if result.document.prediction is not None:
         _ = result.motion  # whose channels the log may have
     (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)

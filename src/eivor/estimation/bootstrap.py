@@ -304,8 +304,8 @@ def bootstrap(
     A replicate is the sum of its blocks' moments, made once in a pass over the rows. It costs as much as
     there are blocks (many short ones where scores are white, some N^(2/3) where they are not), and one
     solution of the method's equations. The noise that
-    compensated methods subtract, C and c, is the declared one in every replicate; so is a weight that is
-    made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
+    compensated methods subtract, C and c, is the declared one in every replicate. So is a weight that is
+    made of residuals (`TwoStepRobust`); this changes the estimate to second order only.
     """
     check_linear(method)
     rows = _sample_rows(problem)

@@ -220,9 +220,8 @@ def diagnose(estimate: Estimate) -> Diagnostics:
 
     Notes
     -----
-    One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
-    endogeneity, constancy, periodicity and leverage follow; whiteness, memory and spectra read the
-    residual.
+    One pass over the rows gives sums of products over a hundred blocks or so. From these follow strength, J,
+    endogeneity, constancy, periodicity and leverage. Whiteness, memory and spectra read the residual.
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.has_rows:

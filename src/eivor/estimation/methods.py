@@ -42,8 +42,8 @@ def identify(problem: Problem, method: Method) -> Estimate:
     Parameters
     ----------
     problem : Regression, SignalRegression, SeparableProblem or ProblemMoments
-        Rows; signals that rows are cut from; one set of rows for each value of nuisance parameters, such as
-        the lag and the delay of an actuator; or moments, whose estimate has no residuals and no intervals.
+        Rows, or signals that rows are cut from. Or one set of rows for each value of nuisance parameters,
+        such as lag and delay of an actuator. Or moments, whose estimate has no residuals and no intervals.
     method : Method
         One of `eivor.methods`, or your own.
 

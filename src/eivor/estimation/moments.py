@@ -233,11 +233,10 @@ def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.
     smallest = float(np.linalg.eigvalsh(np.outer(scale, scale) * compensated)[0])
     if smallest <= 0.0:
         raise CovarianceError(
-            "regressors whose mean squares exceed the noise that is declared of them, in every direction",
-            f"mean squares {powers} and noise variances {variances}, whose difference, in columns of unit "
-            f"length, has the eigenvalue {smallest:.3g}",
-            "Declare a smaller noise, or use instruments that share none of it: extended_iv, or "
-            "generalized_iv with them.",
+            "regressors whose mean squares exceed their declared noise in every direction",
+            f"mean squares {powers} and noise variances {variances}",
+            f"In columns of unit length their difference has the eigenvalue {smallest:.3g}. Declare a "
+            "smaller noise, or use instruments that share none of it: extended_iv, or generalized_iv.",
         )
 
 

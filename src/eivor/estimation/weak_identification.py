@@ -316,8 +316,8 @@ class SignPerturbedSet(_ConfidenceSets):
     def interval(self, name: str) -> ConfidenceSet:
         """Shadow of the region on a parameter's axis: at least the level.
 
-        Exact for one parameter; with two, pieces and gaps narrower than a degree, as seen from the region's
-        middle in standard errors, may be missed; with more it is a search.
+        Exact for one parameter. With two, pieces and gaps narrower than a degree may be missed, as seen from
+        the region's middle in standard errors. With more it is a search.
         """
         return self.region.interval(name)
 

@@ -48,8 +48,8 @@ class FlightOptions:
         Channel, or family of channels, that drives the vehicle; empty for the first of rotor_command,
         rotor_speed, input that is in the log.
     input_map : str
-        linear, square, power:EXPONENT or mixed:SHARE; "fit" to find it out, an exponent for rotors and a
-        share for thrust; empty for the log's own, else square for rotors and linear for thrust.
+        linear, square, power:EXPONENT or mixed:SHARE. "fit" estimates an exponent for rotors, a share for
+        thrust. Empty for the log's own, else square for rotors and linear for thrust.
     instruments : tuple of str
         ("references",), ("lags",), or names of channels; empty for the method's own: references, and
         lags for extended_iv.
@@ -58,18 +58,18 @@ class FlightOptions:
     compare : bool
         Estimate with every method and list the results side by side.
     lag : Prior or Bounds, optional
-        What is known of the effective lag, actuator lag plus delay, from elsewhere [s]: ``ev.Prior(0.070,
-        0.015)`` for 70 ms with a standard error of 15 ms, ``ev.Bounds(0.050, 0.090)`` for 50 to 90 ms,
-        ``ev.Bounds(0.0, 0.0)`` for neither lag nor delay.
+        What is known of the effective lag, actuator lag plus delay, from elsewhere [s]. ``ev.Prior(0.070,
+        0.015)`` is 70 ms with a standard error of 15 ms, ``ev.Bounds(0.050, 0.090)`` 50 to 90 ms.
+        ``ev.Bounds(0.0, 0.0)`` is neither lag nor delay.
     align : bool
         Take an offset in time and a scale out of sensors that disagree, as far as the motion can.
     accelerometer_bias : float
         What a map that is found out rests on: the standard deviation of the accelerometer's bias [m/s^2];
         infinite for nothing known of it.
     pool_friction : str
-        What flights of a pool share of what belongs to a flight, such as the friction: "auto" for each
-        flight's own and a common value where they agree, "separate" for each flight's own and their mean,
-        "common" for one value throughout.
+        What flights of a pool share of what belongs to a flight, such as the friction. "auto": each flight's
+        own, and a common value where they agree. "separate": each flight's own, and their mean. "common":
+        one value throughout.
     pool_anyway : bool
         Pool flights whose autopilots' parameters, or sizes of whose inputs, say that the vehicles differ.
     terms : tuple of str
@@ -82,9 +82,9 @@ class FlightOptions:
         Order of the response from commands to the vehicle's motion: 1 without a lag of the actuators, 2 with
         one, 3 with two in series. Default: 2, and of turning 3 where the flight says so.
     noise : mapping of str to float or DataSheet, or str, optional
-        Measurement noise by channel, for methods that take it out: the standard deviation of a sample as it
-        is logged, in the channel's SI unit, or the sensor's data sheet; a family's name stands for all its
-        channels. "estimate" reads it off each channel's fastest part. Default: that of the log's channel map.
+        Measurement noise by channel, for methods that take it out. It is the standard deviation of a logged
+        sample in the channel's SI unit, or the sensor's data sheet. A family's name stands for all of it.
+        "estimate" reads it off each channel's fastest part. Default: that of the log's channel map.
 
     Raises
     ------

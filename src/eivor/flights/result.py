@@ -516,8 +516,8 @@ class FlightEstimate:
         Parameters
         ----------
         axes : mapping of str to Axes, or sequence of Axes, optional
-            Where to draw: some of "fit", "residual", "autocorrelation", "profile of actuator_lag", "profile
-            of delay" and "excitation" by name, or all in this order. Default: a figure of its own. See
+            Where to draw: some by name, or all in order. They are "fit", "residual", "autocorrelation",
+            "profile of actuator_lag", "profile of delay", "excitation". Default: a figure of its own. See
             `eivor.report.flight_figures.flight_figure` for other motions and for what was given.
 
         Returns

@@ -77,8 +77,8 @@ class ConfidenceSet:
         """Solutions of ``a x^2 + b x + c <= 0``, of finite coefficients (else a `ParameterError`).
 
         Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
-        two: nothing cancels, overflows or underflows on the way, and whether there are roots is decided
-        by the sign of the exact discriminant. Roots beyond the range of numbers count as infinite.
+        two: nothing cancels, overflows or underflows on the way. The sign of the exact discriminant decides
+        whether there are roots. Roots beyond the range of numbers count as infinite.
         """
         if not (isfinite(a) and isfinite(b) and isfinite(c)):
             remedy = "Check the data for overflow."

@@ -450,8 +450,8 @@ def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
 class KernelRobust(CovarianceEstimator):
     """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
 
-    Critical values allow for the bandwidth (Kiefer and Vogelsang 2005) where `fixed_b`; else they are normal
-    ones, which are too short unless the bandwidth is a small share of the record.
+    Critical values allow for the bandwidth (Kiefer and Vogelsang 2005) where `fixed_b`. Else they are normal
+    ones, which are too small unless the bandwidth is a small share of the record.
     """
 
     kernel: Kernel = field(default_factory=Bartlett)  # Weights of the lags

@@ -90,7 +90,7 @@ class FractionalDerivative(FractionalOperator):
     """Derivative by time, (Delta^order + order/2 Delta^(order+1)) / step^order: per second to the order.
 
     Delta^order / step^order alone is the derivative at a time order/2 steps ago and has an error of the
-    first order of the step; the second term takes it away, which leaves one of the second order.
+    first order of the step. The second term takes it away, which leaves one of the second order.
     """
 
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
@@ -513,8 +513,8 @@ class FractionalDifferenceModel:
     Raises
     ------
     ParameterError
-        When an order is out of range, two terms of a side and lag are of one order or might be, the first
-        order of the output is unknown, or one name has two ranges.
+        When an order is out of range, or two terms of a side and lag are of one order or might be. When the
+        first order of the output is unknown, or one name has two ranges.
     UsageError
         When an argument is of another type.
     """
@@ -580,9 +580,9 @@ class FractionalDifferenceModel:
             order that is not whole, so that they are for compensated methods: `generalized_iv`.
         divided_by_output_at : mapping of str to float, optional
             Parameters, guessed or from a former estimate, at which both sides are divided by the output's
-            side, a filter that the equation does not feel. The noise of y is then nearly white in the
-            residual, instead of the larger the quicker it changes: with white noise on slow signals, a
-            matter of much smaller errors. How good the guess is bears on these errors, and on nothing else.
+            side. This filter leaves the equation as it is. The noise of y is then nearly white in the
+            residual, instead of amplified where it changes quickly. With white noise on slow signals, errors
+            are much smaller. How good the guess is bears on these errors, and on nothing else.
 
         Returns
         -------

@@ -167,9 +167,9 @@ def check_stable(vehicle: SampledVehicle, control: Control) -> None:
     radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, feedback).matrix)).max())
     if not radius < 1.0:
         raise ParameterError(
-            "gains with which the control loop is stable: every mode decays from sample to sample",
-            f"{control} at input_gain={vehicle.input_gain} and {1.0 / vehicle.step_s:g} Hz, with a mode that "
-            f"has a factor of {radius:.6g}",
+            "gains with which every mode of the control loop decays",
+            f"{control} at input_gain={vehicle.input_gain} and {1.0 / vehicle.step_s:g} Hz, a mode of which "
+            f"has the factor {radius:.6g}",
             "Make the gains smaller, the velocity's of the sign of input_gain, or raise the rate.",
         )
 
@@ -238,7 +238,7 @@ class Scenario:
         `position_z`, in their units.
     noise_to_signal : mapping of str to float
         For channels named here the noise's std is this ratio times the standard deviation of the noise-free
-        channel over the record; the noise given is the shape (its own std is replaced), white when none is.
+        channel over the record. The noise given is its shape, white when none is; its own std is replaced.
     disturbance : Disturbance, optional
         Of the equation of motion [m/s^2].
     disturbance_to_signal : float, optional
@@ -253,9 +253,8 @@ class Scenario:
     Raises
     ------
     ParameterError
-        When a number is outside its range, a channel is not measured, a disturbance is to be
-        scaled that is not there, the control loop is unstable, or a controller is to change its output
-        between samples.
+        When a number is outside its range, a channel is not measured, or a disturbance to scale is not
+        there. When the control loop is unstable, or a controller is to change its output between samples.
     """
 
     viscous_friction: float

@@ -351,8 +351,8 @@ def weighted_total_least_squares(
 ) -> Solution:
     """Minimise sum_t e_t^2 / w_t, w_t = [theta; -1]' S_t [theta; -1], e = b - A theta.
 
-    At the minimum sum_t (e_t / w_t) x_t = 0 with x_t the regressors adjusted for their estimated errors,
-    x_t = a_t + e_t (W_t theta - v_t) / w_t (W_t, v_t the blocks of S_t; York 1966 for a straight line).
+    At the minimum sum_t (e_t / w_t) x_t = 0 (York 1966 for a straight line). The regressors adjusted for
+    their estimated errors are x_t = a_t + e_t (W_t theta - v_t) / w_t, with W_t, v_t the blocks of S_t.
     The iteration solves that equation for theta with x_t and w_t from the theta before.
 
     Parameters

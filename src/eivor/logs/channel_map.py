@@ -169,9 +169,9 @@ def _refused(where: str, received: str) -> ChannelMapError:
     return ChannelMapError(
         f"arithmetic over columns, at most {MAX_LENGTH} characters, at {where}",
         received,
-        f"Use column names (in double quotes where they are words of Python or hold other characters than "
-        f"letters, digits and _), numbers, + - * / **, parentheses, < > <= >=, and, or, not, {names}, ddt(x) "
-        "and lag(x, SECONDS).",
+        f"Use column names, numbers, + - * / **, parentheses, < > <= >=, and, or, not, {names}, ddt(x) and "
+        "lag(x, SECONDS). Words of Python, and names of other characters than letters, digits and _, need "
+        "double quotes.",
     )
 
 

@@ -269,8 +269,8 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, a DataFlash log, a Crazyflie's microSD log, a blackbox log, a ROS bag or MCAP, a CSV,
-        Parquet, MATLAB or HDF5 file; or the folder of a ROS 2 bag. "-" reads standard input, by way of a
+        A ULog, a DataFlash log, a Crazyflie's microSD log or a blackbox log. A ROS bag, its folder, or MCAP.
+        A CSV, Parquet, MATLAB or HDF5 file. "-" reads standard input, by way of a
         temporary file.
     channel_map : str or path, optional
         For tables, variables of a Crazyflie, and topics of bags: a channel map (TOML), or the name of a

@@ -438,8 +438,8 @@ def frequency_response(
 
     Notes
     -----
-    Within +-20 % of a frequency, and at least +-15 bins, spectra of u and y are a quadratic in frequency
-    times that of the reference, plus a quadratic transient (Pintelon and Schoukens 2012, chapter 7). The
+    Spectra of u and y are a quadratic in frequency times that of the reference, plus a quadratic transient.
+    This holds within +-20 % of a frequency, at least +-15 bins (Pintelon and Schoukens 2012, chapter 7). The
     ratio's region is that of Fieller and of Anderson and Rubin; it is unbounded where the input does not
     answer the reference.
     """

@@ -285,8 +285,8 @@ class LaggedRuns(SeparableProblem):
     def _moved(self) -> list[MovedRun]:
         """What moves in each run where columns are interpolated from.
 
-        w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1): whatever is linear in the state
-        at a delay of k steps follows from that at k + 1, and from the input without a lag.
+        w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1).
+        Whatever is linear in the state at a delay of k steps follows from that at k + 1 and the input.
         """
         between, runs, results = cast("LagsAndDelays", self.interpolation), iter(self._bin_layout.runs), []
         last = between.points[between.delays - 1 :: between.delays]

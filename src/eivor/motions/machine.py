@@ -374,8 +374,8 @@ class Machine(DeclaredMotion):
         parameters : mapping of str to float, or FlightEstimate
             Every parameter, and `actuator_lag` and `delay` [s] where an actuator is declared.
         signals : mapping
-            An array of shape (n,) or (n, records) for every channel that is no state of the equations; of
-            inputs also a function of time [s] and of the measured states by name.
+            An array of shape (n,) or (n, records) for every channel that is no state of the equations. Inputs
+            may be functions of time [s] and of the measured states by name.
         seconds, step_s : float
             Length of the record, and time between samples, at which commands change [s].
         noise : mapping of str to float, optional

@@ -462,7 +462,7 @@ def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: KnownNumber | None =
     if not columns:
         raise NotIdentifiedError(
             "a parameter that is identified, to draw from",
-            f"a result without: {' '.join(fit.reasons)}",
+            f"a result without. {' '.join(fit.reasons)}".rstrip("."),
             "Fly again as the report says.",
         )
     prediction = fit.document.prediction

@@ -253,8 +253,8 @@ class Validation:
         Parameters
         ----------
         axes : mapping of str to Axes, or sequence of Axes, optional
-            Where to draw: panels by name, "one_step", "one_step residual", "open_loop", "open_loop
-            residual" for the vertical motion, or all in this order. Default: a figure of its own.
+            Where to draw: panels by name, or all in order. The vertical motion has "one_step", "one_step
+            residual", "open_loop" and "open_loop residual". Default: a figure of its own.
 
         Raises
         ------

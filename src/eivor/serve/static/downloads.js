@@ -39,11 +39,11 @@ function exportsOf(flight, job) {
 
 function plansOf(job) {
   if (!choices.plans.length) return [];
-  const wanted = listOf([{ name: "friction" }, { name: "gain" }, { name: "lag" }], "", "what this flight could not tell");
+  const wanted = listOf([{ name: "friction" }, { name: "gain" }, { name: "lag" }], "", "what this flight did not identify");
   const home = text("47.398,8.546");
   const query = () => queryOf([["for", wanted.value], ["home", home.value.trim()]]);
   const rows = choices.plans.map((one) => fileOf(one.file, one.words, () => `${job}/plan/${encodeURIComponent(one.name)}${query()}`));
-  const given = make("div", { class: "fields" }, field("It should tell", wanted), field("Home", home, "latitude and longitude, which a plan of QGroundControl needs"));
+  const given = make("div", { class: "fields" }, field("It should identify", wanted), field("Home", home, "latitude and longitude, which a plan of QGroundControl needs"));
   return [make("h3", { class: "flight" }, "Plan of the next flight"), make("p", { class: "hint" }, "It is flown in simulation before it is written, which takes a while."), given, filesOf(rows)];
 }
 
