@@ -57,19 +57,13 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor, recordings):
 
 
 @pytest.mark.thorough
-def test_time_after_a_crash_is_no_flight(eivor, recordings):
-    """The motors idle on the ground while the land detector says that the vehicle flies."""
-    document = _document(eivor("identify", recordings / "px4" / "ekf_failure.ulg", "--json", "-"))
-    assert document["window"][1] < 68.0
-    assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
-
-
-@pytest.mark.thorough
 def test_a_hover_input_that_is_not_identified_is_not_held_against_the_autopilot_s(eivor, recordings):
-    path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
+    """Nor is the time after a crash a flight, where motors idle and the land detector says that it flies."""
+    path = recordings / "px4" / "ekf_failure.ulg"
     run = eivor("identify", path, "--json", "-")
     document = _document(run)
     assert run.code == 3
+    assert document["window"][1] < 68.0
     assert document["parameters"]["viscous_friction"]["verdict"] == "refused"
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
     # its interval is wider than ±5 %: it is not held against the autopilot's parameter
@@ -109,20 +103,6 @@ def test_a_flight_that_never_takes_off(eivor, recordings, tmp_path):
     assert "never takes off" in run.out
 
 
-@pytest.mark.usefixtures("coarse_search")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "B2_circle_medium_rep3",
-        *(pytest.param(f"B9_trefoil_fast_rep{n}", marks=pytest.mark.thorough) for n in (3, 15)),
-    ],
-)
-def test_overflow_is_reported(eivor, recordings, name):
-    run = eivor("inspect", recordings / "nanobench" / f"{name}.csv")
-    assert run.code == 0
-    assert "overflowed" in run.out
-
-
 def test_vehicles_of_different_maps_are_not_pooled(eivor, recordings):
     run = eivor(
         "identify", recordings / "px4" / "ekf_failure.ulg", recordings / "nanobench" / f"{CLEAN[0]}.csv"
@@ -144,10 +124,17 @@ def test_a_log_of_ardupilot(eivor, recordings):
     assert "log command and acceleration at 50 Hz or more" in output
 
 
-def test_a_log_without_flight_is_inspected(eivor, recordings):
-    run = eivor("inspect", recordings / "px4" / "sample_appended_multiple.ulg")
-    assert run.code == 0
-    assert "Never in the air" in run.out
+@pytest.mark.usefixtures("coarse_search")
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ("px4/sample_appended_multiple.ulg", "Never in the air"),
+        ("nanobench/B2_circle_medium_rep3.csv", "overflowed"),
+    ],
+)
+def test_what_an_inspection_finds(eivor, recordings, log, words):
+    run = eivor("inspect", recordings / log)
+    assert (run.code, words in run.out) == (0, True)
 
 
 @pytest.mark.thorough
