@@ -190,7 +190,7 @@ WRONG = [
         "a list of numbers at disturbance.coefficients.1. of one.toml; received 1",
     ),
     (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
-    (TRUTH + CONTROL.replace("15", "1e6"), "loop is stable.* at the top of one.toml; received Velocity"),
+    (TRUTH + CONTROL.replace("15", "1e6"), "loop decays.* at the top of one.toml; received Velocity"),
     (TRUTH + CONTROL.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
     (TRUTH + CONTROL.replace("velocity'", "altitude'"), "finite number at control.altitude_gain.*nothing"),
     (TRUTH + CONTROL + "altitude_gain=1", "the unknown key 'altitude_gain'"),

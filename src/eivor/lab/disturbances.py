@@ -291,7 +291,12 @@ class SumOfDisturbances(Disturbance):
 def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
     """Disturbance of the paper's (34): c_1 w[k-1] + c_2 w[k-2] + sin(0.01 t) + sin(10 t).
 
-    Of c_1 ~ N(0, 1) and c_2 ~ N(3, 1), drawn at each sample; the paper leaves the deviation of w open.
+    The random coefficients are c_1 ~ N(0, 1) and c_2 ~ N(3, 1), drawn at each sample.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of w, which the paper leaves open.
     """
     moving = RandomCoefficientMovingAverage(means=(0.0, 3.0), stds=(1.0, 1.0), std=std)
     return SumOfDisturbances((moving, Sinusoids((1.0, 1.0), (0.01, 10.0))))
@@ -413,7 +418,17 @@ class Bilinear(Disturbance):
 
 
 def bilinear(coefficient: float, series_lag: int = 2, shock_lag: int = 1, std: float = 1.0) -> Bilinear:
-    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag], x strictly older."""
+    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+    """
     return Bilinear((BilinearTerm(coefficient, series_lag, shock_lag),), std)
 
 
