@@ -155,12 +155,14 @@ def _remark(change: ParameterChange) -> str:
     if change.flown is None or not all(map(math.isfinite, change.flown.interval)):
         return ""
     (low, high), old = change.flown.interval, change.old
+    new, flown = change.new, change.flown.value
+    together = " Set it together with the curve." if new is not None and new.value != flown else ""
     if low <= old <= high:
-        return f"{old:.4g} is inside the interval."
+        return f"{old:.4g} is inside the interval.{together}"
     what = change.parameter.words.split()[0]
-    outside, off = f"{old:.4g} is outside the interval", change.flown.value - old
-    side = "higher" if off > 0.0 else "lower"
-    return f"{outside}: {what} is {abs(off / old):.0%} {side}." if old > 0.0 else f"{outside}."
+    outside, side = f"{old:.4g} is outside the interval", "higher" if flown > old else "lower"
+    text = f"{outside}: {what} is {abs(flown / old - 1.0):.0%} {side}." if old > 0.0 else f"{outside}."
+    return text + together
 
 
 def _line(entry: CardEntry) -> CardLine:

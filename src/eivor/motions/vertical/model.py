@@ -88,10 +88,10 @@ class AutopilotParameter:
             return ""
         side = "above" if value > self.highest else "below"
         reaches = low < self.highest if value > self.highest else high > self.lowest
-        inside = " Its 95 % interval reaches into that range." if reaches else ""
+        inside = ", and its 95 % interval reaches into it" if reaches else ""
         return (
             f"what was found lies {side} the range of {self.lowest:g} to {self.highest:g} that "
-            f"{self.autopilot} takes.{inside}"
+            f"{self.autopilot} takes{inside}."
         )
 
 
