@@ -309,3 +309,8 @@ def test_other_vehicles_are_answered_by_kind(tmp_path, command_line, firmware, p
     assert f"which says that it is of a {kind}" in printed
     assert wanted in printed
     assert "friction" not in printed
+
+
+@pytest.mark.parametrize(("build", "kind"), [(1, "rover"), (13, "helicopter")])
+def test_the_build_names_the_vehicle(read, build, kind):
+    assert read(flight_log(simulated(seed=3, duration=2.0)).add("VER", 0.0, "B", BU=build)).vehicle == kind

@@ -516,7 +516,7 @@ BUILDS = {
     4: "tracking antenna",
     7: "submarine",
     12: "blimp",
-    13: ROTARY_WING,
+    13: HELICOPTER,
 }
 _PREFIXES = ("ardu", "apm:", "")
 
