@@ -658,6 +658,24 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing():
     assert "A log without a vehicle id stands alone under its own name" in text
 
 
+def test_the_intervals_of_a_share_stay_within_its_bounds():
+    """Two vehicles of a type that hover at .12 and at .93: by logarithms up to 140,000 times full command."""
+    table = fleet_rows(FleetSpec(vehicles=2, flights=3, between_flights=0.2, seed=3))
+    value = np.array([0.1, 0.15, 0.12, 0.9, 0.97, 0.93])
+    ends = {
+        "value": value,
+        "std_error": 0.05 * value,
+        "low": 0.9 * value,
+        "high": np.minimum(1.1 * value, 1.0),
+    }
+    report = reported(table.with_columns(**{f"{HOVER}.{name}": pl.Series(x) for name, x in ends.items()}))
+    for rows in (of(report, HOVER), report.types.filter(pl.col("quantity") == HOVER)):
+        for name in ("mean", "low", "high", "next_low", "next_high"):
+            assert rows[name].drop_nulls().is_between(0.0, 1.0).all(), name
+        assert (rows["low"] < rows["mean"]).all()
+        assert (rows["mean"] < rows["high"]).all()
+
+
 def test_a_slope_that_the_flights_leave_as_expected_is_not_told():
     """Voltage that hardly varies: its slope is what was expected, 1 +- 1 of the gain; density is told."""
     spec = FleetSpec(vehicles=4, flights=12, weather=0.05, battery=1e-4, seed=2)

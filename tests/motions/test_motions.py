@@ -292,6 +292,21 @@ def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
     assert fit.quantities["effective_lag"].value == pytest.approx(TRUTH.effective_lag_s, abs=0.006)
 
 
+def test_a_motor_s_controller_is_a_second_stage_and_no_delay():
+    """With one stage alone the delay came out three times as long, and was called identified."""
+    vehicle, quick = Vehicle(second_s=0.02), {"command_hz": 400.0, "rate_hz": 400.0, "noise": 0.02}
+    log = turned(1, vehicle=vehicle, size=0.5, disturbance=1.0, **quick)
+    fit = ev.identify_flight(log, model="rates")
+    assert "second_stage" in fit.quantities
+    for name, true in {
+        "delay": 0.005,
+        "second_lag": 0.02,
+        "effective_lag": vehicle.effective_lag_s + 0.02,
+    }.items():
+        assert fit.quantities[name].interval[0] <= true <= fit.quantities[name].interval[1], name
+    assert ev.identify_flight(log, model="rates", order=2).quantities["delay"].interval[0] > 0.015
+
+
 @pytest.mark.thorough
 def test_an_interval_wider_than_a_tenth_is_weak(short):
     flight = ev.identify_flight(short, model="rates")

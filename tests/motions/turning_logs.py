@@ -28,6 +28,7 @@ class Vehicle:
     damping: tuple[float, float, float] = (0.5, 0.6, 0.3)
     lag_s: float = 0.035
     delayed: int = 2
+    second_s: float = 0.0  # Lag of the motor's controller, before that of the rotor
 
     @property
     def effective_lag_s(self):
@@ -76,7 +77,8 @@ def turned(
     gain, derivative, outer = bandwidth / effect, 0.02 * bandwidth / effect, np.array([5.0, 5.0, 3.0])
     state = np.zeros((3, 3))
     issued = np.zeros((count + flight.delayed + 1, 3))
-    slope, before = np.zeros(3), np.zeros(3)
+    slope, before, controlled = np.zeros(3), np.zeros(3), np.zeros(3)
+    followed = 1.0 - np.exp(-STEP_S / flight.second_s) if flight.second_s else 1.0
     kept = np.exp(-2.0 * np.pi * 30.0 * STEP_S)
     rates = np.empty((count, 3))
     for k in range(count):
@@ -87,7 +89,8 @@ def turned(
         wanted = outer * (reference[k] - state[:, 2]) - rate
         requested = gain * wanted + derivative * slope + (0.0 if injected is None else injected[k])
         issued[k + flight.delayed] = np.clip(requested, -1.0, 1.0)
-        inputs = np.stack([issued[k], torque[k]], axis=1)
+        controlled = controlled + followed * (issued[k] - controlled)
+        inputs = np.stack([controlled, torque[k]], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S
     every, seen = round(1.0 / (command_hz * STEP_S)), round(1.0 / (rate_hz * STEP_S))
