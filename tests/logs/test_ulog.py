@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ulog_writer import UlogWriter, flight, flight_log, message
 
 import eivor as ev
-from eivor.errors import CorruptLogError, EmptyLogError, UsageError
+from eivor.errors import CorruptLogError, EmptyLogError, InputError, UsageError
 
 
 def names(recording):
@@ -75,6 +75,13 @@ def test_the_vehicle_is_told(read, kinds, parameters, vehicle):
     fields = {} if kinds is None else {"vehicle_type__uint8_t": np.array(kinds)}
     writer.topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]), **fields)
     assert read(writer).vehicle == vehicle
+
+
+def test_a_vtol_is_asked_for_a_window_on_its_rotors(read):
+    types = np.repeat([1, 2, 1], 10)
+    log = read(UlogWriter().topic("vehicle_status", 0.1 * np.arange(30.0), vehicle_type__uint8_t=types))
+    with pytest.raises(InputError, match=r"START:END\. The vehicle is on its rotors in 0:1, 2:"):
+        ev.identify_flight(log)
 
 
 def test_modes_without_height_control_are_told(read):

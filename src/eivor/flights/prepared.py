@@ -229,7 +229,8 @@ def check_vehicle(log: Recording, options: FlightOptions, *also: str) -> None:
     """Refuse a log of a vehicle that does not fly on rotors, or not all the time, but for other kinds."""
     says = f"{log.name}, which says that it is of a {log.vehicle}"
     if log.vehicle == VTOL and options.window is None:
-        remedy = "Give the stretch in which it hovers: --window START:END."
+        where = "".join(f" {item.message}" for item in log.findings if item.name == "on_rotors")
+        remedy = f"Give a stretch in which it hovers: --window START:END.{where}"
         raise InputError("a window in which the vehicle hovers on its rotors", says, remedy)
     if log.vehicle not in ("", ROTARY_WING, VTOL, *also):
         like = f" --like {MACHINES[log.vehicle]}" if log.vehicle in MACHINES else ""

@@ -328,12 +328,25 @@ def read_topics(
             reading.channels[name] = channel
     _add_actuators(reading, parameters)
     _add_rotor_speeds(reading)
-    findings += _reset_findings(reading)
+    findings += _rotor_findings(reading) + _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
     findings += common.noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
     sentence = "Not in force while its topic is silent: {}."
     findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return reading.channels
+
+
+def _rotor_findings(reading: _Reading) -> list[Finding]:
+    """When a vehicle that flies in another way too is on its rotors."""
+    status = reading.topics.get("vehicle_status")
+    types = np.zeros(0) if status is None else status.fields.get("vehicle_type", np.zeros(0))
+    on_rotors = types == 1
+    if not (on_rotors.any() and np.isin(types, list(px4.LOCOMOTION.keys() - {1})).any()):
+        return []
+    times = np.append(reading.clocks["vehicle_status"], reading.end_s)
+    edges = np.flatnonzero(np.diff(on_rotors, prepend=False, append=False))
+    text = ", ".join(f"{times[a]:.0f}:{times[b]:.0f}" for a, b in edges.reshape(-1, 2))
+    return [Finding("on_rotors", f"The vehicle is on its rotors in {text} s.")]
 
 
 def _reset_findings(reading: _Reading) -> list[Finding]:
