@@ -78,8 +78,9 @@ def test_the_vehicle_is_told(read, kinds, parameters, vehicle):
 
 
 def test_a_vtol_is_asked_for_a_window_on_its_rotors(read):
-    types = np.repeat([1, 2, 1], 10)
-    log = read(UlogWriter().topic("vehicle_status", 0.1 * np.arange(30.0), vehicle_type__uint8_t=types))
+    fields = {"vehicle_type": np.repeat([1, 2, 1], 10), "nav_state": np.full(30, 2)}
+    fields = {f"{name}__uint8_t": values for name, values in fields.items()}
+    log = read(UlogWriter().topic("vehicle_status", 0.1 * np.arange(30.0), **fields))
     with pytest.raises(InputError, match=r"START:END\. The vehicle is on its rotors in 0:1, 2:"):
         ev.identify_flight(log)
 
