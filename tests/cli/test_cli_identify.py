@@ -255,7 +255,7 @@ def test_a_short_track_says_what_is_missing(eivor):
     [
         ("", 0),
         ("hover,lag,gain,friction", 0),
-        ("hover_input", 0),
+        ("hover_input,vertical.effective_lag", 0),
         ("hover,torque", 3),
         ("roll_effectiveness", 3),
         ("hovr", 2),

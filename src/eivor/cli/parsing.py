@@ -342,7 +342,8 @@ def named_motions(name: str, vehicle: str = "", machine: str = "") -> tuple[Moti
 def parse_needs(text: str, motions: Motions) -> tuple[str, ...]:
     """What must be identified, as typed for --for: words of needs and names of quantities."""
     needs = tuple(need.strip() for need in text.split(",")) if text else ()
-    quantities = {name: spec for motion in motions for name, spec in motion.quantities.items()}
+    every = [(motion.name, name, spec) for motion in motions for name, spec in motion.quantities.items()]
+    quantities = {key: spec for model, name, spec in every for key in (name, f"{model}.{name}")}
     words = dict.fromkeys(need for need in NEEDS if any(spec.need == need for spec in quantities.values()))
     for need in needs:
         if need not in (*words, *quantities):

@@ -599,15 +599,16 @@ class LogEstimate:
         ----------
         needs : iterable of str
             Words out of "hover", "lag", "gain", "friction" and "torque" (of roll and pitch), or names of
-            quantities. A word is met by a motion that identifies every quantity that it has for it.
+            quantities ("vertical.effective_lag" of one motion). A word is met by a motion that identifies
+            every quantity that it has for it.
         """
         wanted = tuple(needs)
         return all(map(self._meets, wanted)) if wanted else bool(self.identified)
 
     def _meets(self, need: str) -> bool:
-        for result in self.motions.values():
-            specs = result.motion.quantities
-            of_need = [q for name, q in result.quantities.items() if need in (name, specs[name].need)]
+        for model, result in self.motions.items():
+            specs, known = result.motion.quantities, result.quantities.items()
+            of_need = [q for name, q in known if need in (name, f"{model}.{name}", specs[name].need)]
             if of_need and all(quantity.verdict is Status.IDENTIFIED for quantity in of_need):
                 return True
         return False
