@@ -64,7 +64,7 @@ def test_queries(tmp_path, command_line):
         return table
 
     assert dict(query("verdicts").select("verdict", "logs").rows())["copy"] == 1
-    vehicles = query("vehicles").select("vehicle", "logs", "told", "identified", "hours")
+    vehicles = query("vehicles").select("vehicle", "logs", "with_result", "identified", "hours")
     assert vehicles.rows()[0] == ("one", 2, 2, 1, 1.0)
     assert query("failed")["reason"].to_list() == ["It is empty."]
     assert query("refused")["name"].to_list() == ["c"]

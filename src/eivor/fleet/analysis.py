@@ -383,7 +383,7 @@ def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
         table.group_by("motion", "type", "vehicle")
         .agg(
             pl.len().alias("logs"),
-            own_result.sum().alias("told"),
+            own_result.sum().alias("with_result"),
             (pl.col("verdict") == "identified").sum().alias("identified"),
             (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
             pl.col("start").min().dt.date().alias("first"),

@@ -50,7 +50,7 @@ from eivor.tools import Bool, Float, Int
 AVERAGES = 16
 #: A difference is reported below this p-value: four kinds together have false alarms in less than 1 % of
 #: flights.
-TOLD = 0.004
+REPORTED = 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Difference:
     @property
     def matters(self) -> bool:
         """Whether it is there, and matters."""
-        return self.p_value < TOLD and abs(self.value) >= self.least
+        return self.p_value < REPORTED and abs(self.value) >= self.least
 
     @property
     def half_width(self) -> float:

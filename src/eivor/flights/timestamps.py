@@ -86,7 +86,7 @@ SLOPE_REACH = 5
 #: Fewer samples carry no information.
 FEWEST_SAMPLES = 100
 #: A coefficient is distinguished from one half when it is so many standard errors from it.
-TOLD = 3.0
+DISTINCT_ERRORS = 3.0
 
 
 def has_jitter(channel: Channel) -> bool:
@@ -106,7 +106,7 @@ def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
     values, variances = np.array(selected).T
     weights = 1.0 / variances
     mean = float(weights @ values / weights.sum())
-    return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > TOLD else None
+    return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > DISTINCT_ERRORS else None
 
 
 def jitter_estimate(channel: Channel) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from eivor.models.separable import Values
 #: Memory [s] when none is chosen.
 MEMORY_S = 5.0
 #: Largest half-width over the value with which a parameter counts as given.
-TOLD = 0.2
+LARGEST_SHARE = 0.2
 #: Least part of the memory that holds samples that count.
 HELD = 0.25
 #: Sums are held against the newest estimate: a battery that sags is followed, and is no change.
@@ -38,7 +38,7 @@ class Moment:
     @property
     def is_precise(self) -> bool:
         """Whether the half-width is a fifth of the value at most, of a fourth of the memory or more."""
-        return self.share >= HELD and self.half_width <= TOLD * abs(self.value)
+        return self.share >= HELD and self.half_width <= LARGEST_SHARE * abs(self.value)
 
 
 @dataclass(frozen=True)

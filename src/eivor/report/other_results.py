@@ -14,7 +14,7 @@ import numpy as np
 
 from eivor.errors import InputError
 from eivor.flights.result import FlightEstimate
-from eivor.flights.track import HELD, TOLD, Moment, Track, relative_change
+from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
@@ -213,7 +213,7 @@ def untold(track: Track) -> Iterator[str]:
         if 2 * empty >= len(here):
             why = "hardly any sample of the memory before is of flight that can be used"
         else:
-            why = f"the interval is wider than ±{100.0 * TOLD:.0f} %; a longer memory narrows it (--memory)"
+            why = f"the interval is wider than ±{100.0 * LARGEST_SHARE:.0f} %; --memory narrows it"
         yield f"{ends}: {why}."
 
 
@@ -295,7 +295,7 @@ def track_json(track: Track) -> dict[str, Json]:
                 "value": moment.value,
                 "low": moment.value - moment.half_width,
                 "high": moment.value + moment.half_width,
-                "told": moment.is_precise,
+                "identified": moment.is_precise,
             }
             for moment in track.moments
         ],

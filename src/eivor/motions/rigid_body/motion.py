@@ -168,7 +168,7 @@ UNIT_WITHIN = 0.05
 
 def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> Selection:
     """Channels of a log by role."""
-    log, erring = with_corrected_stamps(log)
+    log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
     log, off = with_one_clock(log, comparisons(log, (options.window or log.span_s,)))
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
@@ -199,7 +199,11 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
         responses=forces,
         conditions=conditions,
         band_hz=BAND_HZ,
-        findings=(*erring, *(Finding("clocks_apart", text) for text in off), *_findings(forces, moving)),
+        findings=(
+            *stamp_findings,
+            *(Finding("clocks_apart", text) for text in off),
+            *_findings(forces, moving),
+        ),
         issued_within_s=step_s,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         matched_interpolation_filter=True,

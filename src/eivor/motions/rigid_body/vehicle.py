@@ -23,14 +23,14 @@ from eivor.strict_toml import TomlTable, read_toml, toml_table
 from eivor.tools import Float
 
 #: Parameters that identify them; Iyy / Ixx, and Izz / Ixx by either coupling, as formulas.
-TELLING = ("roll_gain", "pitch_gain", "roll_coupling", "pitch_coupling")
+OF_INERTIAS = ("roll_gain", "pitch_gain", "roll_coupling", "pitch_coupling")
 PITCH_OVER_ROLL = "roll_gain / pitch_gain"
 YAW_OVER_ROLL = (f"{PITCH_OVER_ROLL} - roll_coupling", f"1 + pitch_coupling * {PITCH_OVER_ROLL}")
 
 
 def inertia_ratios(values: Mapping[str, float]) -> tuple[float, float]:
     """Izz / Ixx and Izz / Iyy by gains and couplings, by name; of both couplings the mean."""
-    roll_gain, pitch_gain, roll_coupling, pitch_coupling = (values[name] for name in TELLING)
+    roll_gain, pitch_gain, roll_coupling, pitch_coupling = (values[name] for name in OF_INERTIAS)
     pitch_over_roll = roll_gain / pitch_gain
     over_roll = 0.5 * (pitch_over_roll - roll_coupling + 1.0 + pitch_coupling * pitch_over_roll)
     return over_roll, over_roll / pitch_over_roll

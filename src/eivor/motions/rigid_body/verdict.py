@@ -60,8 +60,8 @@ from eivor.motions.rigid_body.regression import (
     rigid_body_problem,
 )
 from eivor.motions.rigid_body.vehicle import (
+    OF_INERTIAS,
     PITCH_OVER_ROLL,
-    TELLING,
     YAW_OVER_ROLL,
     KnownVehicle,
     inertia_ratios,
@@ -156,7 +156,7 @@ def refined_rotor_inertia(
 def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
     """Ratios of the inertias; None where they are not identified, or the three columns are not."""
     finite = Combinations.of_estimate(estimate).finite()
-    if not finite.has(*TELLING, *_SPINS):
+    if not finite.has(*OF_INERTIAS, *_SPINS):
         return None
     values = dict(zip(finite.names, finite.joint.values.tolist(), strict=True))
     if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
@@ -214,7 +214,7 @@ def gyroscopic_moments(
 def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
     """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them."""
     values = models[fit].values
-    if not {REACTION.name, *TELLING} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
+    if not {REACTION.name, *OF_INERTIAS} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
     ratios = dict(zip([item.name for item in GYROSCOPIC_MOMENT], inertia_ratios(values), strict=True))
 
