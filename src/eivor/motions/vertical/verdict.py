@@ -499,7 +499,7 @@ RULES = (
         lambda inputs: abs(inputs.checks.apparent_gravity - GRAVITY) > OTHER_UNIT,
         Status.REFUSED,
         _gravity_sentence,
-        'State its unit in a channel map (unit = "g"), and its axes.',
+        'Check its unit and axes (in a table by a channel map: unit = "g").',
         Cause.CONTRADICTION,
     ),
     Rule(
