@@ -91,6 +91,7 @@ def test_file_names_that_are_not_text(tmp_path):
         (codecs.BOM_UTF16_BE + "time;vz\n0;1\n".encode("utf-16-be"), "a table in UTF-16"),
         ("time,vz,høj\n0,1,2\n".encode("utf-16-le"), "a table in UTF-16"),
         ("time\tvz\n0\t1\n".encode("utf-16-be"), "a table in UTF-16"),
+        ("time,vz\n0,1\n".encode("utf-32"), "a table in UTF-32.*-f UTF-32 "),
         ("time,temp°C\n0,20\n".encode("latin-1"), "letters that are not UTF-8.*-f WINDOWS-1252 -t UTF-8"),
         ("time;größe\r\n0;1\r\n".encode("cp1252"), "letters that are not UTF-8"),
     ],

@@ -109,7 +109,7 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
         f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}."
     )
     status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
-    return (Reason(status, sentence, "A pulled estimate is biased; intervals count the whole move."),)
+    return (Reason(status, sentence, "A regularised estimate is biased; intervals count the whole move."),)
 
 
 def check_freedom(rows: int | float, unknowns: int) -> None:
@@ -131,10 +131,9 @@ def check_rank(system: LinearSystem) -> None:
     if still or lost_to_rounding(singular, max(system.matrix.shape)):
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
-            f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
-            "An input that never moves carries no information, and a white one cannot be "
-            "instrumented by strictly "
-            "delayed inputs. Use generalized_iv with lag 0, other instruments, or an input with memory.",
+            f"equations of numerical rank below {system.matrix.shape[1]}",
+            "An input that never moves carries no information, and a white one is no instrument for itself "
+            "once delayed. Use generalized_iv with lag 0, other instruments, or an input with memory.",
         )
 
 
@@ -162,9 +161,7 @@ def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
     return first_stage_of_products(moments.instruments, cross, regressors, moments.rows, shared)
 
 
-def weak_instruments(
-    moments: Moments, system: LinearSystem, parameters: tuple[Parameter, ...]
-) -> tuple[Reason, ...]:
+def weak_instruments(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
     """Reasons for the status weak, reported as a warning too; none when strength is not known."""
     strengths = first_stage_strengths(moments)
     if strengths is None:
@@ -172,12 +169,10 @@ def weak_instruments(
     weakest = int(np.argmin(strengths))
     if strengths[weakest] >= STRONG_FIRST_STAGE:
         return ()
-    singular = np.linalg.svd(_unit_columns(system), compute_uv=False)
     reason = Reason(
         Status.WEAK,
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
-        f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
-        f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
+        f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed.",
         "An input that hardly moves carries no information, and a white one is no instrument for itself "
         "once delayed. Use generalized_iv with lag 0, other instruments, or an input with memory. The sets "
         "of eivor.anderson_rubin_set hold all the same.",
@@ -324,7 +319,7 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
 
 def _plain_estimate(method: LinearMethod, candidate: Estimate, parameters: tuple[Parameter, ...]) -> Estimate:
     reasons = (
-        *weak_instruments(candidate.moments, candidate.system, parameters),
+        *weak_instruments(candidate.moments, parameters),
         *overstated_noise(candidate.moments, parameters),
         *shrinkage_bias(candidate.solution, parameters),
     )

@@ -130,7 +130,7 @@ def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
     if lost_to_rounding(singular, R.shape[0]):
         raise CollinearError(
             "linearly independent regressors",
-            f"columns of which one is a combination of the others (singular values {singular})",
+            "columns of which one is a combination of the others",
             "Remove a column, or give data in which they move independently.",
         )
     return float(singular[-1]), float(singular[0] / singular[-1])

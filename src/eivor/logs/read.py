@@ -144,6 +144,13 @@ def _in_encoding(
     return _refused(name, label, sniff, "a table in UTF-8", text, remedy, UnknownFormatError)
 
 
+UTF_32 = _in_encoding(
+    "utf-32",
+    "a table in UTF-32",
+    lambda head, _file: head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)),
+    "in UTF-32",
+    "UTF-32",
+)
 UTF_16 = _in_encoding("utf-16", "a table in UTF-16", _is_utf16, "in UTF-16", "UTF-16")
 #: Delimited text without control characters; compared after UTF-8.
 EIGHT_BIT = _in_encoding(
@@ -183,7 +190,7 @@ def log_formats() -> Iterator[common.LogFormat]:
     for reader in READERS:
         yield from resolve_name(reader)
     yield from (*RECOGNISED, TELEMETRY, DJI, *_DECLARED.values())
-    yield from (UTF_16, *resolve_name(TABLES), EIGHT_BIT)
+    yield from (UTF_32, UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 
 def readable_formats() -> tuple[common.LogFormat, ...]:
