@@ -162,6 +162,16 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
         vehicle_of_result("vertical_motion", "square", {}, flown)
 
 
+def test_numbers_that_nobody_gave_are_others_in_each_flight():
+    guess = vehicles.rough_vehicle(friction=0.5)
+    drawn = [guess.drawn(number) for number in range(5)]
+    assert {item.viscous_friction for item in drawn} == {0.5}
+    low, high = vehicles.USUAL["lag_s"]
+    assert drawn[0].lag_s == pytest.approx(np.sqrt(low * high))
+    assert low < min(item.lag_s for item in drawn) < max(item.lag_s for item in drawn) < high
+    assert ev.VehicleGuess(viscous_friction=0.5, lag_s=0.08).drawn(3).lag_s == 0.08
+
+
 def test_a_vehicle_is_read_from_a_file(tmp_path):
     path = tmp_path / "vehicle.toml"
     path.write_text("hover_input = 0.4\nlag_s = 0.08\n")

@@ -19,6 +19,7 @@ from eivor.motions.identify import identify_flight
 from eivor.planning.vehicle import (
     STEP_S,
     TARGETS,
+    USUAL,
     FlightLimits,
     Shape,
     VehicleGuess,
@@ -58,22 +59,29 @@ class ClosedLoopFlight:
         return bool(np.abs(self.height).max() <= half_height and np.abs(self.velocity).max() <= limits.speed)
 
 
-def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[ClosedLoopFlight]:
-    """Fly each shape with its seed, all side by side."""
-    count, flights = shapes[0].offset.size, len(shapes)
-    drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
+def fly(
+    shapes: Sequence[Shape], vehicles: Sequence[VehicleGuess], seeds: Sequence[int]
+) -> list[ClosedLoopFlight]:
+    """Fly each shape by its vehicle with its seed, all side by side."""
+    count = shapes[0].offset.size
+    drawn = [_surroundings(item, count, seed) for item, seed in zip(vehicles, seeds, strict=True)]
     velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
-    every = np.ones(flights)
     environment = VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
         reference_velocity=np.stack(velocities, axis=1),
         reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
-    numbers = (_regular_friction(vehicle), vehicle.input_gain, vehicle.lag_s, 0.0)
-    vehicles = VerticalVehicles(*(number * every for number in numbers))
-    gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
-    motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
+    numbers = [(_regular_friction(item), item.input_gain, item.lag_s, 0.0) for item in vehicles]
+    gains = [asdict(item.follows) for item in vehicles]
+    motion = simulate_vertical(
+        VerticalVehicles(*np.array(numbers).T),
+        environment,
+        step_s=STEP_S,
+        controller=AltitudeController(
+            **{name: np.array([item[name] for item in gains]) for name in gains[0]}
+        ),
+    )
     return [
         ClosedLoopFlight(
             shape,
@@ -165,8 +173,9 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
 # -- Plan --
 
 KINDS = ("multisine", "steps")
-#: So many shapes are flown in simulation, each so often; one flight of each is identified, all of the best.
-FINALISTS, RUNS = 3, 3
+#: So many shapes are flown in simulation, each by so many vehicles; one flight of each is identified, all of
+#: the best.
+FINALISTS, RUNS = 3, 5
 #: Flights longer than this leave time for one run of each shape [s].
 LONG_S = 150.0
 #: How far a shape is made smaller when its flights leave the limits, and how often at most.
@@ -236,12 +245,20 @@ class FlightPlan:
             f"simulated flight{'' if flights == 1 else 's'}."
         )
 
+    def taken(self, word: str) -> str:
+        """Value of a target in the simulated flights, in its unit; nothing of one that is relative."""
+        target = TARGETS[word]
+        if target.number in self.vehicle.unknown:
+            return "{:.3g} to {:.3g}".format(*(target.scale * end for end in USUAL[target.number]))
+        return "" if target.relative else f"{self.predicted[word].value:.3g}"
+
     def summary(self) -> str:
         """Setpoint, expected half-widths and what the simulated flights reached, as plain text."""
         lines = [self.sentence]
         for word, item in self.predicted.items():
             target = TARGETS[word]
-            of = "" if target.relative else f" (of {item.value:.3g})"
+            taken = self.taken(word)
+            of = taken and f" (of {taken})"
             lines.append(f"{target.words:<18}± {item.half_width:.2g} {target.unit}{of}")
         low, high, speed = self.reached
         lines.append(f"heights {low:.1f} to {high:.1f} m above take-off, up to {speed:.1f} m/s")
@@ -318,7 +335,8 @@ def _within_limits(
     runs = RUNS if limits.duration_s <= LONG_S else 1
     for _ in range(OFTEN):
         seeds = [seed + run for run in range(runs)]
-        flights = fly([shape for shape in shapes for _ in seeds], vehicle, seeds * len(shapes))
+        every = [(shape, vehicle.drawn(run), seed) for shape in shapes for run, seed in enumerate(seeds)]
+        flights = fly(*zip(*every, strict=True))
         flight = [flights[first : first + runs] for first in range(0, len(flights), runs)]
         kept = [of_shape for of_shape in flight if all(item.keeps(limits) for item in of_shape)]
         if kept:

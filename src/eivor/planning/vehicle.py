@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -170,13 +170,14 @@ class ExportTarget:
     unit: str
     scale: float = 1.0
     relative: bool = False
+    number: str = ""  # Of `VehicleGuess`
 
 
 #: By their words on the command line, in the order of the ranking's joint vector.
 TARGETS = {
-    "friction": ExportTarget("viscous_friction", "viscous friction", "1/s"),
+    "friction": ExportTarget("viscous_friction", "viscous friction", "1/s", number="viscous_friction"),
     "gain": ExportTarget("input_gain", "input gain", "%", 100.0, relative=True),
-    "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0),
+    "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0, number="lag_s"),
 }
 
 
@@ -186,6 +187,10 @@ TARGETS = {
 QUICKNESS, LARGEST_VELOCITY_GAIN, POSITION_SHARE, INTEGRAL_SHARE = 0.35, 4.0, 0.3, 0.05
 #: Half a step of a controller at 100 Hz [s].
 HALF_STEP_S = 0.005
+#: Where numbers lie that nobody gave: friction [1/s] and lag [s], evenly in logarithms.
+USUAL = {"viscous_friction": (0.15, 0.9), "lag_s": (0.015, 0.12)}
+#: Places in these ranges of simulated vehicles, the middle first.
+PLACES = {"viscous_friction": (0.5, 0.1, 0.3, 0.7, 0.9), "lag_s": (0.5, 0.7, 0.1, 0.9, 0.3)}
 
 
 @dataclass(frozen=True)
@@ -236,6 +241,20 @@ class VehicleGuess:
         if self.controller is not None:
             checks.kind("controller", self.controller, AltitudeController, "a controller", "Leave it out.")
         checks.text("requested", self.requested)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Numbers of `USUAL` that nobody gave: they have their defaults."""
+        return tuple(name for name in USUAL if getattr(self, name) == getattr(VehicleGuess, name))
+
+    def drawn(self, number: int) -> VehicleGuess:
+        """The vehicle with other usual numbers in place of those that nobody gave."""
+        places = {name: PLACES[name][number % len(PLACES[name])] for name in self.unknown}
+        ends = {name: np.log(USUAL[name]) for name in places}
+        values: dict[str, Any] = {
+            name: math.exp(np.interp(place, (0.0, 1.0), ends[name])) for name, place in places.items()
+        }
+        return replace(self, **values)
 
     @property
     def input_gain(self) -> float:

@@ -376,9 +376,8 @@ def plan_document(made: FlightPlan) -> Document:
     rows = []
     for word, item in made.predicted.items():
         target = TARGETS[word]
-        taken = "" if target.relative else f"{item.value:.3g}"
         text = f"in {item.identified} of {len(item.verdicts)}"
-        rows.append((target.words, taken, f"± {item.half_width:.2g}", target.unit, text))
+        rows.append((target.words, made.taken(word), f"± {item.half_width:.2g}", target.unit, text))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
         made.sentence,
