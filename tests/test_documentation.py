@@ -189,7 +189,7 @@ def check_estimators(names):
 
 def check_from_arrays(names):
     page = (DOCS / "from-arrays.md").read_text(encoding="utf-8")
-    displayed = [tuple(map(float, pair)) for pair in re.findall(r"  # .*\[([\d.]+), ([\d.]+)\]", page)]
+    displayed = [tuple(map(float, pair)) for pair in re.findall(r"# .*\[([\d.]+), ([\d.]+)\]", page)]
     fits = [names[name] for name in ("biased", "fit", "attenuated", "compensated", "orthogonal")]
     assert [fit.interval("slope") for fit in fits] == [pytest.approx(pair, abs=1e-3) for pair in displayed]
 
@@ -289,7 +289,7 @@ def commands_of_pages():
     result, seen = {}, []
     for page in PAGES:
         kinds = ("sh",) if page.name == "getting-started.md" else ("sh", "console")
-        text = page.read_text(encoding="utf-8")
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
         lines = [line for kind in kinds for block in blocks(text, kind) for line in block.splitlines()]
         every = [shlex.split(line.removeprefix("$ "), comments=True) for line in lines]
         own = [words[1:] for words in every if words[:1] == ["eivor"]]
