@@ -266,7 +266,7 @@ def hover_sentence(rows: pl.DataFrame, grid: Grid) -> list[str]:
     off = ((reported[f"{RECIPE}.{HOVER}.value"] - true) / true).abs().to_numpy()
     return [
         "The hover inputs of all families that the model holds are off by less than "
-        f"{np.quantile(off, 0.95):.3%} in 95 % of {off.size} flights, and by {off.max():.3%} at most; the "
+        f"{np.quantile(off, 0.95):.3%} in 95 % of {off.size} flights, and by {off.max():.3%} at most. The "
         f"floor of their interval is {HOVER_FLOOR:.1%} either way."
     ]
 
