@@ -47,8 +47,6 @@ from eivor.motions.table import motion_by_name
 from eivor.process_pool import useful_workers
 from eivor.tools import Bool, Float
 
-# -- Pooled rows --
-
 #: Type of a flight whose type is not known, and what stands before the name of a log that has no vehicle.
 UNKNOWN, LOG = "unknown", "log "
 HOUR_S = 3600.0
@@ -182,8 +180,6 @@ def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
     return rows.select(by)[first], Groups((ends - first.to_numpy()).astype(np.int64))
 
 
-# -- Trends --
-
 #: Share of vehicles without change that may be said to change; share of those reported to differ that
 #: may not.
 LEVEL = 0.05
@@ -312,8 +308,6 @@ def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
     return np.where(vehicles.spread(vehicles.sizes.astype(float)) >= FEWEST_VEHICLES, p_values, np.nan)
 
 
-# -- Pool --
-
 #: Columns of a mean: the value with its interval, the standard deviation between members with its own, and
 #: the interval of the next member. Of logarithms the deviation is a share of the value.
 POOLED = ("mean", "low", "high", "between", "between_low", "between_high", "next_low", "next_high")
@@ -374,9 +368,6 @@ def _known(name: str, numbers: Rows, known: np.ndarray) -> pl.Series:
     return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
 
 
-# -- Queries --
-
-
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
     own_result = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
@@ -435,8 +426,6 @@ def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
         .select("motion", "vehicle", "start", "name", *columns)
     )
 
-
-# -- Report --
 
 #: Tables without rows.
 COVARIATES = pl.DataFrame(
@@ -657,9 +646,6 @@ class _Quantity:
                 for entry, item in enumerate(self.trend.used)
             ]
         )
-
-
-# -- Reports --
 
 
 def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:

@@ -28,8 +28,6 @@ from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
 
-# -- Places --
-
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://")
 
 

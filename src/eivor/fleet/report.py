@@ -48,8 +48,6 @@ from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers, symbol_of
 
-# -- Reported fleet --
-
 Row = Mapping[str, Any]
 #: Sentences of one kind, at most.
 MOST = 20
@@ -215,8 +213,6 @@ def _at_most(names: list[str], what: str) -> list[str]:
     return names if len(names) <= MOST else [*names[:MOST], f"{len(names)} {what}; the JSON has all."]
 
 
-# -- Fleet document --
-
 #: Vehicles in a table, at most.
 MOST_VEHICLES = 30
 #: Sections in which a page has pictures.
@@ -354,9 +350,6 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
     return table(columns, cells)
 
 
-# -- JSON fleet --
-
-
 def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
     """Document of the reports of a fleet, one for each motion; numbers are in SI units."""
     return document("eivor.fleet_report/1", motions=[_motion_json(report) for report in reports])
@@ -389,8 +382,6 @@ def _rows(table: pl.DataFrame) -> list[Json]:
         for row in table.iter_rows(named=True)
     ]
 
-
-# -- Fleet page --
 
 #: Vehicles of a forest, and vehicles whose quantities are drawn over time, at most.
 MOST_ROWS, MOST_LINES = 40, 8
@@ -486,9 +477,6 @@ def _trend(
         yield "drift", hours, mean * np.exp(change) if across.logarithm else mean + change
         return
     yield "mean", np.array([hours.min(), hours.max()]), np.full(2, mean)
-
-
-# -- Flight links --
 
 
 def flight_links(folder: Path, page: Path) -> Mapping[str, str]:

@@ -49,8 +49,6 @@ from eivor.process_pool import (
 )
 from eivor.tools import ItemsDone, no_items_callback
 
-# -- Shard --
-
 
 @dataclass(frozen=True, slots=True)
 class Shard:
@@ -111,8 +109,6 @@ def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProces
     return _KEPT[thread][0]
 
 
-# -- Work --
-
 #: What says which log and content a row is of.
 KEY = ["sha256", "name"]
 
@@ -152,8 +148,6 @@ def without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str
     wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
     return wanted.join(there, on="sha256", how="anti", maintain_order="left")
 
-
-# -- Run --
 
 #: Logs of a task: as few as give the number of tasks that progress is reported by, and at most so many.
 TASKS, MOST_LOGS = 100, 200

@@ -21,8 +21,6 @@ from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
 from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
-# -- Control --
-
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
@@ -98,8 +96,6 @@ def _check_velocity_gains(proportional: float, integral: float) -> None:
         raise ParameterError(expected, received, "Give one of them, or leave the control out for open loop.")
 
 
-# -- Sampled vehicle --
-
 #: K T below which the gains are summed as series: their closed forms would cancel.
 SMALL = 1e-2
 
@@ -126,8 +122,6 @@ def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -
         ramp = (float(np.expm1(-x)) + x) / x**2
     return SampledVehicle(input_gain, step_s, float(np.exp(-x)), step_s * held, step_s * ramp)
 
-
-# -- Sampled loop --
 
 Series = Float[np.ndarray, " samples"]
 
@@ -190,8 +184,6 @@ def from_rest(
     ]
     return solved.reshape(steps + 1, states)
 
-
-# -- Scenario --
 
 #: Channels that are measured with noise in every record.
 ALWAYS_MEASURED = ("velocity_z", "acceleration_z", "input")
@@ -368,8 +360,6 @@ def check_noises(
             raise ParameterError(f"noise of {', '.join(channels)}", f"noise of '{name}'", remedy)
 
 
-# -- Simulate --
-
 #: Sources of randomness, in the order in which they take their streams from the record's generator.
 SOURCES = ("excitation", "disturbance", *NOISY_CHANNELS)
 
@@ -488,9 +478,6 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
         raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)
     response = _channels(scenario, undisturbed, rest)["acceleration_z"]
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
-
-
-# -- Log about hover --
 
 
 def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:

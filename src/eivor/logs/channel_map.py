@@ -25,8 +25,6 @@ from eivor.signals.thrust_map import input_map
 from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
 from eivor.tools import Float
 
-# -- Expressions --
-
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {
     "abs": np.absolute,
@@ -303,8 +301,6 @@ def _number(node: ast.expr) -> float | None:
     )
     return sign * float(value) if known else None  # type: ignore[arg-type]
 
-
-# -- Channel map --
 
 ESTIMATOR = "estimator"
 SOURCES = ("sensor", ESTIMATOR)

@@ -45,8 +45,6 @@ from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
 
-# -- Inspection --
-
 #: Of a log that does not fit into memory, in which more was flown, `identify` is tried on so much [s].
 TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
 #: Stretches of time, first and last second of each.
@@ -207,9 +205,6 @@ def _summary(channel: Channel) -> ChannelSummary:
     )
 
 
-# -- Inspection JSON --
-
-
 def inspection_json(inspection: Inspection) -> dict[str, Json]:
     """Document of an inspection, ready for `json_text`."""
     log, airborne = inspection.recording, inspection.airborne
@@ -265,8 +260,6 @@ def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
         reasons=pooled.reasons,
     )
 
-
-# -- Inspection document --
 
 #: So many gaps or stretches are listed one by one.
 LISTED = 6

@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Residuals --
-
 SERIES = {"measured": "#262d36", "predicted": "#c03a2b", "residual": "#4d6478"}
 PLOTTED = (("measured", "predicted"), ("residual",))
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -147,8 +145,6 @@ def _foxglove(topics: Sequence[str]) -> str:
         {"configById": plots, "globalVariables": {}, "userNodes": {}, "layout": layout}, indent=1
     )
 
-
-# -- Track document --
 
 #: Marks of a line, lowest first, and that of a time at which nothing is identified.
 MARKS, UNTOLD = "▁▂▃▄▅▆▇█", "·"
@@ -275,9 +271,6 @@ def _table(track: Track) -> TableOf:
     return table(columns, rows)
 
 
-# -- JSON track --
-
-
 def track_json(track: Track) -> dict[str, Json]:
     """Document of a track; numbers are in SI units, and null where nothing is identified."""
     (flight,) = track.result.prepared
@@ -308,9 +301,6 @@ def track_json(track: Track) -> dict[str, Json]:
         verdict_of_the_flight=track.result.verdict.status,
         findings=track.result.findings,
     )
-
-
-# -- Plan --
 
 
 def plan(
@@ -427,8 +417,6 @@ def plan_json(made: FlightPlan) -> dict[str, Json]:
         simulated={"lowest_m": low, "highest_m": high, "speed": speed},
     )
 
-
-# -- Track figure --
 
 TRACK_WIDTH, HEIGHT = 10.0, 4.5
 LETTERS = 90

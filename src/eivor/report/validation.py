@@ -59,8 +59,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Comparison of quantities --
-
 #: Level at which a flight contradicts a fit, over all quantities.
 CONTRADICTION_LEVEL = 0.05
 
@@ -113,9 +111,6 @@ def _summed(quantities: Mapping[str, Quantity], name: str) -> Quantity:
     value = sum(quantities[part].value for part in LAG_SUMS[name])
     (low, high), shift = quantity.interval, value - quantity.value
     return replace(quantity, value=value, interval=(low + shift, high + shift))
-
-
-# -- Validation --
 
 
 @dataclass(frozen=True, slots=True)
@@ -426,9 +421,6 @@ def _share(error: PredictionError) -> str:
     return f"{error.explained:.1%}" if np.isfinite(error.explained) else NO_NUMBER
 
 
-# -- JSON validation --
-
-
 def validation_json(validation: Validation) -> dict[str, Json]:
     """Document of a validation, ready for `json_text`."""
     log, fitted = validation.flight.recording, validation.fit.document
@@ -465,9 +457,6 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             for item in validation.comparisons
         ],
     )
-
-
-# -- Validation document --
 
 
 def validation_document(validation: Validation) -> Document:
@@ -537,8 +526,6 @@ def _by_run(validation: Validation) -> TableOf:
         rows.append((f"{start:.1f} to {end:.1f}", *texts))
     return table(columns, rows)
 
-
-# -- Validation figure --
 
 VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 TITLE_LETTERS = 120

@@ -21,8 +21,6 @@ from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
 from eivor.serve.requests import JobRequest, RefusedError, absent, error_parts
 
-# -- Tasks --
-
 #: Files of a result in the folder of its job.
 RESULT, REPORT = "result.json", "report.html"
 
@@ -67,8 +65,6 @@ class Work:
         """Outcome of a task."""
         return resolve_name("eivor.serve.worker:outcome_of")(item, report)
 
-
-# -- Workers --
 
 #: A process that has worked ends after so long without work [s].
 IDLE_S = 10.0
@@ -212,8 +208,6 @@ class Workers:
             )
         return outcome
 
-
-# -- Jobs --
 
 #: Jobs that are over and remembered.
 MOST_REMEMBERED = 500
@@ -391,8 +385,6 @@ class Jobs:
         self._jobs.pop(job.name, None)
         shutil.rmtree(job.folder, ignore_errors=True)
 
-
-# -- Uploaded logs --
 
 #: Letters of a name that are shown.
 LONGEST_NAME = 255

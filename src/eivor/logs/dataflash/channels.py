@@ -16,8 +16,6 @@ from eivor.signals.channels import CurveSide, unit_of
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, clean_channel
 from eivor.tools import Bool, Float
 
-# -- Air --
-
 #: Gas constant of dry air [J/(kg K)], and zero degrees Celsius [K].
 DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
@@ -33,8 +31,6 @@ def add_air_density(reading: ardupilot.MessageReading) -> None:
 
     reading.add("air_density", table, values, "BARO.Press and .Temp")
 
-
-# -- Declared --
 
 #: Labels of UNIT that are written otherwise here.
 LABELS = {"m/s/s": "m/s^2", "degheading": "deg"}
@@ -106,8 +102,6 @@ def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, s
     }
 
 
-# -- Delays --
-
 #: Parameter of the low-pass, by the beginning of a channel's name.
 LOW_PASSES = {"specific_force_body": "INS_ACCEL_FILTER", "angular_rate": "INS_GYRO_FILTER"}
 
@@ -134,8 +128,6 @@ def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float])
     texts = [f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()]
     return noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
 
-
-# -- Motors --
 
 #: Numbers of SERVOn_FUNCTION: motors 1 to 8, and 9 to 12.
 MOTOR_FUNCTIONS = {**{33 + n: 1 + n for n in range(8)}, **{82 + n: 9 + n for n in range(4)}}
@@ -226,8 +218,6 @@ def disagreement(
     )
 
 
-# -- Outputs --
-
 MAX_ESCS = 32
 
 
@@ -303,8 +293,6 @@ def add_rotor_speeds(reading: ardupilot.MessageReading) -> None:
             reading.add(name, where, speeds, "ESC.RPM", CurveSide.BEHIND)
 
 
-# -- States --
-
 _BY_MODE = {
     "pilot_in_control": ardupilot.PILOT_MODES,
     "input_open_loop": ardupilot.OPEN_LOOP_MODES,
@@ -349,8 +337,6 @@ def _add_throttle(reading: ardupilot.MessageReading) -> None:
     shares = np.where(widths > 0.0, np.clip((widths - low) / (high - low), 0.0, 1.0), np.nan)
     reading.add("pilot_throttle", sticks, shares, f"RCIN.{column}")
 
-
-# -- Turning --
 
 _DEG = UNITS["deg"][1]
 #: Of which functions of half of roll, pitch and yaw the two products are that each part is the sum of, or the
@@ -496,8 +482,6 @@ def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
         sweep.name, time[order], values[order], sweep.unit, source=sweep.source, held=sweep.held
     )
 
-
-# -- Vehicle --
 
 #: What the firmware calls itself, in small letters ("APM:Copter V3.4.4", "ArduPlane V4.5.7").
 FIRMWARES = {

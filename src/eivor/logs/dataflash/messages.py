@@ -18,8 +18,6 @@ from eivor.logs.common import noted
 from eivor.signals.recording import Finding
 from eivor.tools import Bool, Float
 
-# -- Layouts --
-
 HEAD = b"\xa3\x95"
 HEAD_BYTES = 3
 FMT_TYPE, FMT_LENGTH = 128, 89
@@ -145,8 +143,6 @@ def _fields(codes: str, names: list[str], length: int) -> dict[str, Field]:
     return fields if offset == length else {}
 
 
-# -- Messages --
-
 #: Clocks, and the seconds in one tick of each; firmware up to 3.3 counts milliseconds.
 CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 #: Messages that are together no larger are taken out of a file once, others column by column [bytes] ...
@@ -240,8 +236,6 @@ def rows_of(tables: Mapping[str, Messages], name: str, *columns: str) -> list[tu
     values = (table.texts(item) if item in TEXTS else table.values(item).tolist() for item in columns)
     return list(zip(*values, strict=True))
 
-
-# -- Positions of messages --
 
 #: Bytes that are looked at together.
 BLOCK_BYTES = 1 << 22
@@ -351,8 +345,6 @@ def _chained(
         positions._breaks += 1
     return taken
 
-
-# -- Text --
 
 #: How a log in text is identified: by the line that describes its descriptions.
 _BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"

@@ -38,8 +38,6 @@ from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_inst
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 
-# -- PX4 --
-
 #: Place of the vehicle, direction, name, number of the instance, version of the message.
 _NAME = re.compile(
     r"(?P<vehicle>.*?)(?:/fmu/(?P<way>in|out))?/(?P<topic>[a-z_]\w*?)(?P<instance>\d*)(?:_v\d+)?"
@@ -154,8 +152,6 @@ def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Mess
     return layout_of
 
 
-# -- ROS sources --
-
 #: The folder of mavros' topics.
 MAVROS = "mavros/"
 #: Words in the name of a topic that is requested, not measured.
@@ -200,8 +196,6 @@ ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
     name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
 }
 
-
-# -- ROS --
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0
@@ -315,9 +309,6 @@ def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel
     return findings
 
 
-# -- Formats --
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     known = _TABLES["to_record"].get(channel)
     return (f"Record {known}.",) if known else ()
@@ -345,8 +336,6 @@ FORMATS = (
     _bag("mcap", "MCAP", containers.MCAP, ".mcap"),
 )
 
-
-# -- Reader --
 
 _MOST_LISTED = 12
 

@@ -27,8 +27,6 @@ from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float, Int
 
-# -- Derived --
-
 Fields = Mapping[str, np.ndarray]
 
 #: Modes in which a pilot flies; the thrust is the stick's; sticks set the attitude or rates.
@@ -151,8 +149,6 @@ _MAKERS: Mapping[str, Callable[[Fields], Fields]] = {
     "mavros_msgs/ExtendedState": _extended_state,
 }
 
-
-# -- Topics --
 
 #: Messages are recorded as they arrive, which may be late by so much; more is a jump of the clock [ns].
 OVERTAKEN_NS = 500_000_000
@@ -338,8 +334,6 @@ def start_ns(topics: Sequence[BagTopic]) -> int:
     """Earliest stamp [ns]."""
     return min(int(topic.stamp_ns.min()) for topic in topics)
 
-
-# -- By map --
 
 CLOCKS = ("stamp", "header.stamp", "timestamp")
 

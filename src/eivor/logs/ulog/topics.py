@@ -12,8 +12,6 @@ from eivor.logs.common import channel_sources, logged_channel, source_tables
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 
-# -- Topics --
-
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"
 
@@ -126,9 +124,6 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
 }
 
 
-# -- Instances --
-
-
 @dataclass(frozen=True, slots=True)
 class Topic:
     """One instance of a topic: raw arrays by field, one entry per message."""
@@ -182,8 +177,6 @@ def _usefulness(topic: Topic) -> int:
         return len(varying_fields(topic, "output"))
     return 0
 
-
-# -- Origin --
 
 #: Topics with the time of satellites, the preferred one first, and that with the air.
 CLOCKS, AIR = ("vehicle_gps_position", "sensor_gps"), "vehicle_air_data"
@@ -253,8 +246,6 @@ def _release(number: int) -> str:
     major, minor, patch, kind = number.to_bytes(4, "big")
     return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
 
-
-# -- Vehicle --
 
 #: vehicle_status.vehicle_type, how the vehicle moves at the time; 0 says nothing.
 LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "blimp"}
