@@ -33,8 +33,7 @@ def done_in_results(command: Callable[P, None]) -> Callable[P, ExitCode]:
 
     @wraps(command)
     def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
-        code: ExitCode = resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
-        return code
+        return resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
 
     return done
 

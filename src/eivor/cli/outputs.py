@@ -67,8 +67,7 @@ def log_paths(text: str) -> Iterable[Path]:
 
     # By name, since help loads no reader of logs.
     path: Path = resolve_name("eivor.cli.parsing:log_argument")(text).path
-    files: Iterable[Path] = resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
-    return files
+    return resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
 
 
 def map_paths(text: str) -> Iterable[Path]:

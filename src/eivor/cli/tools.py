@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import unquote, urlparse
 
 import typer
 
@@ -129,9 +131,6 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
 
 
 def _copied(url: str, output_file: str, _pooch: object) -> None:
-    import shutil
-    from urllib.parse import unquote, urlparse
-
     shutil.copyfile(unquote(urlparse(url).path), output_file)
 
 

@@ -150,8 +150,7 @@ def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
     effect = np.linalg.pinv(turns(made)) * made.values["mass"][0] * GRAVITY / c.thrust_quadratic
 
     def speeds(shares: Float[np.ndarray, " 4"]) -> Float[np.ndarray, " rotors"]:
-        root_of: Float[np.ndarray, " rotors"] = np.sqrt(np.maximum(hover**2 + effect @ shares, 1e-12))
-        return root_of
+        return np.sqrt(np.maximum(hover**2 + effect @ shares, 1e-12))
 
     def unsteady(trim: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
         state = np.array([speed_m_s, 0.0, 0.0, *trim[:2], *[0.0] * 4, *speeds(trim[2:])])

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords
 from eivor.cli.outputs import (
@@ -55,8 +58,6 @@ from eivor.tools import printable
 
 if TYPE_CHECKING:
     import polars as pl
-    from rich.console import RenderableType
-    from rich.table import Table
 
 
 #: Letters of a cell on the terminal; in a CSV cells are whole.
@@ -174,9 +175,6 @@ def run_command(
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:
-    from rich.console import Group
-    from rich.text import Text
-
     words = [word for word in (*(status.value for status in Status), FAILED, COPY) if word in done.verdicts]
     several = {word: "copies" if word == COPY and done.verdicts[word] > 1 else word for word in words}
     counts = ", ".join(f"{done.verdicts[word]} {several[word]}" for word in words)
@@ -230,8 +228,6 @@ def query(
 @guarded
 def compact(fleet: FleetArgument) -> ExitCode:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
-    from rich.text import Text
-
     with step("Putting rows together"):
         rows, files = compact_fleet(place(fleet))
     show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
@@ -280,9 +276,6 @@ def report(
 
 
 def _table(answer: pl.DataFrame) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     if answer["motion"].n_unique() < 2:
         answer = answer.drop("motion")
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")

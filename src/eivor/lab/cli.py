@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from eivor.cli.export import supplied
 from eivor.cli.outputs import (
@@ -71,14 +75,8 @@ from eivor.strict_toml import read_toml
 from eivor.tools import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
-    from rich.table import Table
 
-
-# -- Paper --
 
 #: The word for every reading.
 ALL = "all"
@@ -147,9 +145,6 @@ def paper(
 def _paper_report(
     results: Sequence[PaperResult], groups: Sequence[Sequence[PaperResult]], *, whole: bool
 ) -> RenderableType:
-    from rich.console import Group
-    from rich.text import Text
-
     more = [] if whole else [Text(f"Every reading's tables: eivor paper --readings {ALL}")]
     return Group(
         *(part for group in groups for part in reading_report(group)), *overview_report(results), *more
@@ -179,8 +174,6 @@ def _folder(text: str) -> Path:
         raise InputError("a folder for the figures", received, "Choose another.") from error
     return folder
 
-
-# -- Simulate --
 
 LOG_FORMATS = (".parquet", ".csv")
 #: Logs of flights that are slower are not identified.
@@ -322,8 +315,6 @@ def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
     return log_of_flight(replace(scenario, seed=seed))
 
 
-# -- Study --
-
 STUDY_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the study is complete. 2 wrong usage, such as a folder that holds another "
     "study. 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
@@ -385,9 +376,6 @@ def study(
 
 
 def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> RenderableType:
-    from rich.console import Group
-    from rich.text import Text
-
     study = result.study
     truth = ", ".join(f"{name} = {value:g}" for name, value in study.experiment.truth.items())
     parts: list[RenderableType] = [
@@ -406,8 +394,6 @@ def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> Rend
 
 
 def _table(method_scores: tuple[MethodScore, ...]) -> Table:
-    from rich.text import Text
-
     table = _columns("", "mean ± SD", "NRMSE, %", "bias", "RMSE")
     for index, method_score in enumerate(method_scores):
         if index:
@@ -436,9 +422,6 @@ def _coverage_table(method_scores: tuple[MethodScore, ...], level: float) -> Tab
 
 def _columns(first: str, *numbers: str) -> Table:
     """Empty table: words that may be folded, and numbers that are never cut."""
-    from rich import box
-    from rich.table import Table
-
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(first, overflow="fold")
     for title in numbers:

@@ -121,8 +121,7 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
         equal, power = equal + bins, power + np.abs(bins) ** 2
     if not differs:
         return np.full(equal.size, float(first.var()))
-    result: Float[np.ndarray, " bins"] = (power - np.abs(equal) ** 2 / DISTURBED_RUNS) / (DISTURBED_RUNS - 1)
-    return result
+    return (power - np.abs(equal) ** 2 / DISTURBED_RUNS) / (DISTURBED_RUNS - 1)
 
 
 def _information(

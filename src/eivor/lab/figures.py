@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,19 +144,15 @@ def nrmse_figure(
     return figure
 
 
-def study_figure(result: StudyResult) -> Figure:
-    """Histograms of NRMSE of every method of a study."""
+def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
+    """Histograms of NRMSE and, where intervals were recorded, their coverage."""
     names = (*result.study.parameters, TOGETHER)
     rows = {
         choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
         for choice in result.study.methods
     }
-    return nrmse_figure(rows, title=f"{printable(result.study.name)}: {result.trials.height} trials")
-
-
-def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
-    """Histograms of NRMSE and, where intervals were recorded, their coverage."""
-    yield "nrmse", study_figure(result)
+    title = f"{printable(result.study.name)}: {result.trials.height} trials"
+    yield "nrmse", nrmse_figure(rows, title=title)
     if result.study.intervals:
         yield "coverage", study_coverage_figure(result, f"Coverage: {result.study.name}")
 
@@ -237,16 +234,12 @@ def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
 
 def paper_figures(results: Sequence[paper.PaperResult]) -> Iterator[tuple[str, Figure]]:
     """Figures 2 to 8 by name."""
-    first = results[0]
-    yield "figure-2", signal_figure(first.reading, first.example)
-    number = 3
-    for result in results:
-        for column in paper.PRINTED_METHODS:
-            yield f"figure-{number}", histogram_figure(result, column)
-            number += 1
+    yield "figure-2", signal_figure(results[0].reading, results[0].example)
+    for number, (result, column) in enumerate(product(results, paper.PRINTED_METHODS), start=3):
+        yield f"figure-{number}", histogram_figure(result, column)
 
 
-def signal_figure(reading: paper.PaperReading, example: paper.Example = paper.EXAMPLES[0]) -> Figure:
+def signal_figure(reading: paper.PaperReading, example: paper.Example) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
     truth = paper.record(exact, example, paper.trial_generator(0)).truth
@@ -329,16 +322,12 @@ def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableT
                 printed = map(printed_text, result.example.printed[method])
                 table.add_row(*(Text(cell, style="dim") for cell in ("    printed", *printed)))
         yield table
-        if sentence := weak_sentence(result):
-            yield Text(sentence)
-
-
-def weak_sentence(result: paper.PaperResult) -> str:
-    """In how many runs the instruments of which method are weak; empty when none are."""
-    runs = len(result.weak)
-    counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in paper.PRINTED_METHODS.values()}
-    texts = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
-    return f"Weak instruments (first-stage F below 10): {', '.join(texts)}." if texts else ""
+        counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in paper.PRINTED_METHODS.values()}
+        weak = [
+            f"of {words} in {count} of {len(result.weak)} runs" for words, count in counts.items() if count
+        ]
+        if weak:
+            yield Text(f"Weak instruments (first-stage F below 10): {', '.join(weak)}.")
 
 
 def overview_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableType]:

@@ -10,9 +10,10 @@ from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+import polars as pl
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError, did_you_mean
@@ -34,10 +35,6 @@ from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
 
-if TYPE_CHECKING:
-    import polars as pl
-
-
 # -- Number file --
 
 FORMATS = (".csv", ".parquet")
@@ -52,8 +49,6 @@ class _NumberFile(msgspec.Struct, forbid_unknown_fields=True):
 
 def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
     """Numbers of a table ``{ file = ..., column = ... }``."""
-    import polars as pl
-
     given = table.convert(_NumberFile)
     path, name = _path(table, given.file), given.column
 
@@ -94,8 +89,6 @@ def _path(table: TomlTable, text: str) -> Path:
 
 def _column(table: TomlTable, path: Path, name: str) -> pl.Series:
     """Column as it is stored; as texts from CSV, so that what is no number can be shown."""
-    import polars as pl
-
     try:
         if path.suffix.lower() == ".csv":
             lazy = pl.read_csv(path, infer_schema=False).lazy()  # the whole of it: every row is checked
@@ -311,8 +304,7 @@ def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
         # The log of vertical motion has no angular rates.
         quiet = SensorNoise().angular_rate
         known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=quiet)
-    flight: VerticalFlightSpec = built(table, VerticalFlightSpec, "kind", "noise", **known)
-    return flight
+    return built(table, VerticalFlightSpec, "kind", "noise", **known)
 
 
 # -- Noise tables --
@@ -338,7 +330,7 @@ def noises(
     sections.convert(msgspec.defstruct("Noise", fields, forbid_unknown_fields=True))
     for name in filter(sections.values.__contains__, channels):
         section = sections.part(name)
-        ratio = ratio_to_signal(section)
+        ratio = section.convert(_Ratio).ratio_to_signal
         if (ratio is None) != ("std" in section.values):
             given = "neither" if ratio is None else "both"
             raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
@@ -351,11 +343,6 @@ def noises(
 
 class _Ratio(msgspec.Struct):
     ratio_to_signal: Annotated[float, msgspec.Meta(ge=0.0)] | None = None
-
-
-def ratio_to_signal(table: TomlTable) -> float | None:
-    """Ratio that a table gives, None when it gives none."""
-    return table.convert(_Ratio).ratio_to_signal
 
 
 #: Most steps of a flight from a file.
@@ -402,11 +389,10 @@ def scenario_from_table(table: TomlTable) -> Scenario:
     known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios, "disturbance_to_signal": None}
     if "disturbance" in table.values:
         section = table.part("disturbance")
-        known["disturbance_to_signal"] = ratio_to_signal(section)
+        known["disturbance_to_signal"] = section.convert(_Ratio).ratio_to_signal
         known["disturbance"] = of_kind(section, excitation.Disturbance, RATIO)
     check_sample_count(table)
-    scenario: Scenario = built(table, Scenario, "kind", "disturbance", "noise", **known)
-    return scenario
+    return built(table, Scenario, "kind", "disturbance", "noise", **known)
 
 
 def check_sample_count(table: TomlTable) -> None:
@@ -453,15 +439,13 @@ def study_from_table(top: TomlTable) -> Study:
     if not choices:
         raise top.wrong("methods", "one table [[methods]] or more", "none")
     handled = ("scenario", "methods", "name")
-    study: Study = built(top, Study, *handled, name=name, experiment=experiment, methods=choices)
-    return study
+    return built(top, Study, *handled, name=name, experiment=experiment, methods=choices)
 
 
 def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     """Method and its options, from a table all of whose keys it takes."""
     known = {} if "channel" in table.values else {"channel": channel}
-    choice: MethodChoice = built(table, MethodChoice, **known)
-    return choice
+    return built(table, MethodChoice, **known)
 
 
 def _experiment(table: TomlTable) -> Experiment:
@@ -471,5 +455,4 @@ def _experiment(table: TomlTable) -> Experiment:
     noise, ratios = noises(table, (OUTPUT, INPUT))
     check_sample_count(table)
     known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
-    equation: DifferenceEquation = built(table, DifferenceEquation, "kind", "noise", **known)
-    return equation
+    return built(table, DifferenceEquation, "kind", "noise", **known)

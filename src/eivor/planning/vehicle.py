@@ -138,8 +138,7 @@ def _window(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Rise and fall between the hovers at the ends, with three continuous derivatives."""
     from_end = np.minimum(time, time[-1] - time)
     part = np.clip((from_end - HOVER_S) / FADE_S, 0.0, 1.0)
-    rise: Float[np.ndarray, " n"] = part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
-    return rise
+    return part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
 
 
 def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generator) -> Shape:

@@ -247,8 +247,7 @@ def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarra
     power = float(e @ e)
     squares = e * e
     together = np.array([float(squares[k:] @ squares[:-k]) for k in range(1, lags + 1)])
-    width: Float[np.ndarray, " lags"] = normal_quantile(0.95) * np.sqrt(together) / power
-    return width
+    return normal_quantile(0.95) * np.sqrt(together) / power
 
 
 def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], unit: str) -> None:

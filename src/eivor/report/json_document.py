@@ -236,8 +236,7 @@ def log_document(result: LogEstimate) -> dict[str, Any]:
 
 def json_document(result: FlightEstimate) -> dict[str, Any]:
     """Document of a motion's result."""
-    made: dict[str, Any] = plain(fit_document(result))
-    return made
+    return plain(fit_document(result))
 
 
 def fit_document(result: FlightEstimate) -> FitDocument:

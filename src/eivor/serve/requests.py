@@ -98,7 +98,7 @@ def parse_job(body: bytes) -> JobRequest:
         job = msgspec.json.decode(body, type=_Job)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         expected = f'a job {{"logs": [...], "options": {{...}}}} as JSON, of 1 to {MOST_LOGS} logs'
-        raise _wrong_json(expected, f"other text ({str(error)[:100]})") from None
+        raise _wrong(expected, f"other text ({str(error)[:100]})") from None
     options = {name: value for name, value in (job.options or {}).items() if value not in (None, "", [])}
     words = (_text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass"))
     model, vehicle, channel_map, mass = words
@@ -118,7 +118,7 @@ def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
         if name not in known or name in _PATHS:
             among = [word for word in known if word not in _PATHS]
             remedy = did_you_mean(name, among, "Leave it out.")
-            raise _wrong_json(f"options out of {', '.join(among)}", f"'{name[:100]}'", remedy)
+            raise _wrong(f"options out of {', '.join(among)}", f"'{name[:100]}'", remedy)
     return {name: _value(value, name, known[name].default) for name, value in record.items()}
 
 
@@ -148,7 +148,7 @@ def _number(value: Any, name: str) -> float:
         try:
             value = float(_text(value, name))
         except ValueError:
-            raise _wrong_json(f"a number for {name}", _displayed(value)) from None
+            raise _wrong(f"a number for {name}", _displayed(value)) from None
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     _require(is_number, f"a number for {name}", value)
     try:
@@ -165,13 +165,13 @@ def _text(value: Any, name: str) -> str:
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
-        raise _wrong_json(f"text for {name}", "half a letter") from None
+        raise _wrong(f"text for {name}", "half a letter") from None
     return str(value)
 
 
 def _require(fits: bool, expected: str, value: Any) -> None:
     if not fits:
-        raise _wrong_json(expected, _displayed(value))
+        raise _wrong(expected, _displayed(value))
 
 
 def _displayed(value: Any) -> str:
@@ -182,7 +182,7 @@ def _displayed(value: Any) -> str:
     return text if len(text) <= 100 else f"{text[:99]}…"
 
 
-def _wrong_json(expected: str, received: str, remedy: str = "Load the page again.") -> RefusedError:
+def _wrong(expected: str, received: str, remedy: str = "Load the page again.") -> RefusedError:
     return RefusedError(HTTPStatus.BAD_REQUEST, expected, received, remedy)
 
 
@@ -201,18 +201,15 @@ def sent_files(header: str, size: int) -> tuple[tuple[str, int], ...]:
     entries = [_ENTRY.fullmatch(item) for item in header.split(" ")]
     files = [(plain_name(unquote(entry[1], errors="replace")), int(entry[2])) for entry in entries if entry]
     if len(files) < len(entries) or len(files) > MOST_FILES or sum(length for _, length in files) != size:
-        raise _wrong_header(f"at most {MOST_FILES} files of a folder, NAME/BYTES, of {size} bytes", header)
-    if len({name.casefold() for name, _ in files}) < len(files):
-        raise _wrong_header("files of a folder with different names", header)
-    return tuple(files)
+        expected = f"at most {MOST_FILES} files of a folder, NAME/BYTES, of {size} bytes"
+    elif len({name.casefold() for name, _ in files}) < len(files):
+        expected = "files of a folder with different names"
+    else:
+        return tuple(files)
+    raise _wrong(expected, f"'{header[:100]}'", "Drop the files of the log one by one.")
 
 
 def plain_name(name: str) -> str:
     """Name of a file in its folder: other letters than plain ones become ``_``, and it is never hidden."""
     plain = _OTHER.sub("_", name.replace("\\", "/").rpartition("/")[2])[-LONGEST:]
     return f"_{plain}" if plain.startswith(".") or not plain else plain
-
-
-def _wrong_header(expected: str, header: str) -> RefusedError:
-    remedy = "Drop the files of the log one by one."
-    return RefusedError(HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", remedy)
