@@ -21,14 +21,15 @@ from eivor.errors import (
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Shrinkage, Solution, Solver, triangular_root
 from eivor.tools import Float, Int
 
+Vector = Float[np.ndarray, " n"]
+Square = Float[np.ndarray, "n n"]
+Matrix = Float[np.ndarray, "m n"]
+Covariance = Float[np.ndarray, "n_plus_1 n_plus_1"]
+
 
 def solve_augmented(
-    A: Float[np.ndarray, "m n"],
-    b: Float[np.ndarray, " m"],
-    upper: float,
-    lower: float,
-    below: Float[np.ndarray, " n"] | None = None,
-) -> Float[np.ndarray, " n"]:
+    A: Matrix, b: Float[np.ndarray, " m"], upper: float, lower: float, below: Vector | None = None
+) -> Vector:
     """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c."""
     rows, unknowns = A.shape
     matrix = np.zeros((rows + unknowns, rows + unknowns))
@@ -42,7 +43,7 @@ def solve_augmented(
     return solution[rows:]
 
 
-def balanced(R: Float[np.ndarray, "n n"], shift: float) -> float:
+def balanced(R: Square, shift: float) -> float:
     """Value of s in [[s I, R], [R', (shift/s) I]] that keeps it as well conditioned as R."""
     smallest = float(np.linalg.svd(R, compute_uv=False)[-1])
     return max(float(np.sqrt(abs(shift))), smallest / float(np.sqrt(2.0)))
@@ -59,9 +60,7 @@ class UnweightedLeastSquares(Solver):
     """What the ways to solve a least squares problem have in common: all but the last step."""
 
     @abstractmethod
-    def triangular_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float, /
-    ) -> Float[np.ndarray, " n"]:
+    def triangular_solution(self, R: Square, right: Vector, smallest: float, /) -> Vector:
         """Solution of R theta = right, given R's smallest singular value."""
 
     def solve(self, system: LinearSystem) -> Solution:
@@ -88,9 +87,7 @@ class UnweightedLeastSquares(Solver):
 class LeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
 
-    def triangular_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
-    ) -> Float[np.ndarray, " n"]:
+    def triangular_solution(self, R: Square, right: Vector, _smallest: float, /) -> Vector:
         """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
         return scipy.linalg.lapack.dtrtrs(R, right)[0]
 
@@ -99,23 +96,21 @@ class LeastSquares(UnweightedLeastSquares):
 class AugmentedLeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31)."""
 
-    def triangular_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
-    ) -> Float[np.ndarray, " n"]:
+    def triangular_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
         """Solution of the reduced augmented system."""
         return solve_augmented(R, right, smallest / np.sqrt(2.0), 0.0)
 
 
-def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+def column_lengths(matrix: Matrix) -> Vector:
     """Euclidean length of each column."""
-    lengths: Float[np.ndarray, " n"] = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
+    lengths: Vector = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     if not lengths.all():
         remedy = "Leave that column out, or give rows in which it moves."
         raise CollinearError("regressors that vary", f"column {int(np.argmin(lengths))} is zero", remedy)
     return lengths
 
 
-def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+def row_lengths(matrix: Matrix) -> Float[np.ndarray, " m"]:
     """Euclidean lengths of the rows of a square matrix whose columns are given unit length."""
     if matrix.shape[0] != matrix.shape[1]:
         return np.ones(matrix.shape[0])
@@ -124,7 +119,7 @@ def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
     return np.asarray(np.sqrt(np.where(rows > 0.0, rows, 1.0)))
 
 
-def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
+def smallest_singular_value(R: Square) -> tuple[float, float]:
     """Smallest singular value and condition number of the triangular factor of unit-length columns."""
     singular = np.linalg.svd(R, compute_uv=False)
     if lost_to_rounding(singular, R.shape[0]):
@@ -136,7 +131,7 @@ def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
     return float(singular[-1]), float(singular[0] / singular[-1])
 
 
-def lost_to_rounding(singular: Float[np.ndarray, " n"], size: int) -> bool:
+def lost_to_rounding(singular: Vector, size: int) -> bool:
     """Whether rounding takes more than its share of what a matrix of these singular values is solved for."""
     return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * np.finfo(np.float64).eps)
 
@@ -150,7 +145,7 @@ class SplitProblem:
     """Whitened columns with errors, and the way back."""
 
     system: LinearSystem
-    covariance: Float[np.ndarray, "n_plus_1 n_plus_1"]  # S, of all columns
+    covariance: Covariance  # S, of all columns
     exact: Int[np.ndarray, " k"]
     noisy: Int[np.ndarray, " q"]
     root: Float[np.ndarray, "rows n_plus_1"]  # Triangular root of [A b], exact columns first
@@ -161,7 +156,7 @@ class SplitProblem:
     smallest: float  # Smallest singular value of the whitened [A b]
     condition: float  # Condition number of A, columns scaled to unit length
 
-    def theta(self, whitened: Float[np.ndarray, " q"]) -> Float[np.ndarray, " n"]:
+    def theta(self, whitened: Float[np.ndarray, " q"]) -> Vector:
         """All unknowns, from those of the whitened columns."""
         known, unknowns = self.exact.size, self.exact.size + self.noisy.size
         result = np.empty(unknowns)
@@ -175,12 +170,12 @@ class SplitProblem:
             result[self.exact] = scipy.linalg.solve_triangular(self.root[:known, :known], right)
         return result
 
-    def whitened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " q"]:
+    def whitened(self, theta: Vector) -> Float[np.ndarray, " q"]:
         """Unknowns of the whitened columns, from all unknowns."""
         direction = self.factor.T @ np.append(theta[self.noisy], -1.0)
         return np.asarray(-direction[:-1] / direction[-1])
 
-    def solution(self, theta: Float[np.ndarray, " n"], shrinkage: Shrinkage | None = None) -> Solution:
+    def solution(self, theta: Vector, shrinkage: Shrinkage | None = None) -> Solution:
         """Solution with these unknowns."""
         residual = self.system.right - self.system.matrix @ theta
         power = float(residual @ residual) / residual_weight(theta, self.covariance)
@@ -218,7 +213,7 @@ def split_problem(system: LinearSystem) -> SplitProblem:
     )
 
 
-def residual_weight(theta: Float[np.ndarray, " n"], S: Float[np.ndarray, "n_plus_1 n_plus_1"]) -> float:
+def residual_weight(theta: Vector, S: Covariance) -> float:
     """[theta; -1]' S [theta; -1]: variance of a row's residual; one when every column is exact."""
     direction = np.append(theta, -1.0)
     return float(direction @ S @ direction) or 1.0
@@ -239,7 +234,7 @@ def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:
     return smallest
 
 
-def _cholesky(S: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+def _cholesky(S: Square) -> Square:
     scale = np.sqrt(np.diag(S))
     if not scale.all():
         expected = "a response with noise"
@@ -260,11 +255,7 @@ class ErrorsInColumns(Solver):
     """What ways to solve a problem with errors in its columns have in common: the correction of the score."""
 
     def score_correction(
-        self,
-        residual: Float[np.ndarray, " rows"],
-        theta: Float[np.ndarray, " n"],
-        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
-        /,
+        self, residual: Float[np.ndarray, " rows"], theta: Vector, error_covariance: Covariance | None, /
     ) -> ScoreCorrection:
         """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G."""
         S = np.eye(theta.size + 1) if error_covariance is None else error_covariance
@@ -278,9 +269,7 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
     """Minimise ||b - A theta||^2 / ([theta; -1]' S [theta; -1]), the paper's (13) with any covariance S."""
 
     @abstractmethod
-    def whitened_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
-    ) -> Float[np.ndarray, " n"]:
+    def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
         """Theta of (R'R - smallest^2 I) theta = R' right."""
 
     def solve(self, system: LinearSystem) -> Solution:
@@ -296,9 +285,7 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
 class TotalLeastSquares(GeneralizedTotalLeastSquares):
     """Generalized total least squares by the SVD. O(m n^2)."""
 
-    def whitened_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
-    ) -> Float[np.ndarray, " n"]:
+    def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
         """Theta by the SVD of R: V diag(s_i / (s_i^2 - sigma^2)) U' right."""
         U, singular, Vt = np.linalg.svd(R)
         gains = singular / ((singular - smallest) * (singular + smallest))
@@ -309,9 +296,7 @@ class TotalLeastSquares(GeneralizedTotalLeastSquares):
 class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
     """Generalized total least squares through the augmented system, the paper's (16), (27), (33)."""
 
-    def whitened_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
-    ) -> Float[np.ndarray, " n"]:
+    def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
         """Theta of the reduced augmented system."""
         if smallest == 0.0:
             return np.asarray(scipy.linalg.solve_triangular(R, right))
@@ -400,11 +385,8 @@ def weighted_total_least_squares(
 
 
 def _adjusted(
-    A: Float[np.ndarray, "m n"],
-    b: Float[np.ndarray, " m"],
-    S: Float[np.ndarray, "m n_plus_1 n_plus_1"],
-    theta: Float[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m n"]]:
+    A: Matrix, b: Float[np.ndarray, " m"], S: Float[np.ndarray, "m n_plus_1 n_plus_1"], theta: Vector
+) -> tuple[Float[np.ndarray, " m"], Matrix]:
     """Variance of each row's residual, and its regressors adjusted for their estimated errors."""
     pull = S @ np.append(theta, -1.0)
     weight = pull @ np.append(theta, -1.0)

@@ -18,6 +18,10 @@ from eivor.signals.filters import fast_length
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Complex, Float, Int
 
+Spectrum = Complex[np.ndarray, " f"]
+PerFrequency = Float[np.ndarray, " f"]
+Band = Float[np.ndarray, "f 2"]
+
 #: Degree of the polynomials, half-width of the window as a share of its frequency, and its least in bins.
 DEGREE, SHARE, LEAST_BINS = 2, 0.2, 15
 #: The marginal bands are those of the joint region where its radius is above this share of the response.
@@ -69,21 +73,21 @@ def python_control(instead: str = "") -> Any:
 class Points:
     """Responses to the reference at frequencies, with the covariance of their errors."""
 
-    frequency_hz: Float[np.ndarray, " f"]
-    output: Complex[np.ndarray, " f"]  # Of y to the reference
-    input: Complex[np.ndarray, " f"]  # Of u to the reference
+    frequency_hz: PerFrequency
+    output: Spectrum  # Of y to the reference
+    input: Spectrum  # Of u to the reference
     #: Variances of both errors, and their covariance E[e_y conj e_u]
-    output_variance: Float[np.ndarray, " f"]
-    input_variance: Float[np.ndarray, " f"]
-    covariance: Complex[np.ndarray, " f"]
-    dof: Float[np.ndarray, " f"]  # Complex degrees of freedom of the variances
-    coherence: Float[np.ndarray, " f"]  # Of reference and input, adjusted for the fit
-    output_coherence: Float[np.ndarray, " f"]  # Of reference and output
-    partial: Float[np.ndarray, " f"]  # Of input and output without the reference
-    share: Float[np.ndarray, " f"]  # Variances over those of the noise: one over the reference's power
+    output_variance: PerFrequency
+    input_variance: PerFrequency
+    covariance: Spectrum
+    dof: PerFrequency  # Complex degrees of freedom of the variances
+    coherence: PerFrequency  # Of reference and input, adjusted for the fit
+    output_coherence: PerFrequency  # Of reference and output
+    partial: PerFrequency  # Of input and output without the reference
+    share: PerFrequency  # Variances over those of the noise: one over the reference's power
 
     @property
-    def response(self) -> Complex[np.ndarray, " f"]:
+    def response(self) -> Spectrum:
         """Ratio of both; NaN where there is none."""
         known = np.isfinite(self.input) & (self.input != 0.0)
         return np.asarray(np.where(known, self.output, np.nan) / np.where(known, self.input, 1.0))
@@ -117,9 +121,7 @@ class Points:
         both = alike * np.sqrt(output * given)
         return replace(self, output_variance=output, input_variance=given, covariance=both, dof=dof)
 
-    def disc(
-        self, critical: Float[np.ndarray, " f"]
-    ) -> tuple[Complex[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    def disc(self, critical: PerFrequency) -> tuple[Spectrum, PerFrequency]:
         """Centre and radius of the set {G: |a - G b|^2 <= c var(e_y - G e_u)}; NaN where it is unbounded."""
         a, b = self.output, self.input
         scale = np.abs(b) ** 2 - critical * self.input_variance
@@ -129,11 +131,11 @@ class Points:
         radius = np.sqrt(np.maximum(np.abs(centre) ** 2 - rest, 0.0))
         return np.where(np.isfinite(scale), centre, np.nan), np.where(np.isfinite(scale), radius, np.nan)
 
-    def joint(self, level: float) -> tuple[Complex[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    def joint(self, level: float) -> tuple[Spectrum, PerFrequency]:
         """Disc that holds the complex response with a probability."""
         return self.disc(scipy.special.fdtri(2.0, 2.0 * self.dof, level))
 
-    def bands(self, level: float) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
+    def bands(self, level: float) -> tuple[Band, Band]:
         """Bands of the magnitude and of the phase [rad], each with the probability."""
         widths = scipy.special.stdtrit(2.0 * self.dof, 0.5 + 0.5 * level)
         narrow, wide = self.disc(widths**2 / 2.0), self.joint(level)
@@ -141,18 +143,16 @@ class Points:
         return _magnitude_and_phase(*(np.where(use_wide, *pair) for pair in zip(wide, narrow, strict=True)))
 
     @property
-    def significance(self) -> Float[np.ndarray, " f"]:
+    def significance(self) -> PerFrequency:
         """p-value of no response to the reference, of the input, or of the output to a known input."""
         known = self.input_variance == 0.0
         size = np.abs(np.where(known, self.output, self.input)) ** 2
         variance = np.maximum(np.where(known, self.output_variance, self.input_variance), TINY)
-        values: Float[np.ndarray, " f"] = scipy.special.fdtrc(2.0, 2.0 * self.dof, size / variance)
+        values: PerFrequency = scipy.special.fdtrc(2.0, 2.0 * self.dof, size / variance)
         return np.where(np.isfinite(values), values, 1.0)
 
 
-def _magnitude_and_phase(
-    centre: Complex[np.ndarray, " f"], radius: Float[np.ndarray, " f"]
-) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
+def _magnitude_and_phase(centre: Spectrum, radius: PerFrequency) -> tuple[Band, Band]:
     size = np.abs(centre)
     half = np.where(radius < size, np.arcsin(np.minimum(radius / size, 1.0)), np.nan)
     angle = np.angle(centre)
@@ -176,7 +176,7 @@ class Spectra:
 
 def local_polynomials(
     runs: Sequence[Spectra],
-    frequency_hz: Float[np.ndarray, " f"],
+    frequency_hz: PerFrequency,
     *,
     driver: int = 0,
     degree: int = DEGREE,
@@ -241,7 +241,7 @@ def _numbers(
     return (*responses, *errors, coherence[1], coherence[0], partial, variance)
 
 
-def _points(frequency_hz: Float[np.ndarray, " f"], rows: Sequence[tuple[Any, ...]]) -> Points:
+def _points(frequency_hz: PerFrequency, rows: Sequence[tuple[Any, ...]]) -> Points:
     columns = np.array(rows).reshape(-1, len(_NOTHING)).T
     is_complex = (0, 1, 4)
     return Points(
@@ -250,10 +250,7 @@ def _points(frequency_hz: Float[np.ndarray, " f"], rows: Sequence[tuple[Any, ...
 
 
 def multisine_lines(runs: Sequence[Spectra], period_s: float, band_hz: tuple[float, float]) -> Points:
-    """Responses at the lines of a periodic reference, noise and transient from their neighbours.
-
-    Every run has the same whole number of periods; each is turned to the phase of its reference.
-    """
+    """Responses at the lines of a reference of whole periods, noise and transient from their neighbours."""
     periods = round(runs[0].length_s / period_s)
     count = min(run.values.shape[0] for run in runs)
     lines = np.arange(periods, count - 1, periods)
@@ -287,8 +284,8 @@ class FrequencyResponse:
     """Response from input to output at frequencies, with bands, coherences and the direct estimate."""
 
     points: Points  # Responses of output and input to the reference; their ratio is the response
-    direct: Complex[np.ndarray, " f"]  # Regression of output on input, which is biased in closed loop
-    direct_coherence: Float[np.ndarray, " f"]  # Coherence of input and output [-]
+    direct: Spectrum  # Regression of output on input, which is biased in closed loop
+    direct_coherence: PerFrequency  # Coherence of input and output [-]
     level: float  # Probability of the bands
     rate_hz: float
     #: No reference was given: `points` are the direct estimate, and its bands hold in open loop only
@@ -304,22 +301,22 @@ class FrequencyResponse:
         return self.is_direct or self.is_answered
 
     @property
-    def frequency_hz(self) -> Float[np.ndarray, " f"]:
+    def frequency_hz(self) -> PerFrequency:
         """Frequencies [Hz]."""
         return self.points.frequency_hz
 
     @property
-    def response(self) -> Complex[np.ndarray, " f"]:
+    def response(self) -> Spectrum:
         """Complex response at each frequency."""
         return self.points.response
 
     @cached_property
-    def bands(self) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
+    def bands(self) -> tuple[Band, Band]:
         """Lowest and highest magnitude, and phase [rad], at each frequency by itself; NaN is unbounded."""
         return self.points.bands(self.level)
 
     @cached_property
-    def simultaneous_bands(self) -> tuple[Float[np.ndarray, "f 2"], Float[np.ndarray, "f 2"]]:
+    def simultaneous_bands(self) -> tuple[Band, Band]:
         """The same for all frequencies together (Sidak)."""
         each = self.level ** (1.0 / max(self.frequency_hz.size, 1))
         return _magnitude_and_phase(*self.points.joint(each))
@@ -343,7 +340,7 @@ class FrequencyResponse:
         f = self.frequency_hz
         return tuple((float(f[part.start]), float(f[part.stop - 1])) for part in stretches(self.shown))
 
-    def columns(self) -> dict[str, Float[np.ndarray, " f"]]:
+    def columns(self) -> dict[str, PerFrequency]:
         """Every column of the table by name; bands are NaN where they are unbounded."""
         (low, high), (early, late) = (band.T for band in self.bands)
         (all_low, all_high), (all_early, all_late) = (band.T for band in self.simultaneous_bands)
@@ -476,7 +473,7 @@ def frequency_response(
     return result if result.shown.any() else replace(result, findings=(*findings, NOT_REACHED))
 
 
-def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> Float[np.ndarray, " f"]:
+def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> PerFrequency:
     """Frequencies as given, or the default grid."""
     if given is None:
         low = FIRST_CYCLES / longest_s

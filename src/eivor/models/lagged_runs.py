@@ -133,10 +133,7 @@ LEAST_SECOND_LAG = 0.05
 
 @dataclass(frozen=True)
 class LagsAndDelays(Interpolation):
-    """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between.
-
-    Two stages are a combination of two lags.
-    """
+    """Columns at Chebyshev's points of log lag and whole steps of delay, with held inputs exact between."""
 
     ends: tuple[float, float]  # Logarithms of the least and the longest lag [s]
     lags: int
@@ -283,11 +280,8 @@ class LaggedRuns(SeparableProblem):
 
     @cached_property
     def _moved(self) -> list[MovedRun]:
-        """What moves in each run where columns are interpolated from.
-
-        w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1).
-        Whatever is linear in the state at a delay of k steps follows from that at k + 1 and the input.
-        """
+        """What moves in each run where columns are interpolated from."""
+        # what is linear in w(t - k) = exp(-h/tau) w(t - k - 1) + (1 - exp(-h/tau)) u(t - k - 1) follows so
         between, runs, results = cast("LagsAndDelays", self.interpolation), iter(self._bin_layout.runs), []
         last = between.points[between.delays - 1 :: between.delays]
         decay = np.exp([[[-between.step_s / point[ACTUATOR_LAG.name]]] for point in last])

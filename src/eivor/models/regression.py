@@ -23,6 +23,8 @@ from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
+PerRow = Float[np.ndarray, " rows"]
+
 #: Lags of one channel: each is a column of every row, and more of them no record can distinguish .
 MOST_LAGS = 10_000
 
@@ -71,7 +73,7 @@ class Column:
             return "intercept"
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
-    def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
+    def values(self, signals: Signals, first: int) -> PerRow:
         """Column of `signals`, for the samples from `first` on; refused where none is that late."""
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
@@ -132,9 +134,7 @@ class RowLayout(ABC):
     axis_of_row: Int[np.ndarray, " rows"]  # Number of the axis of motion that each row is an equation of
 
     @abstractmethod
-    def scores(
-        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-    ) -> Float[np.ndarray, "samples n"]:
+    def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
         """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
 
 
@@ -149,9 +149,7 @@ class SampleRows(RowLayout):
         """Zero for every row."""
         return np.zeros(self.flight_of_row.size, dtype=np.int64)
 
-    def scores(
-        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-    ) -> Float[np.ndarray, "samples n"]:
+    def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
         """Row-wise products."""
         return test * residual[:, None]
 
@@ -164,9 +162,7 @@ class AxisRows(RowLayout):
     axis_of_row: Int[np.ndarray, " rows"]
     samples: Int[np.ndarray, " rows"]
 
-    def scores(
-        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-    ) -> Float[np.ndarray, "samples n"]:
+    def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
         """Row-wise products, added over the axes; flight after flight, in time order."""
         times = np.stack([self.flight_of_row, self.samples], axis=1)
         distinct, position = np.unique(times, axis=0, return_inverse=True)
@@ -188,7 +184,7 @@ ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))
 class RowBlock:
     """Successive rows of a problem. Performs no checks."""
 
-    response: Float[np.ndarray, " rows"]
+    response: PerRow
     regressors: Float[np.ndarray, "rows n"]
     instruments: Float[np.ndarray, "rows p"]
     flights: Int[np.ndarray, " rows"]
@@ -267,7 +263,7 @@ class Regression(LinearProblem):
         When two parameters have one name, or an argument is of another type.
     """
 
-    response: Float[np.ndarray, " rows"]
+    response: PerRow
     regressors: Float[np.ndarray, "rows n"]
     instruments: Float[np.ndarray, "rows p"]
     parameters: tuple[Parameter, ...]

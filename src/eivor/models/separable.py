@@ -181,9 +181,8 @@ class Nuisance:
     """A parameter that moves columns, and where it is looked for."""
 
     parameter: Parameter  # Name and unit
-    grid: Float[
-        np.ndarray, " values"
-    ]  # Values to begin a search at, increasing; one of a value that is known
+    #: Values to begin a search at, increasing; one of a value that is known
+    grid: Float[np.ndarray, " values"]
     prior: Prior | None = None  # Of its sum with those that it is known with
     known_with: tuple[str, ...] = ()
     #: Nuisance of which it takes a part: data determine their sum, and hardly how it is split.

@@ -11,6 +11,8 @@ import numpy as np
 from eivor.models.regression import Parameter, Regression, RowLayout, noise_of_surrogate
 from eivor.tools import Bool, Complex, Float, Int
 
+PerBin = Float[np.ndarray, " bins"]
+
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
@@ -51,7 +53,7 @@ class SpectralRun:
         return max(self.bins.stop - self.bins.start, 0)
 
     @cached_property
-    def frequency_hz(self) -> Float[np.ndarray, " bins"]:
+    def frequency_hz(self) -> PerBin:
         """Frequency of each bin kept [Hz]."""
         return np.arange(self.bins.start, self.bins.stop) / (self.length * self.step_s)
 
@@ -113,7 +115,7 @@ class SpectralRun:
         return np.maximum(position - half, 0), np.minimum(position + half + 1, self.count)
 
     @property
-    def smoothed_over(self) -> Float[np.ndarray, " bins"]:
+    def smoothed_over(self) -> PerBin:
         """How many bins `smoothed` takes the mean of."""
         lower, upper = self._windows
         return (upper - lower).astype(np.float64)
@@ -220,12 +222,7 @@ class SpectralRegression:
     #: Makes the same with more of every noise that is known.
     noisier: Callable[[], SpectralRegression] | None = field(default=None, repr=False)
 
-    def whitened(
-        self,
-        blend: Float[np.ndarray, " bins"],
-        power: Float[np.ndarray, " bins"],
-        instruments: Float[np.ndarray, "rows q"],
-    ) -> Regression:
+    def whitened(self, blend: PerBin, power: PerBin, instruments: Float[np.ndarray, "rows q"]) -> Regression:
         """Rows with the responses blended and every column divided by sqrt(power)."""
         rows = self.whitened_rows(blend, power, self.regressors)
         regression = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
@@ -235,10 +232,7 @@ class SpectralRegression:
         return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
 
     def whitened_rows(
-        self,
-        blend: Float[np.ndarray, " bins"],
-        power: Float[np.ndarray, " bins"],
-        regressors: Complex[np.ndarray, "bins k"],
+        self, blend: PerBin, power: PerBin, regressors: Complex[np.ndarray, "bins k"]
     ) -> Float[np.ndarray, "rows k_plus_1"]:
         """Real rows of [y Phi], the responses blended, for any regressors; see `whitened`."""
         response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]

@@ -17,10 +17,13 @@ from eivor.models.frequency_response import (
     TINY,
     FrequencyResponse,
     Points,
+    Spectrum,
     local_polynomials,
     python_control,
 )
 from eivor.tools import Complex, Float
+
+Vector = Float[np.ndarray, " n"]
 
 #: Local polynomials of the points that models are fitted to: they do not overlap.
 DEGREE, SHARE, LEAST_BINS = 2, 0.1, 10
@@ -62,28 +65,26 @@ PROPOSED, TAILS = 40, 4.0
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
 #: A response at complex frequencies s = 2 pi j f.
-Response: TypeAlias = Callable[[Complex[np.ndarray, " f"]], Complex[np.ndarray, " f"]]
+Response: TypeAlias = Callable[[Spectrum], Spectrum]
 
 
-def _no_filter(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+def _no_filter(s: Spectrum) -> Spectrum:
     return np.ones_like(s)
 
 
-def _bounds(names: tuple[str, ...]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _bounds(names: tuple[str, ...]) -> tuple[Vector, Vector]:
     """Lowest and highest values of parameters."""
     low, high = (np.array([PARAMETERS[name][end] for name in names], dtype=np.float64) for end in (0, 1))
     return low, high
 
 
-def _factors(value: Mapping[str, Any], s: Complex[np.ndarray, " f"]) -> tuple[Any, Any, Any]:
+def _factors(value: Mapping[str, Any], s: Spectrum) -> tuple[Any, Any, Any]:
     """Factors of the denominator at numbers, or columns of numbers, of the parameters."""
     first, second, third = (value.get(name, 0.0) for name in ("first", "second", "third"))
     return s + value["damping"], 1.0 + first * s + second * s * s, 1.0 + third * s
 
 
-def _responses(
-    value: Mapping[str, Any], s: Complex[np.ndarray, " f"], known: Complex[np.ndarray, " f"]
-) -> Complex[np.ndarray, "*models f"]:
+def _responses(value: Mapping[str, Any], s: Spectrum, known: Spectrum) -> Complex[np.ndarray, "*models f"]:
     """Responses at numbers, or columns of numbers, of the parameters."""
     slow, lagged, later = _factors(value, s)
     return np.asarray(value["gain"] * (np.exp(-value["delay"] * s) * known / (slow * lagged * later)))
@@ -94,12 +95,10 @@ class _Criterion:
     """Limited-information likelihood of points: sum |a - G b|^2 / var(e_y - G e_u)."""
 
     points: Points
-    s: Complex[np.ndarray, " f"]
-    known: Complex[np.ndarray, " f"]  # Response of hold and sensor filter
+    s: Spectrum
+    known: Spectrum  # Response of hold and sensor filter
 
-    def response(
-        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def response(self, names: tuple[str, ...], theta: Vector) -> tuple[np.ndarray, np.ndarray]:
         """Response and its derivatives, columns as the names."""
         value, s = dict(zip(names, theta.tolist(), strict=True)), self.s
         slow, lagged, later = _factors(value, s)
@@ -116,7 +115,7 @@ class _Criterion:
         return G, np.column_stack([by_name[name] for name in names])
 
     def residuals(
-        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"]
+        self, names: tuple[str, ...], theta: Vector
     ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows n"]]:
         """Weighted residuals, real and imaginary, and their derivatives."""
         G, slope = self.response(names, theta)
@@ -141,9 +140,7 @@ class _Criterion:
         crossed = 2.0 * (G.conj() * p.covariance).real
         return np.asarray(p.output_variance - crossed + np.abs(G) ** 2 * p.input_variance)
 
-    def fitted(
-        self, names: tuple[str, ...], theta: Float[np.ndarray, " n"], fixed: str = ""
-    ) -> tuple[Float[np.ndarray, " n"], float]:
+    def fitted(self, names: tuple[str, ...], theta: Vector, fixed: str = "") -> tuple[Vector, float]:
         """Minimum within the bounds from a start (Levenberg and Marquardt), and its value."""
         low, high = _bounds(names)
         free = np.array([name != fixed for name in names])
@@ -180,7 +177,7 @@ class _Minimum:
 
     criterion: _Criterion
     names: tuple[str, ...]
-    best: Float[np.ndarray, " n"]
+    best: Vector
     value: float
 
     @cached_property
@@ -221,20 +218,14 @@ class _Minimum:
         ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
         if len(names) > 4 and best[4] > 0.0:
             second, first = float(best[4]), float(best[3])
-            slopes = {
-                "natural_frequency_hz": (0.0, -0.5 / second),
-                "damping_ratio": (1.0 / max(first, 1e-9), -0.5 / second),
-            }
-            centres = {
-                "natural_frequency_hz": 0.5 / math.pi / math.sqrt(second),
-                "damping_ratio": 0.5 * first / math.sqrt(second),
-            }
-            for name, slope in slopes.items():  # of logarithms, since both are above zero
-                error = math.sqrt(max(float(np.array(slope) @ covariance[3:5, 3:5] @ np.array(slope)), 0.0))
-                ends[name] = (0.0, math.inf)
-                if t * error < UNKNOWN:
-                    factor = math.exp(t * error)
-                    ends[name] = (centres[name] / factor, centres[name] * factor)
+            root, down = math.sqrt(second), -0.5 / second
+            for name, centre, slope in (  # of logarithms, since both are above zero
+                ("natural_frequency_hz", 0.5 / math.pi / root, np.array([0.0, down])),
+                ("damping_ratio", 0.5 * first / root, np.array([1.0 / max(first, 1e-9), down])),
+            ):
+                error = math.sqrt(max(float(slope @ covariance[3:5, 3:5] @ slope), 0.0))
+                factor = math.exp(t * error) if t * error < UNKNOWN else math.inf
+                ends[name] = (centre / factor, centre * factor)
         return ends
 
     def _profile(self, limit: float, k: int) -> tuple[float, float]:
@@ -345,7 +336,7 @@ class TransferFunction:
         second = self.parameters.get("second", 0.0)
         return self.parameters["first"] / (2.0 * math.sqrt(second)) if second else math.nan
 
-    def response(self, frequency_hz: Float[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+    def response(self, frequency_hz: Float[np.ndarray, " f"]) -> Spectrum:
         """Response with hold and sensor filter at frequencies [Hz]."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return _responses(self.parameters, s, self.known(s))
@@ -464,7 +455,7 @@ def transfer_functions(
         raise UsageError("orders out of 1, 2, 3 and 4", f"{orders}", "Leave out the others.")
     hold = 1.0 / response.rate_hz if hold_s is None else hold_s
 
-    def known(s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+    def known(s: Spectrum) -> Spectrum:
         half = 0.5 * hold * s
         return np.asarray(np.exp(-half) * np.sinc(half.imag / np.pi) * sensor_filter(s))
 
@@ -546,7 +537,7 @@ def _of_order(
 
 def _search(
     criterion: _Criterion, names: tuple[str, ...], simpler: TransferFunction | None
-) -> tuple[Float[np.ndarray, " n"], float]:
+) -> tuple[Vector, float]:
     """Best of several starts, that of the next lower order among them."""
     p = criterion.points
     found = []
@@ -630,7 +621,7 @@ class Controller:
     margins: Margins
     intervals: Mapping[str, tuple[float, float]]
 
-    def response(self, s: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
+    def response(self, s: Spectrum) -> Spectrum:
         """Response at s = 2 pi j f."""
         return np.asarray(self.proportional * (1.0 + 1.0 / (self.integral_s * s)))
 
@@ -751,10 +742,7 @@ def _phase(values: Complex[np.ndarray, "loops f"]) -> Float[np.ndarray, "loops f
 def margin_intervals(
     models: TransferFunctions, controller: Response, *, seed: int = 0
 ) -> dict[str, tuple[float, float]]:
-    """Lowest and highest of each margin, by draws of the models that the data allow.
-
-    The union over their orders; NaN where fewer than three draws in four have a crossing in each of them.
-    """
+    """Ends of each margin by draws of all models allowed; NaN where fewer than three in four cross."""
     rng, f = np.random.default_rng(seed), np.geomspace(*LOOKED_HZ, LOOKED_AT)
     s, tails = 2j * np.pi * f, [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
     ends: dict[str, list[tuple[float, float]]] = {}
@@ -822,7 +810,7 @@ def proposed_controllers(
     for name, size in found:
         tried = Controller(name, size, integral, Margins(*[math.nan] * 7), {})
 
-        def whole(s: Complex[np.ndarray, " f"], tried: Controller = tried) -> Complex[np.ndarray, " f"]:
+        def whole(s: Spectrum, tried: Controller = tried) -> Spectrum:
             return np.asarray(model.response(s.imag / (2.0 * np.pi)) * tried.response(s))
 
         intervals = margin_intervals(models, tried.response, seed=seed)

@@ -10,19 +10,15 @@ import scipy
 from eivor.signals.noise import padded_length
 from eivor.tools import Float
 
+Series = Float[np.ndarray, " n"]
+Rotors = Float[np.ndarray, "n rotors"]
+Columns = Float[np.ndarray, "n columns"]
+
 
 def actuator_state(
-    command: Float[np.ndarray, "n rotors"],
-    *,
-    step_s: float,
-    lag_s: float,
-    delay_s: float,
-    second_stage: float = 0.0,
-) -> Float[np.ndarray, "n rotors"]:
-    """State of each actuator at the samples, behind lag and delay [s] of held commands; first at rest.
-
-    With a second stage q, q lag^2 w'' + lag w' + w = command: two lags, whose sum is the lag.
-    """
+    command: Rotors, *, step_s: float, lag_s: float, delay_s: float, second_stage: float = 0.0
+) -> Rotors:
+    """State at the samples, behind lag and delay [s] of held commands: q lag^2 w'' + lag w' + w = command."""
     if lag_s <= 0.0:  # a step of the command is seen in the middle of a difference of states around it
         later = delay_s + 0.5 * step_s
         return command if delay_s <= 0.0 else shifted_by(command, step_s=step_s, delay_s=later)
@@ -46,16 +42,12 @@ def actuator_state(
     # w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is
     band = np.empty((2, command.shape[0]), order="F")
     band[0], band[1] = 1.0, -decay
-    state: Float[np.ndarray, "n rotors"] = scipy.linalg.lapack.dtbtrs(
-        band, driven, uplo="L", diag="U", overwrite_b=True
-    )[0]
+    state: Rotors = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
     state += start
     return state
 
 
-def shifted_by(
-    values: Float[np.ndarray, "n columns"], *, step_s: float, delay_s: float
-) -> Float[np.ndarray, "n columns"]:
+def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
     """Sampled values so much later; earlier for a negative delay."""
     whole = int(np.floor(delay_s / step_s))
     f = delay_s / step_s - whole
@@ -75,16 +67,12 @@ def shifted_by(
     return shifted
 
 
-def first_order_lag(
-    values: Float[np.ndarray, " n"], *, step_s: float, lag_s: float
-) -> Float[np.ndarray, " n"]:
+def first_order_lag(values: Series, *, step_s: float, lag_s: float) -> Series:
     """Held `values` behind a first-order lag that starts at rest at the first one."""
     return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]
 
 
-def lagged_between_stamps(
-    values: Float[np.ndarray, " n"], time_s: Float[np.ndarray, " n"], lag_s: float
-) -> Float[np.ndarray, " n"]:
+def lagged_between_stamps(values: Series, time_s: Series, lag_s: float) -> Series:
     """Values that hold between stamps, behind a first-order lag that starts at rest at the first one."""
     if values.size < 2:
         return values
@@ -100,7 +88,7 @@ def lagged_between_stamps(
 FIRST_WEIGHTS = 32
 
 
-def filtered(weights: Float[np.ndarray, " m"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def filtered(weights: Float[np.ndarray, " m"], values: Series) -> Series:
     """sum_j w_j x(k - j) for each k, as long as the values; weights left out are zero. Performs no checks."""
     count = values.size
     if weights.size == 1:
@@ -110,13 +98,13 @@ def filtered(weights: Float[np.ndarray, " m"], values: Float[np.ndarray, " n"]) 
     return np.asarray(np.fft.irfft(spectrum, length)[:count])
 
 
-def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
+def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Series:
     """Weights of two filters in a row, as many as the longer one has. Performs no checks."""
     longer, shorter = (first, other) if first.size >= other.size else (other, first)
     return filtered(shorter, longer)
 
 
-def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def reciprocal(weights: Series) -> Series:
     """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own."""
     first = weights[:FIRST_WEIGHTS]
     first_weights = np.zeros(first.size)
@@ -137,9 +125,9 @@ def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 
 
-def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, " n"]:
+def time_derivative(values: Series, step_s: float) -> Series:
     """Derivative of a series by central differences of seven samples; of fewer near its ends."""
-    derivative: Float[np.ndarray, " n"] = np.gradient(values, step_s)
+    derivative: Series = np.gradient(values, step_s)
     reach = len(WEIGHTS)
     if values.size > 2 * reach:
         weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
@@ -158,9 +146,7 @@ def fast_length(count: int) -> int:
     return next(length for length in range(count, 0, -1) if power % length == 0)
 
 
-def low_passed(
-    values: Float[np.ndarray, "n columns"], *, step_s: float, cutoff_hz: float
-) -> Float[np.ndarray, "n columns"]:
+def low_passed(values: Columns, *, step_s: float, cutoff_hz: float) -> Columns:
     """Columns behind the filter, which has seen their first values for ever."""
     s = np.sqrt(2.0) * np.pi * cutoff_hz
     t = step_s * np.arange(1, 4)
@@ -174,7 +160,7 @@ def low_passed(
         driven[late:] += weight * moved[: moved.shape[0] - late]
     band = np.empty((3, values.shape[0]))
     band[0], band[1], band[2] = 1.0, first, second
-    filtered: Float[np.ndarray, "n columns"] = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U")[0]
+    filtered: Columns = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U")[0]
     return filtered + start
 
 
@@ -188,7 +174,7 @@ FURTHEST = 5.0
 PAUSE = 10.0
 
 
-def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def evened(time_s: Series) -> Series:
     """Stamps with their errors averaged out, where they err; else the same array."""
     if time_s.size <= 2 * REACH:
         return time_s
@@ -202,13 +188,13 @@ def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return on_lines(time_s, PAUSE * usual)
 
 
-def on_lines(time_s: Float[np.ndarray, " n"], longest_s: float) -> Float[np.ndarray, " n"]:
+def on_lines(time_s: Series, longest_s: float) -> Series:
     """Each stamp on the line through those around it, whether they err or not."""
     ends = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.concatenate([_on_lines(part) for part in np.split(time_s, ends)])
 
 
-def _on_lines(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _on_lines(time_s: Series) -> Series:
     """Value at each sample of the least squares line through the stamps around it, against their numbers."""
     count = time_s.size
     if count < 3:
@@ -221,7 +207,7 @@ def _on_lines(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     away = time_s - even
     width = high - low
 
-    def window(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def window(values: Series) -> Series:
         total = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(total[high] - total[low])
 
