@@ -16,6 +16,12 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.regions import ConfidenceRegion, Points, RegionFrame, RegionShape, hotelling_quantile
 from eivor.tools import Bool, Float, Int
 
+Point = Float[np.ndarray, " n_plus_1"]
+Equations = Float[np.ndarray, "p n_plus_1"]
+Square = Float[np.ndarray, "p p"]
+PerPoint = Float[np.ndarray, " k"]
+Vector = Float[np.ndarray, " n"]
+
 # -- Anderson rubin --
 
 #: Cosine averages B = RATE rows^(2/3) (Lazarus et al. 2018), and at least so many for each equation.
@@ -31,7 +37,7 @@ SMALLEST_SHARE = 1e-13
 class LinearScores:
     """Sums and cosine averages of scores that are linear in (1; -theta)."""
 
-    total: Float[np.ndarray, "p n_plus_1"]
+    total: Equations
     cosines: Float[np.ndarray, "averages p n_plus_1"]
 
     def changed(
@@ -68,7 +74,7 @@ class RobustShape(RegionShape):
         L = self.scores.cosines
         return np.asarray(np.einsum("jpa,jqb->abpq", L, L) / L.shape[0])
 
-    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+    def excess(self, points: Points) -> PerPoint:
         """AR over its critical value; O(p^2 n^2 + p^3) for each point."""
         g = points @ self.scores.total.T
         V = np.tensordot(points[:, :, None] * points[:, None, :], self._covariances, axes=2)
@@ -78,9 +84,7 @@ class RobustShape(RegionShape):
         solved = np.linalg.solve(V, g[:, :, None])[:, :, 0]
         return np.einsum("kp,kp->k", g, solved) / self.critical
 
-    def along(
-        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
-    ) -> ConfidenceSet:
+    def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Members on a line: AR = c where the matrix polynomial c V(s) - g(s) g(s)' is singular."""
         b, d = self.scores.total @ base, self.scores.total @ step
         c = self.critical
@@ -92,9 +96,7 @@ class RobustShape(RegionShape):
             lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
         )
 
-    def _between(
-        self, first: Float[np.ndarray, " n_plus_1"], other: Float[np.ndarray, " n_plus_1"]
-    ) -> Float[np.ndarray, "p p"]:
+    def _between(self, first: Point, other: Point) -> Square:
         V = np.einsum("a,b,abpq->pq", first, other, self._covariances)
         return 0.5 * (V + V.T)
 
@@ -113,15 +115,13 @@ class HomoskedasticShape(RegionShape):
         """Number of parameters."""
         return self.explained.shape[0] - 1
 
-    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+    def excess(self, points: Points) -> PerPoint:
         """AR over its critical value."""
         above = np.einsum("ka,ab,kb->k", points, self.explained, points)
         below = np.einsum("ka,ab,kb->k", points, self.unexplained, points)
         return above / (self.critical * below)
 
-    def along(
-        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
-    ) -> ConfidenceSet:
+    def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Members on a line, in closed form."""
         Q = self.explained - self.critical * self.unexplained
         coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
@@ -198,30 +198,24 @@ def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
     return change
 
 
-def _weighted_solution(
-    total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
-) -> Float[np.ndarray, " n"]:
+def _weighted_solution(total: Equations, root: Square) -> Vector:
     return _solution(scipy.linalg.solve_triangular(root, total, lower=True))[0]
 
 
-def _lengths(columns: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " n"]:
+def _lengths(columns: Float[np.ndarray, "p n"]) -> Vector:
     """Length of each column, one of a column of zeros."""
     lengths = np.linalg.norm(columns, axis=0)
     return np.where(lengths > 0.0, lengths, 1.0)
 
 
-def _solution(
-    equations: Float[np.ndarray, "p n_plus_1"],
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _solution(equations: Equations) -> tuple[Vector, Vector]:
     """Least squares of the first column on the others, and their lengths."""
     lengths = _lengths(equations[:, 1:])
     solution = np.linalg.lstsq(equations[:, 1:] / lengths, equations[:, 0], rcond=None)[0]
     return solution / lengths, lengths
 
 
-def _standard_errors(
-    total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
-) -> Float[np.ndarray, " n"]:
+def _standard_errors(total: Equations, root: Square) -> Vector:
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
     lengths = _lengths(A)
     singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
@@ -230,18 +224,16 @@ def _standard_errors(
     return np.sqrt(np.where(variance > 0.0, variance, 1.0)) / lengths
 
 
-def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Float[np.ndarray, "p p"]:
+def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Square:
     """Lower triangular L with L L' = rows' rows, by QR; an error where columns are combinations of others."""
-    root: Float[np.ndarray, "p p"] = np.asarray(np.linalg.qr(rows, mode="r")).T
+    root: Square = np.asarray(np.linalg.qr(rows, mode="r")).T
     lengths = np.linalg.norm(root, axis=1)
     if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
         raise error
     return root
 
 
-def _real_eigenvalues(
-    M0: Float[np.ndarray, "p p"], M1: Float[np.ndarray, "p p"], M2: Float[np.ndarray, "p p"]
-) -> list[float]:
+def _real_eigenvalues(M0: Square, M1: Square, M2: Square) -> list[float]:
     """Real numbers at which M0 + s M1 + s^2 M2 is singular, by its companion pencil, s scaled to size one."""
     p = M0.shape[0]
     item, other = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
@@ -267,7 +259,7 @@ def _no_error() -> CollinearError:
 # -- Concentrated sets --
 
 
-def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> Float[np.ndarray, " k"]:
+def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> PerPoint:
     """Least J over all parameters."""
     root = np.linalg.cholesky(D)
     half = np.linalg.solve(root, N)
@@ -292,8 +284,8 @@ def concentrated(
 class Allowed:
     """For each pair of forms the values that stay below its bound."""
 
-    low: Float[np.ndarray, " k"]
-    high: Float[np.ndarray, " k"]
+    low: PerPoint
+    high: PerPoint
     outside: Bool[np.ndarray, " k"]
 
     def pieces(self) -> list[tuple[float, float]]:
@@ -374,7 +366,7 @@ class SignPerturbedShape(RegionShape):
         """Largest squared length of a sum's columns."""
         return float(np.einsum("ipa,ipa->ia", self.sums, self.sums).max())
 
-    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+    def excess(self, points: Points) -> PerPoint:
         """|S_0|^2 over the q-th largest of the others, nudged off one where a tie decides."""
         result = np.empty(points.shape[0])
         for start in range(0, points.shape[0], RANKED_POINTS):
@@ -385,9 +377,7 @@ class SignPerturbedShape(RegionShape):
             result[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
         return result
 
-    def _ratios(
-        self, lengths: Float[np.ndarray, "k m"], rounding: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, " k"]:
+    def _ratios(self, lengths: Float[np.ndarray, "k m"], rounding: PerPoint) -> PerPoint:
         length, others = lengths[:, :1], lengths[:, 1:]
         behind = self.order[1:] < self.order[0]
         tied = np.abs(others - length) <= TIE_SHARE * np.maximum(length, others) + rounding[:, None]
@@ -398,9 +388,7 @@ class SignPerturbedShape(RegionShape):
         above = np.nextafter(1.0, 2.0)
         return np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
 
-    def along(
-        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
-    ) -> ConfidenceSet:
+    def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
         D = self._differences
         a, b, c = (np.einsum("a,iab,b->i", u, D, v) for u, v in ((step, step), (base, step), (base, base)))
@@ -460,9 +448,7 @@ def sign_perturbed_region(
     return ConfidenceRegion(names, frame, SignPerturbedShape(np.ascontiguousarray(stacked), excluded, order))
 
 
-def _real_roots(
-    a: Float[np.ndarray, " k"], b: Float[np.ndarray, " k"], c: Float[np.ndarray, " k"]
-) -> Float[np.ndarray, " roots"]:
+def _real_roots(a: PerPoint, b: PerPoint, c: PerPoint) -> Float[np.ndarray, " roots"]:
     """Real roots of all a s^2 + b s + c, without cancellation."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inner = b * b - 4.0 * a * c

@@ -31,6 +31,10 @@ from eivor.inference.kernel import (
 )
 from eivor.tools import Float
 
+Vector = Float[np.ndarray, " n"]
+Block = Float[np.ndarray, "_ n"]
+Matrix = Float[np.ndarray, "n n"]
+
 # -- Covariance --
 
 #: A larger variance carries no information, and its products overflow.
@@ -42,17 +46,15 @@ class CovariancePart:
     """Covariance under one assumption on the residual, and what its intervals are read from."""
 
     name: str
-    matrix: Float[np.ndarray, "n n"]  # Covariance of the estimates
+    matrix: Matrix  # Covariance of the estimates
     degrees: float = math.inf  # Degrees of freedom of Student's t
     share: float = 1.0  # Share of the variance that the estimator is expected to see
 
-    def variance(self, direction: Float[np.ndarray, " n"]) -> float:
+    def variance(self, direction: Vector) -> float:
         """Variance of ``direction @ estimates``."""
         return max(float(direction @ self.matrix @ direction), 0.0)
 
-    def half_width(
-        self, direction: Float[np.ndarray, " n"], level: float, extra_variance: float = 0.0
-    ) -> float:
+    def half_width(self, direction: Vector, level: float, extra_variance: float = 0.0) -> float:
         """Half-width of the interval for ``direction @ estimates``."""
         if self.degrees <= 0.0:
             return math.inf
@@ -62,7 +64,7 @@ class CovariancePart:
         """Half-width of an interval over the root of its variance."""
         return t_quantile(level, self.degrees) / math.sqrt(self.share)
 
-    def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
+    def p_value(self, direction: Vector, value: float) -> float:
         """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
         std_error = math.sqrt(self.variance(direction) / self.share)
         return t_tail(value / std_error, self.degrees) if std_error else float(value == 0.0)
@@ -78,22 +80,20 @@ class JointCovariance:
         """Part of that name."""
         return self.parts[checks.place("a covariance", name, [part.name for part in self.parts])]
 
-    def std_error(self, direction: Float[np.ndarray, " n"]) -> float:
+    def std_error(self, direction: Vector) -> float:
         """Largest of the standard errors of ``direction @ estimates``."""
         return math.sqrt(max(part.variance(direction) for part in self.parts))
 
-    def half_width(
-        self, direction: Float[np.ndarray, " n"], level: float = 0.95, extra_variance: float = 0.0
-    ) -> float:
+    def half_width(self, direction: Vector, level: float = 0.95, extra_variance: float = 0.0) -> float:
         """Half-width of the interval for ``direction @ estimates``: the widest of the parts'."""
         return max(part.half_width(direction, level, extra_variance) for part in self.parts)
 
-    def p_value(self, direction: Float[np.ndarray, " n"], value: float) -> float:
+    def p_value(self, direction: Vector, value: float) -> float:
         """Of the hypothesis that ``direction @ estimates``, estimated as `value`, is zero."""
         return max(part.p_value(direction, value) for part in self.parts)
 
     @property
-    def matrix(self) -> Float[np.ndarray, "n n"]:
+    def matrix(self) -> Matrix:
         """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
         leading = self.parts[0].matrix
         largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
@@ -102,7 +102,7 @@ class JointCovariance:
         return leading * np.outer(scale, scale)
 
 
-def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+def sandwich(M: Matrix, meat: Matrix) -> Matrix:
     """M^-1 meat M^-T without an explicit inverse."""
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
     columns = unit_scale(np.einsum("ij,ij->j", M, M))
@@ -110,11 +110,11 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
     scaled = rows[:, None] * M * columns
     try:
         half = np.linalg.solve(scaled, np.outer(rows, rows) * meat)
-        covariance: Float[np.ndarray, "n n"] = np.linalg.solve(scaled, half.T)
+        covariance: Matrix = np.linalg.solve(scaled, half.T)
     except np.linalg.LinAlgError as error:
         raise singular_sensitivity() from error
     with np.errstate(over="ignore", invalid="ignore"):
-        result: Float[np.ndarray, "n n"] = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+        result: Matrix = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
     if not bool((np.abs(result) <= LARGEST_VARIANCE).all()):
         raise singular_sensitivity()
     return result
@@ -129,7 +129,7 @@ def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
 class JointEstimate:
     """A vector of estimates with its covariance."""
 
-    values: Float[np.ndarray, " n"]
+    values: Vector
     covariance: JointCovariance
 
 
@@ -145,17 +145,13 @@ SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 1
 SHORTEST_GROUP = 8
 
 
-def cosine_covariance(
-    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int = COSINE_AVERAGES
-) -> Float[np.ndarray, "n n"]:
+def cosine_covariance(scores: Iterable[Block], count: int, averages: int = COSINE_AVERAGES) -> Matrix:
     """Covariance of the sum of autocorrelated scores. Performs no checks."""
     sums = cosine_sums(scores, count, averages)
     return np.asarray((2.0 / averages) * sums.T @ sums)
 
 
-def cosine_sums(
-    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int
-) -> Float[np.ndarray, "averages n"]:
+def cosine_sums(scores: Iterable[Block], count: int, averages: int) -> Float[np.ndarray, "averages n"]:
     """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
     moments, middles, sums, start = [], [], [], 0
     step = np.pi * np.arange(1, averages + 1)[:, None] / count
@@ -238,11 +234,7 @@ class CovarianceEstimator(ABC):
 
 
 def _part(
-    name: str,
-    equation: EstimatingEquation,
-    meat: Float[np.ndarray, "n n"],
-    degrees: float = math.inf,
-    share: float = 1.0,
+    name: str, equation: EstimatingEquation, meat: Matrix, degrees: float = math.inf, share: float = 1.0
 ) -> CovariancePart:
     matrix = sandwich(equation.slope, meat + equation.prior_covariance)
     return CovariancePart(name, matrix, degrees, share)
@@ -280,7 +272,7 @@ class HeteroskedasticityRobust(CovarianceEstimator):
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n^2)."""
-        products: Float[np.ndarray, "n n"] = np.zeros_like(equation.slope)
+        products: Matrix = np.zeros_like(equation.slope)
         for rows in equation.blocks():
             products += rows.scores.T @ rows.scores
         return (_part("heteroskedasticity_robust", equation, products),)
@@ -323,7 +315,7 @@ class ClusteredByFlight(CovarianceEstimator):
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part, with t on flights - 1 degrees of freedom, or none."""
-        sums: dict[int, Float[np.ndarray, " n"]] = {}
+        sums: dict[int, Vector] = {}
         for rows in equation.blocks():
             for flight in np.unique(rows.flight_of_row):
                 here = rows.flight_of_row == flight
@@ -467,7 +459,7 @@ class KernelRobust(CovarianceEstimator):
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; see `kernel_sum_covariance` for its cost."""
 
-        def own() -> Iterator[Float[np.ndarray, "_ n"]]:
+        def own() -> Iterator[Block]:
             return (rows.scores @ equation.root for rows in equation.blocks())
 
         count = equation.sample_count
@@ -489,7 +481,7 @@ STRATA = 16384
 
 
 def joint_draws(
-    values: Float[np.ndarray, " n"], covariance: JointCovariance, count: int, rng: np.random.Generator
+    values: Vector, covariance: JointCovariance, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "count n"]:
     """Draw vectors around the estimates."""
     laws = []
@@ -519,9 +511,7 @@ def joint_draws(
     return values + scales * np.stack(quantiles, axis=1)
 
 
-def _score_correlations(
-    covariance: JointCovariance, degrees: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n n"]:
+def _score_correlations(covariance: JointCovariance, degrees: Vector) -> Matrix:
     """Correlations of the normal scores, with which the draws have those of the covariance."""
     matrix = covariance.matrix
     scale = np.sqrt(np.diag(matrix))

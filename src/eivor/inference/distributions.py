@@ -53,11 +53,8 @@ def chi_square_tail(value: float, degrees: float) -> float:
 
 
 def conditional_ratio_quantile(level: float, degrees: float, strength: float) -> float:
-    """Value that a likelihood ratio of one parameter stays below, given its instruments' strength.
-
-    From the quantile of a chi-square of all `degrees` without strength to that of one degree with much
-    (Moreira 2003). The angle's sine is the variable of the integral of Andrews, Moreira and Stock (2007).
-    """
+    """Value that a likelihood ratio of one parameter stays below, given the strength (Moreira 2003)."""
+    # the angle's sine is the variable of the integral of Andrews, Moreira and Stock (2007)
     if degrees <= 1.0 or not strength < MUCH:
         return chi_square_quantile(level, 1)
     angles = (np.arange(ANGLES) + 0.5) * (0.5 * np.pi / ANGLES)

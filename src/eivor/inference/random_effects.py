@@ -13,6 +13,8 @@ import scipy
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.tools import Float, Int
 
+PerNode = Float[np.ndarray, "nodes groups"]
+
 #: A number for each row, and one for each group of rows.
 Rows: TypeAlias = Float[np.ndarray, " rows"]
 PerGroup: TypeAlias = Float[np.ndarray, " groups"]
@@ -181,9 +183,9 @@ class BetweenDistribution:
     """The variance between estimates as a distribution, group by group."""
 
     sizes: Int[np.ndarray, " groups"]
-    means: Float[np.ndarray, "nodes groups"]
-    mean_errors: Float[np.ndarray, "nodes groups"]
-    next_errors: Float[np.ndarray, "nodes groups"]
+    means: PerNode
+    mean_errors: PerNode
+    next_errors: PerNode
 
     def mean_half_widths(self, result: RandomEffectsMeans) -> PerGroup:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
@@ -199,11 +201,7 @@ class BetweenDistribution:
         return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
 
-def _missed(
-    half_width: PerGroup,
-    offsets: Float[np.ndarray, "nodes groups"],
-    errors: Float[np.ndarray, "nodes groups"],
-) -> tuple[PerGroup, PerGroup]:
+def _missed(half_width: PerGroup, offsets: PerNode, errors: PerNode) -> tuple[PerGroup, PerGroup]:
     """Probability outside a half-width, and the density at its ends."""
     above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
     density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
@@ -211,9 +209,7 @@ def _missed(
     return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
 
 
-def _half_widths(
-    offsets: Float[np.ndarray, "nodes groups"], errors: Float[np.ndarray, "nodes groups"], level: float
-) -> PerGroup:
+def _half_widths(offsets: PerNode, errors: PerNode, level: float) -> PerGroup:
     """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
     z = normal_quantile(level)
     low = z * errors.min(axis=0)  # of the normals that are mixed
@@ -253,8 +249,8 @@ def between_distribution(of: Grouped) -> BetweenDistribution:
 
 
 def _between(
-    rising: Float[np.ndarray, "grid groups"], wanted: Float[np.ndarray, "nodes groups"]
-) -> Callable[[Float[np.ndarray, "grid groups"]], Float[np.ndarray, "nodes groups"]]:
+    rising: Float[np.ndarray, "grid groups"], wanted: PerNode
+) -> Callable[[Float[np.ndarray, "grid groups"]], PerNode]:
     """What turns values on a grid into those where something that rises along it is as wanted, or begins."""
     left = np.zeros(wanted.shape, dtype=int)
     for row in rising[1:-1]:
@@ -262,7 +258,7 @@ def _between(
     low, high = (np.take_along_axis(rising, left + step, axis=0) for step in (0, 1))
     share = np.maximum((wanted - low) / np.where(high > low, high - low, 1.0), 0.0)
 
-    def values(given: Float[np.ndarray, "grid groups"]) -> Float[np.ndarray, "nodes groups"]:
+    def values(given: Float[np.ndarray, "grid groups"]) -> PerNode:
         before, after = (np.take_along_axis(given, left + step, axis=0) for step in (0, 1))
         return before + share * (after - before)
 

@@ -19,6 +19,8 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import check_level, chi_square_quantile
 from eivor.tools import Bool, Float
 
+Point = Float[np.ndarray, " n_plus_1"]
+
 # -- Confidence region --
 
 #: Directions from the pivot, of the half circle, in which a shadow is scanned; fewer where each is a search.
@@ -51,9 +53,7 @@ class RegionShape(ABC):
         """Statistic over its critical value at each point: at most one in the region."""
 
     @abstractmethod
-    def along(
-        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
-    ) -> ConfidenceSet:
+    def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Numbers s for which base + s step is in the region."""
 
     def shadow(self, axis: int) -> ConfidenceSet:
@@ -175,7 +175,7 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
     if not others:
         return shape.along(np.eye(size)[0], np.eye(size)[axis])
 
-    def base(angle: float) -> Float[np.ndarray, " n_plus_1"]:
+    def base(angle: float) -> Point:
         point = np.zeros(size)
         point[0], point[axis] = np.cos(angle), np.sin(angle)
         return point
@@ -195,7 +195,7 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
     return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
-def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:
+def least_points(shape: RegionShape) -> list[Point]:
     """Points at which the statistic has a local minimum, the least first."""
     size = shape.unknowns + 1
     spread = np.random.default_rng(0).standard_normal((SEARCH_POINTS, size))
@@ -206,14 +206,14 @@ def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:
     return [point for point, _ in sorted(results, key=lambda pair: pair[1])]
 
 
-def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Float[np.ndarray, " n_plus_1"]], bool]:
+def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Point], bool]:
     """Whether the plane through a point along the other axes meets the region."""
     axes = np.eye(shape.unknowns + 1)[others]
     if len(others) == 1:
         return lambda point: not shape.along(point, axes[0]).is_empty
     last = [np.zeros(len(others))]
 
-    def meets(point: Float[np.ndarray, " n_plus_1"]) -> bool:
+    def meets(point: Point) -> bool:
         span = np.vstack([point, axes])
         for start in (last[0], np.zeros(len(others))):
             result, least = _searched(shape, span, np.concatenate([[1.0], start]))

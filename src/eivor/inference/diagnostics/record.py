@@ -206,8 +206,7 @@ class EquationProducts(Products):
     def whitening(self) -> Float[np.ndarray, "p q"]:
         """T with T' mean(psi psi') T = 1, without the directions in which the instruments hardly move."""
         Q = self.instrument_mean
-        lengths = np.sqrt(np.diag(Q))
-        scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        scale = unit_scale(np.diag(Q))
         values, vectors = np.linalg.eigh(np.outer(scale, scale) * Q)
         kept = values > SMALLEST_DIRECTION**2
         return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
