@@ -12,16 +12,15 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
-from eivor.inference.covariance import CovariancePart, JointEstimate
+from eivor.inference.covariance import CovariancePart, JointEstimate, Vector
 from eivor.inference.distributions import check_level
 from eivor.inference.regions import fieller_set
-from eivor.tools import Float
 
 #: Share of the half-width by which a function may bend before it is profiled.
 LARGEST_BEND = 0.05
 
 Function = Callable[[Mapping[str, float]], float]
-OfVector = Callable[[Float[np.ndarray, " n"]], float]
+OfVector = Callable[[Vector], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
             'Give lambda p: p["theta_1"] ** 2, for example.',
         )
 
-    def of_vector(values: Float[np.ndarray, " n"]) -> float:
+    def of_vector(values: Vector) -> float:
         result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
         checks.number("what the function gives", result)
         return float(result)
@@ -134,11 +133,7 @@ def ratio(
 
 
 def _of_part(
-    function: OfVector,
-    values: Float[np.ndarray, " n"],
-    part: CovariancePart,
-    level: float,
-    largest_bend: float,
+    function: OfVector, values: Vector, part: CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
     t = part.half_widths(level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))

@@ -119,19 +119,15 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
         raise TooFewSamplesError(expected, f"{rows:g}", "Give a longer record.")
 
 
-def _unit_columns(system: LinearSystem) -> Float[np.ndarray, "m n"]:
-    """Columns of equations of length one."""
-    return system.matrix * unit_scale(np.einsum("ij,ij->j", system.matrix, system.matrix))
-
-
 def check_rank(system: LinearSystem) -> None:
     """Refuse moment equations that rounding alone keeps from being singular."""
-    scaled, still = _unit_columns(system), not system.matrix.any(axis=0).all()
-    singular = np.linalg.svd(scaled / row_lengths(system.matrix)[:, None], compute_uv=False)
-    if still or lost_to_rounding(singular, max(system.matrix.shape)):
+    A = system.matrix
+    scaled = A * unit_scale(np.einsum("ij,ij->j", A, A)) / row_lengths(A)[:, None]
+    singular, still = np.linalg.svd(scaled, compute_uv=False), not A.any(axis=0).all()
+    if still or lost_to_rounding(singular, max(A.shape)):
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
-            f"equations of numerical rank below {system.matrix.shape[1]}",
+            f"equations of numerical rank below {A.shape[1]}",
             "An input that never moves carries no information, and a white one is no instrument for itself "
             "once delayed. Use generalized_iv with lag 0, other instruments, or an input with memory.",
         )

@@ -31,6 +31,9 @@ from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.signals.noise import WhiteNoise
 from eivor.tools import Complex, Float, Int
 
+PerBin = Float[np.ndarray, " bins"]
+Vector = Float[np.ndarray, " n"]
+
 #: Frequency that strengths of noises are identified at [Hz]; orders say what they are beside it.
 STRENGTH_AT_HZ = 1.0
 #: Share of the responses' power that counts as rounding.
@@ -42,23 +45,23 @@ class PairedBins:
     """Bins of all runs at some parameters."""
 
     layout: BinRows
-    theta: Float[np.ndarray, " n"]
+    theta: Vector
     state: SampledState
     least: float = 0.0
     order: Int[np.ndarray, " bins"] | EllipsisType = ...  # Of the bins; default: that of the runs
 
     @cached_property
-    def frequency_hz(self) -> Float[np.ndarray, " bins"]:
+    def frequency_hz(self) -> PerBin:
         """Frequency of each bin [Hz]."""
         return np.concatenate([run.frequency_hz for run in self.layout.runs])[self.order]
 
     @cached_property
-    def step_s(self) -> Float[np.ndarray, " bins"]:
+    def step_s(self) -> PerBin:
         """Time between samples of each bin's run [s]."""
         return np.concatenate([np.full(run.count, run.step_s) for run in self.layout.runs])[self.order]
 
     @cached_property
-    def log_scale(self) -> Float[np.ndarray, " bins"]:
+    def log_scale(self) -> PerBin:
         """Logarithm of a difference's gain over that at `STRENGTH_AT_HZ`."""
         return np.log(
             np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * STRENGTH_AT_HZ * self.step_s)
@@ -77,7 +80,7 @@ class PairedBins:
         )
 
     @cached_property
-    def density_scale(self) -> Float[np.ndarray, " bins"]:
+    def density_scale(self) -> PerBin:
         """Power per Hz, of both signs of frequency together, over a bin's: 2 T over what tapers leave."""
         runs = self.layout.runs
         return np.concatenate([np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs])
@@ -110,7 +113,7 @@ def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
     return np.column_stack([bins.responses[:, 0], bins.responses[:, -1] / np.concatenate(quarter) ** 2])
 
 
-def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values) -> PairedBins:
+def paired_bins(problem: SeparableProblem, theta: Vector, nuisances: Values) -> PairedBins:
     """Bins of a problem at some parameters."""
     state = problem.sampled_state(nuisances)
     if state is None:
@@ -138,9 +141,7 @@ FEWEST, MOST, IDENTITY = 6, 100, 6.0
 LARGEST_LEVERAGE = 3.0
 
 
-def signal_weights(
-    spectrum: Complex[np.ndarray, " bins"], noise_variance: float
-) -> Float[np.ndarray, " bins"]:
+def signal_weights(spectrum: Complex[np.ndarray, " bins"], noise_variance: float) -> PerBin:
     """w, the squared share of signal in the input's power near each bin."""
     power, around = np.abs(spectrum) ** 2, power_around(spectrum)
     line = power > LINE * np.maximum(around, noise_variance)
@@ -148,7 +149,7 @@ def signal_weights(
     return np.clip(share, LEAST_SHARE, 1.0) ** 2
 
 
-def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
+def power_around(spectrum: Complex[np.ndarray, " bins"]) -> PerBin:
     """Power near each bin, without the bin itself."""
     power = np.abs(spectrum) ** 2
     index = np.arange(power.size)
@@ -159,15 +160,13 @@ def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " 
     return np.maximum(around, np.finfo(np.float64).tiny)
 
 
-def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
+def held_back(residual: Pair, C: PairSpectrum) -> PerBin:
     """min(1, 12 / r^H C^-1 r)."""
     distance = inner(residual, C.solved(residual)).real
     return np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
 
 
-def corrected_spectrum(
-    model: PairSpectrum, residual: Pair, leverage: Float[np.ndarray, " bins"]
-) -> PairSpectrum:
+def corrected_spectrum(model: PairSpectrum, residual: Pair, leverage: PerBin) -> PairSpectrum:
     """Spectrum of the residuals, the model corrected by their own periodogram."""
     lost = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE) / 4.0)
     white = model.whitened(residual) / lost
@@ -187,12 +186,9 @@ def recoloured(
     model: PairSpectrum,
     white: Pair,
     averaged: Callable[[Float[np.ndarray, "bins k"]], Float[np.ndarray, "bins k"]],
-    count: Float[np.ndarray, " bins"],
+    count: PerBin,
 ) -> PairSpectrum:
-    """L P L^H of a model L L^H, P averages over so many bins of the periodogram of what it whitened.
-
-    P should be the identity, which counts beside them.
-    """
+    """L P L^H of a model L L^H, P means of I and of the periodogram of what it whitened over so many bins."""
     across = white[0] * white[1].conj()
     seen = averaged(np.stack([*np.abs(white) ** 2, across.real, across.imag], axis=1))
     share = count / (count + IDENTITY)
@@ -236,7 +232,7 @@ class PairRows(WhitenedRows):
     C: PairSpectrum = field(kw_only=True)
     corrected: bool = field(kw_only=True)  # See `PairWhitening`
 
-    def criterion(self, theta: Float[np.ndarray, " n"], nuisances: Values, /) -> float | None:
+    def criterion(self, theta: Vector, nuisances: Values, /) -> float | None:
         """Of the model as it is, twice the sum of log det C + r^H C^-1 r: minus twice the log likelihood."""
         if self.corrected:
             return None
@@ -244,16 +240,12 @@ class PairRows(WhitenedRows):
         residual = paired_bins(self.pair, theta, nuisances).residual(bins)
         return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
 
-    def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> PairRows:
+    def _renewed(self, theta: Vector, nuisances: Values) -> PairRows:
         return _by_residuals(self.pair, self.corrected, theta, nuisances, self.renewals - 1)
 
 
 def _by_residuals(
-    problem: SeparableProblem,
-    corrected: bool,
-    theta: Float[np.ndarray, " n"],
-    nuisances: Values,
-    renewals: int,
+    problem: SeparableProblem, corrected: bool, theta: Vector, nuisances: Values, renewals: int
 ) -> PairRows:
     pairs, bins = paired_bins(problem, theta, nuisances), problem.bins(nuisances)
     C, factor = pairs.fitted(bins).spectrum(pairs), np.ones(bins.responses.shape[0])
@@ -271,7 +263,7 @@ def _weighted(
     bins: SpectralRegression,
     corrected: bool,
     C: PairSpectrum,
-    factor: Float[np.ndarray, " bins"],
+    factor: PerBin,
     renewals: int,
 ) -> PairRows:
     spread = np.maximum(C.first + C.second - 2.0 * C.cross.real, np.finfo(np.float64).tiny)
@@ -299,8 +291,6 @@ class PairWhitening(RowWeighting):
         C = PairSpectrum(entries, entries, 0.0j * entries)
         return _weighted(problem, bins, self.corrected, C, entries, self.passes - 1)
 
-    def last_pass(
-        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
-    ) -> PairRows:
+    def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> PairRows:
         """By the residuals of an estimate."""
         return _by_residuals(problem, self.corrected, theta, nuisances, 0)

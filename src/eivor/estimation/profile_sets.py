@@ -89,10 +89,7 @@ Edges = Float[np.ndarray, " E"]
 
 @dataclass(frozen=True)
 class Criterion:
-    """J of some flights over linear parameters and nuisances.
-
-    A scan follows J along the first nuisance, in a slice for each value of the others.
-    """
+    """J of some flights; a scan follows it along the first nuisance, in slices by values of the others."""
 
     members: tuple[PoolMember, ...]
     flight_specific: tuple[int, ...]
@@ -254,10 +251,8 @@ class Criterion:
         J = self.least_at(every, np.tile(positions, (every.size, 1)))
         padded = np.pad(J, ((0, 0), (1, 1)), constant_values=inf)
         rows, lowest = np.nonzero((padded[:, :-2] >= J) & (padded[:, 2:] >= J))
-        low, high = (
-            positions[np.maximum(lowest - 1, 0)],
-            positions[np.minimum(lowest + 1, positions.size - 1)],
-        )
+        low = positions[np.maximum(lowest - 1, 0)]
+        high = positions[np.minimum(lowest + 1, positions.size - 1)]
         for _ in range(SCAN_ROUNDS):
             places = np.linspace(low, high, SCAN_POINTS, axis=1)
             best = np.argmin(self.least_at(rows, places), axis=1)
@@ -446,10 +441,8 @@ class ProfileSets:
             if not involved.all():
                 _, sizes, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
                 instruments = V[sizes > INDEPENDENT].T / sizes[sizes > INDEPENDENT]
-            criterion, position = (
-                self._criterion(involved, moving, instruments),
-                int(np.sum(moving < position)),
-            )
+            criterion = self._criterion(involved, moving, instruments)
+            position = int(np.sum(moving < position))
         strange = tuple(other for number, other in enumerate(parameters) if number not in moving)
         unknowns = estimate.unknowns - len(strange) - 1
         degrees = criterion.instruments + len(estimate.misfits) - unknowns + estimate.undetermined

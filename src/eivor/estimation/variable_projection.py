@@ -123,11 +123,7 @@ def minimised(
     costly: bool = False,
     start: Values | None = None,
 ) -> Minimum:
-    """Minimise the objective over all nuisances; where `coarse` to make weights only.
-
-    Where a trial is `costly` a quadratic model saves trials. A search begins at a `start` that is better
-    than the whole grid as well, and in place of what is near to it.
-    """
+    """Least objective over all nuisances: for weights only if `coarse`, of few trials if `costly`."""
     unknown = tuple(nuisance for nuisance in nuisances if nuisance.searched)
     names, grids = [nuisance.name for nuisance in unknown], product_grids(unknown)
     fixed = {nuisance.name: nuisance.first for nuisance in nuisances}
@@ -261,10 +257,7 @@ def bounded_search(
     unit: float,
     costly: bool,
 ) -> Trial:
-    """Least trial of several nuisances within their grids, from a good one; never worse than that.
-
-    Gains are small as shares of a `unit`: the objective is zero where equations can be met exactly.
-    """
+    """Least trial within the grids, from a good one, never worse; gains are small as shares of a `unit`."""
     # no derivatives, since the objective has a kink where a delay is a whole sample
     from scipy.optimize import Bounds, OptimizeResult, minimize
 

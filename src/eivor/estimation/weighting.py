@@ -23,6 +23,9 @@ from eivor.models.separable import SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression
 from eivor.tools import Complex, Float, Int
 
+Vector = Float[np.ndarray, " n"]
+PerBin = Float[np.ndarray, " bins"]
+
 #: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L; None without a weight.
 Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"] | None]
 
@@ -35,12 +38,7 @@ class EquationWeighting(ABC):
 
     @abstractmethod
     def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-        /,
+        self, system: LinearSystem, moments: Moments, problem: LinearProblem | None, theta: Vector | None, /
     ) -> Weighted:
         """Equations weighted for the first pass, or by the residuals of the pass before, at its theta."""
 
@@ -74,13 +72,9 @@ class TwoStage(EquationWeighting):
 
 @dataclass(frozen=True, slots=True)
 class TwoStepRobust(EquationWeighting):
-    """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM.
+    """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM."""
 
-    Lags of the Bartlett kernel allow for autocorrelated errors, zero for heteroskedasticity only; by default
-    there are 4 (N/100)^(2/9), Newey and West's rule of thumb.
-    """
-
-    bandwidth: int | None = None
+    bandwidth: int | None = None  # Lags of the Bartlett kernel. Default: 4 (N/100)^(2/9) (Newey and West)
     passes = 2
 
     def __post_init__(self) -> None:
@@ -90,12 +84,7 @@ class TwoStepRobust(EquationWeighting):
                 raise UsageError("a bandwidth of zero or more lags", f"{self.bandwidth}", "Zero sees no lag.")
 
     def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-        /,
+        self, system: LinearSystem, moments: Moments, problem: LinearProblem | None, theta: Vector | None, /
     ) -> Weighted:
         """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance."""
         if theta is None:
@@ -186,12 +175,12 @@ class WeightedRows:
         columns = ((rows, np.column_stack([rows.regressors, rows.response])) for rows in made)
         return np.stack([rows.instruments.T @ both / rows.response.size for rows, both in columns])
 
-    def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
+    def criterion(self, _theta: Vector, _at: Values, /) -> float | None:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
         return None
 
     @property
-    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
+    def renewal(self) -> Callable[[Vector, Values], WeightedRows] | None:
         """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
         return None
 
@@ -206,9 +195,7 @@ class RowWeighting(ABC):
         """Rows weighted before anything is known."""
 
     @abstractmethod
-    def last_pass(
-        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
-    ) -> WeightedRows:
+    def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> WeightedRows:
         """Rows weighted by the residuals of an estimate, for good."""
 
 
@@ -235,8 +222,8 @@ POWER_FLOOR = 1e-6
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
-    blend: Float[np.ndarray, " bins"]
-    power: Float[np.ndarray, " bins"]
+    blend: PerBin
+    power: PerBin
     basis: Float[np.ndarray, "rows q"]
     renewals: int = 0  # Passes that follow
     disturbed: float = 0.0
@@ -317,11 +304,11 @@ class WhitenedRows(WeightedRows):
             yield E, P
 
     @property
-    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WhitenedRows] | None:
+    def renewal(self) -> Callable[[Vector, Values], WhitenedRows] | None:
         """Whitening by the residuals, while there are passes to follow."""
         return self._renewed if self.renewals else None
 
-    def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> WhitenedRows:
+    def _renewed(self, theta: Vector, nuisances: Values) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
@@ -337,16 +324,12 @@ class SpectralWhitening(RowWeighting):
         count = bins.responses.shape[0]
         return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), self.passes - 1)
 
-    def last_pass(
-        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
-    ) -> WhitenedRows:
+    def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> WhitenedRows:
         """See `whitened_by_residuals`."""
         return whitened_by_residuals(problem, theta, nuisances)
 
 
-def whitened_by_residuals(
-    problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values
-) -> WhitenedRows:
+def whitened_by_residuals(problem: SeparableProblem, theta: Vector, nuisances: Values) -> WhitenedRows:
     """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
     bins = problem.bins(nuisances)
     whitened = _whitened(problem, bins, *residual_spectrum(bins, bins.residuals(theta)))
@@ -361,7 +344,7 @@ def whitened_by_residuals(
 
 def residual_spectrum(
     bins: SpectralRegression, residuals: Complex[np.ndarray, "bins r"]
-) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+) -> tuple[PerBin, PerBin]:
     """Blend q and power S at each bin, smoothed within each run."""
     first, last = residuals[:, 0], residuals[:, -1]
     powers = np.column_stack([np.abs(first) ** 2, np.abs(last) ** 2, (first * last.conj()).real])
@@ -378,11 +361,7 @@ def residual_spectrum(
 
 
 def _whitened(
-    problem: SeparableProblem,
-    bins: SpectralRegression,
-    blend: Float[np.ndarray, " bins"],
-    power: Float[np.ndarray, " bins"],
-    renewals: int = 0,
+    problem: SeparableProblem, bins: SpectralRegression, blend: PerBin, power: PerBin, renewals: int = 0
 ) -> WhitenedRows:
     instruments = bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None])
     return WhitenedRows(problem, blend, power, orthonormal_basis(instruments), renewals)
