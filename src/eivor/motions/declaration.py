@@ -283,7 +283,15 @@ class _Names:
 
     def expanded(self, text: str) -> str:
         """The text with names of `[let]` put in place."""
-        return _put_in(text, self.lets)
+        if text.strip() in self.lets:
+            return self.lets[text.strip()]
+
+        def put_in(name: re.Match[str]) -> str:
+            return _whole(self.lets[name[0]]) if name[0] in self.lets else name[0]
+
+        parts = re.split(r'("[^"]*")', text)
+        parts[::2] = [_NAME.sub(put_in, part) for part in parts[::2]]
+        return "".join(parts)
 
     def unit(self, section: TomlTable, key: str, text: str) -> tuple[Unit, bool]:
         """Unit of an expression, with every name in it checked."""
@@ -295,15 +303,6 @@ class _Names:
                 remedy = did_you_mean(name, tuple(units), "Declare the channel: its unit and role.")
                 raise section.wrong(key, expected, f"{text!r} with '{name}'", remedy)
         return _unit(section, key, lambda: unit_of(expression, units))
-
-
-def _put_in(text: str, lets: Mapping[str, str]) -> str:
-    if text.strip() in lets:
-        return lets[text.strip()]
-    parts = re.split(r'("[^"]*")', text)
-    for position in range(0, len(parts), 2):
-        parts[position] = _NAME.sub(lambda m: _whole(lets[m[0]]) if m[0] in lets else m[0], parts[position])
-    return "".join(parts)
 
 
 def _whole(text: str) -> str:
@@ -535,7 +534,10 @@ def _term(
             expected = "an expression over an input, which the actuator follows,"
             remedy = 'Leave out behind, or give a role = "input".'
             raise section.wrong("of", expected, f"'{given.of}'", remedy)
-    elif any(column in inputs for column in _derived_channels(expression)):
+    elif any(
+        first in inputs and isinstance(step, InTime) and step.lag_s is None
+        for first, step in pairwise(expression.steps)
+    ):
         expected, received = "a derivative of what was measured", f"'{given.of}' of a held input"
         raise section.wrong("of", expected, received, "Put the term behind an actuator, or leave ddt out.")
     symbol = given.symbol or name
@@ -548,16 +550,6 @@ def _term(
             raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or the expression.")
         text_of_unit = given.unit
     return Term(name, text, symbol, text_of_unit, behind=bool(given.behind))
-
-
-def _derived_channels(expression: Expression) -> list[str]:
-    """Channels whose derivative is taken directly."""
-    steps = expression.steps
-    return [
-        str(first)
-        for first, step in pairwise(steps)
-        if isinstance(first, str) and isinstance(step, InTime) and step.lag_s is None
-    ]
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:

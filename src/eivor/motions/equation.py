@@ -130,18 +130,14 @@ class AxisEquation:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
         texts = [term.of for term in self.terms if term.is_steady]
         step_s, delay_s = signals.step_s, nuisance_values[DELAY.name]
-        if self.answers_inputs:
+        # what is explained may itself be an input, such as the force of a motor
+        if any(name in self.inputs for text in self.response for name in parsed(text).columns):
             return shifted_by(self.columns(signals, texts), step_s=step_s, delay_s=-delay_s)
         moved = {
             name: shifted_by(signals.channel(name)[:, None], step_s=step_s, delay_s=delay_s)[:, 0]
             for name in self.averaged
         }
         return self.columns(replace(signals, channels={**signals.channels, **moved}), texts)
-
-    @property
-    def answers_inputs(self) -> bool:
-        """Whether what is explained is an input, such as the force of a motor."""
-        return any(name in self.inputs for text in self.response for name in parsed(text).columns)
 
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""

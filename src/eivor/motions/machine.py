@@ -511,7 +511,9 @@ class Machine(DeclaredMotion):
             check = "Check that the command is that of this machine, or declare a longer one."
             rows += flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
             rows += lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
-            rows += [longest_lag_rule((), check), _longest_delay_rule(check), _slow_samples_rule()]
+            delay = "The delay ran into the longest that is declared ({:.3g} s)."
+            too_long = end_of_grid_rule(DELAY.name, (), lambda longest, _: delay.format(longest), check)
+            rows += [longest_lag_rule((), check), too_long, SLOW_SAMPLES]
         longer = "Log for longer, or give several logs."
         limit = Limit(*self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move)
         for term in self.terms:
@@ -585,26 +587,20 @@ def _active_rule(activity: Activity) -> Rule:
     )
 
 
-def _longest_delay_rule(check: str) -> Rule:
-    words = "The delay ran into the longest that is declared"
-    return end_of_grid_rule(DELAY.name, (), lambda longest, _: f"{words} ({longest:.3g} s).", check)
+def _step_s(inputs: VerdictInputs) -> float:
+    return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
 
 
-def _slow_samples_rule() -> Rule:
-
-    def step_s(inputs: VerdictInputs) -> float:
-        return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
-
-    return Rule(
-        (*LAGS, EFFECTIVE_LAG),
-        lambda inputs: inputs.value(EFFECTIVE_LAG) < 2.0 * step_s(inputs),
-        Status.WEAK,
-        lambda inputs: (
-            f"Samples are {1e3 * step_s(inputs):.3g} ms apart, more than half the lag: how the command held "
-            "between them moves it."
-        ),
-        "Log commands and states faster.",
-    )
+SLOW_SAMPLES = Rule(
+    (*LAGS, EFFECTIVE_LAG),
+    lambda inputs: inputs.value(EFFECTIVE_LAG) < 2.0 * _step_s(inputs),
+    Status.WEAK,
+    lambda inputs: (
+        f"Samples are {1e3 * _step_s(inputs):.3g} ms apart, more than half the lag: how the command held "
+        "between them moves it."
+    ),
+    "Log commands and states faster.",
+)
 
 
 def _strength(problem: LaggedRuns) -> float:

@@ -245,10 +245,8 @@ class Linearised:
     def of(
         self, kept: Int[np.ndarray, " k"], *, jackknife: bool = False
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """Changes of the parameters that are kept, and their covariance clustered by windows.
-
-        The jackknife leaves out a cluster at a time, in one Newton step: there are few of them.
-        """
+        """Changes of the parameters that are kept, and their covariance clustered by windows."""
+        # the jackknife leaves out a cluster at a time, in one Newton step: there are few of them
         slopes = self.slopes[:, kept[:, None], kept]
         total, scale = slopes.sum(axis=0), self.scale[kept]
         inverse = np.linalg.pinv(total, rcond=1e-12, hermitian=True)
@@ -398,10 +396,7 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
 def refined_by_output_error(
     estimate: Estimate, flights: Flights, vehicle: KnownVehicle
 ) -> tuple[Estimate, tuple[Finding, ...]]:
-    """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md.
-
-    Terms that do not earn their place are zero, with the standard error that they would have.
-    """
+    """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md."""
     structure = first_structure(estimate, flight_windows(flights, vehicle))
     structure, minimum = structure.minimised(passes=PASSES - 1)
     for _ in range(ROUNDS):

@@ -39,7 +39,7 @@ from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Triple, felt, 
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.channels import family_members
-from eivor.signals.filters import actuator_state, low_passed, shifted_by, time_derivative
+from eivor.signals.filters import Series, actuator_state, low_passed, shifted_by, time_derivative
 from eivor.signals.signals import Signals
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
@@ -87,7 +87,7 @@ class RotorSums:
 
     state: Float[np.ndarray, "7 n"]
     thrust: Float[np.ndarray, "7 n"]
-    spin_up: Float[np.ndarray, " n"]  # Derivative in time of the states with their spins
+    spin_up: Series  # Derivative in time of the states with their spins
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class BodyMotion:
     velocity: Float[np.ndarray, "3 n"]
     rates: Float[np.ndarray, "3 n"]
 
-    def dragged(self, axis: int) -> Float[np.ndarray, " n"]:
+    def dragged(self, axis: int) -> Series:
         """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
         total, x, y, xx, xy, yy, _ = self.rotors.state / self.usual
         (u, v, w), (p, q, r) = self.velocity, self.rates
@@ -121,7 +121,7 @@ class BodyMotion:
         forward, left = self.velocity[0] - np.outer(y, yaw_rate), self.velocity[1] + np.outer(x, yaw_rate)
         return forward**2 + left**2
 
-    def gyroscopic(self, axis: int) -> Float[np.ndarray, " n"]:
+    def gyroscopic(self, axis: int) -> Series:
         """What rotors that spin turn about x or y, but for their inertia over the body's."""
         spin, (p, q, _) = self.rotors.state[6], self.rates
         return q * spin if axis == ROLL_EQUATION else -p * spin
@@ -136,12 +136,12 @@ class RigidTerm:
     symbol: str
     equation: int
     index: int  # Among the terms of its kind
-    formula: Callable[[BodyMotion, int], Float[np.ndarray, " n"]]
+    formula: Callable[[BodyMotion, int], Series]
     moves: bool = True  # With lag and delay
     driving: bool = False  # What the rotors do by themselves
     by_velocity: bool = False  # Only where the velocity on the body's axes is known
 
-    def column(self, of: BodyMotion) -> Float[np.ndarray, " n"]:
+    def column(self, of: BodyMotion) -> Series:
         """Its column at samples or starts."""
         return self.formula(of, self.index)
 
@@ -151,7 +151,7 @@ def _terms(
     words: str,
     symbols: str,
     equations: Iterable[int],
-    formula: Callable[[BodyMotion, int], Float[np.ndarray, " n"]],
+    formula: Callable[[BodyMotion, int], Series],
     *,
     moves: bool = True,
     driving: bool = False,
@@ -164,21 +164,15 @@ def _terms(
         yield RigidTerm(parameter, named, symbol, equation, index, formula, moves, driving, by_velocity)
 
 
-def _rolled(of: BodyMotion) -> tuple[Float[np.ndarray, " n"], ...]:
+def _rolled(of: BodyMotion) -> tuple[Series, ...]:
     """Thrusts with the arms by which they turn about each axis."""
     thrust = of.rotors.thrust
     return thrust[2], -thrust[1], thrust[6]
 
 
-def _damped(of: BodyMotion, axis: int) -> Float[np.ndarray, " n"]:
+def _damped(of: BodyMotion, axis: int) -> Series:
     _, _, _, xx, _, yy, _ = of.vehicle.sums.sum(axis=1).tolist()
     return -of.dragged(axis) / (yy, xx, xx + yy)[axis]
-
-
-def _drag_moment(of: BodyMotion, index: int) -> Float[np.ndarray, " n"]:
-    """Mean of the velocities at the rotors."""
-    along = ALONG_OTHERS[index // 2][index % 2]
-    return of.dragged(FORCE_X_EQUATION + along) / of.vehicle.count
 
 
 _TILTING, _AXES, _FORCES = range(2), range(3), range(3, 6)
@@ -220,7 +214,9 @@ TERMS = (
         "{} by drag along {along}",
         "L_y L_z M_x M_z N_x N_y",
         (0, 0, 1, 1, 2, 2),
-        _drag_moment,
+        lambda of, index: (
+            of.dragged(FORCE_X_EQUATION + ALONG_OTHERS[index // 2][index % 2]) / of.vehicle.count
+        ),
         by_velocity=True,
     ),
     *_terms([THRUST], "thrust gain", "α_z", [5], lambda of, _: of.rotors.thrust[0], driving=True),
@@ -307,9 +303,7 @@ def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     return felt(_rows(signals), np.stack([*map(signals.channel, VELOCITY)]), signals.step_s).T
 
 
-def on_body_axes(
-    signals: Signals, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
+def on_body_axes(signals: Signals, u: Series, v: Series, s: Series) -> Float[np.ndarray, "n 3"]:
     """A vector of the world, turned into the body's axes."""
     return np.column_stack(into_body(_rows(signals), u, v, s))
 
@@ -327,7 +321,7 @@ FROM_HZ = 0.2
 TAKEN_OUT_HZ = FROM_HZ / 4.0
 
 
-def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Float[np.ndarray, " n"] | None:
+def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Series | None:
     """Velocity along z within each run [m/s], zero elsewhere; None without a specific force along z."""
     if FORCE not in signals.channels:
         return None
@@ -379,18 +373,14 @@ class Predictors:
         driven = DrivenSignals(signals, np.zeros(signals.sample_count))
         return replace(self.rule, channels=names, lags=lags).columns(driven)
 
-    def predicted(
-        self, values: Float[np.ndarray, " n"], axis: int, lags: tuple[int, float]
-    ) -> Float[np.ndarray, " n"]:
+    def predicted(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
         used = self.flight.used
         result = cross_fitted(self.of_axis(axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
 
-def _rotors(
-    flight: PreparedFlight, vehicle: KnownVehicle, says: Predictors
-) -> dict[str, Float[np.ndarray, " n"]]:
+def _rotors(flight: PreparedFlight, vehicle: KnownVehicle, says: Predictors) -> dict[str, Series]:
     """Commands of the rotors, put together of what lifts and what turns."""
     logged = flight.signals.family(flight.input.name)
     parts = np.column_stack([vehicle.roll, vehicle.pitch, vehicle.yaw, np.ones(vehicle.count)])
@@ -490,7 +480,7 @@ class OnboardFilter:
     cutoff_hz: float
     taken_s: float  # Delay that has been taken off the sensor's stamps [s]
 
-    def __call__(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def __call__(self, column: Series) -> Series:
         late = low_passed(column[:, None], step_s=self.step_s, cutoff_hz=self.cutoff_hz)
         own_s = math.sqrt(2.0) / (2.0 * math.pi * self.cutoff_hz)
         early_s = min(max(self.taken_s, 0.0), own_s)
@@ -522,7 +512,7 @@ def change_over_step(values: Float[np.ndarray, "*parts n"], step_s: float) -> Fl
     return (values - before(values)) / step_s
 
 
-def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Float[np.ndarray, " n"]:
+def as_logged(term: RigidTerm, of: BodyMotion, sensor: OnboardFilter | None) -> Series:
     """Column of a term behind its sensor's filter, where it is not made of filtered rates."""
     column = term.column(of)
     if term.equation < FORCE_X_EQUATION and not term.driving:

@@ -174,21 +174,16 @@ class OmittedTerms:
     @property
     def supply_change(self) -> float:
         """Share that the thrust of one command changed by over the flight; zero where nothing says so."""
-        return self._there(SUPPLY, DOUBTFUL) * abs(self._times(SUPPLY))
+        return self.there(SUPPLY, DOUBTFUL) * abs(self._times(SUPPLY))
 
     def clocks_apart_s(self, several: bool) -> tuple[float, float]:
         """What several clocks are apart by, and what is not known of it; one clock beyond doubt only [s]."""
         item = self.differences.get(CLOCK_DRIFT)
         unknown = UNKNOWN_DRIFT if item is None else min(item.half_width, UNKNOWN_DRIFT)
-        known = min(self._there(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
+        known = min(self.there(CLOCK_DRIFT, DOUBTFUL if several else MISSED), LARGEST_DRIFT)
         return known * self.clock_reach_s, unknown * self.clock_reach_s * several
 
-    @property
-    def slewed_s(self) -> float:
-        """What the lag grows by at the usual rate of the input; zero where nothing says so [s]."""
-        return self._there(SLEW, DOUBTFUL)
-
-    def _there(self, name: str, p_value: float) -> float:
+    def there(self, name: str, p_value: float) -> float:
         """Size of a coefficient that is there by its test; zero for none."""
         difference = self.differences.get(name)
         return 0.0 if difference is None or not difference.p_value < p_value else abs(difference.value)

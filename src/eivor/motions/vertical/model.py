@@ -43,12 +43,6 @@ class CurveFamily:
         """Input map of a parameter."""
         return Mixed(value) if self.of_share else Power(value)
 
-    def of_exponent(self, exponent: float, hover: float) -> float:
-        """Parameter of the map that has an exponent near hover; the least share where no share has it."""
-        if not self.of_share:
-            return exponent
-        return max(share_of(exponent, hover), float(self.grid[0]))
-
     def exponent(self, value: float, hover: float) -> float:
         """Exponent near hover of the map of a parameter; infinite where its thrust there is not positive."""
         if not self.of_share or math.isinf(value):

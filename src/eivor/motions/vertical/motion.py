@@ -379,7 +379,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         of, joint = Balance(problem, estimate), joint_quantities(estimate)
-        by_run = of.intercepts_by_run
+        by_run = tuple(GRAVITY + float(run.mean(axis=0) @ of.coefficients) for run in of.weight.columns)
         intercept = linear_quantity(estimate, of.intercept, "m/s^2")
         results = {
             **{name: joint[name] for name in ("viscous_friction", "input_gain")},

@@ -490,11 +490,6 @@ class Balance:
         return value, np.array(gradient), _variance_of_mean(self.problem, residual)
 
     @property
-    def intercepts_by_run(self) -> tuple[float, ...]:
-        """The same of each run."""
-        return tuple(GRAVITY + float(run.mean(axis=0) @ self.coefficients) for run in self.weight.columns)
-
-    @property
     def hover(self) -> Linear:
         """U_h = (g - b) / K_u."""
         (b, gradient, variance), gain = self.intercept, float(self.estimate.theta[1])
@@ -653,10 +648,7 @@ def channel_on_grid(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"
 
 
 def height_over_ground(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"] | None, bool]:
-    """Height of a flight that has runs over the ground [m], and whether the log shows where that is.
-
-    Where it does not, over a place below all of the flight; None of a log without height.
-    """
+    """Height over the ground [m], or over a place below the flight; whether the log shows the ground."""
     height = channel_on_grid(flight, "position_z")
     if height is None:
         return None, False

@@ -24,6 +24,7 @@ from eivor.motions.vertical.model import (
     family_of,
     family_of_fitted,
     proposed,
+    share_of,
 )
 from eivor.motions.vertical.regression import Balance, Linear, VerticalFlights, vertical_problem
 from eivor.motions.vertical.select import FittedCurve
@@ -93,7 +94,7 @@ def _at_nuisances(
         hover, exponent = chosen.motion.input_map.inverse(of.hover[0]), of.exponents[1]
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
-        value = family.possible(family.of_exponent(exponent, hover))
+        value = family.possible(share_of(exponent, hover) if family.of_share else exponent)
         if abs(value - before) < CONVERGED:
             break
         chosen = with_map(replace(problem, nuisances=known), family.map(value))

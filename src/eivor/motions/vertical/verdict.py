@@ -33,6 +33,7 @@ from eivor.models.regression import Parameter
 from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
     CURVATURE,
+    DOUBTFUL,
     OFFSET,
     OTHER_UNIT_TIMES,
     SCALE,
@@ -333,7 +334,7 @@ PARTS = (
     SystematicPart(
         MOVING,
         Counts.ADDED,
-        lambda inputs, name: _shifted(inputs, name, inputs.checks.omitted.slewed_s),
+        lambda inputs, name: _shifted(inputs, name, inputs.checks.omitted.there(SLEW, DOUBTFUL)),
         lambda inputs: f"{inputs.checks.omitted.spoken(SLEW)}.",
     ),
     SystematicPart(
@@ -481,9 +482,8 @@ DELAY_HALF_WIDTH_S = 0.02
 def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
     limit, names = Limit(math.inf, zero=Status.REFUSED, away_from_zero=leave_out), (parameter.name,)
-    weak = flight_rules(WORDS, names, names, parameter.name)[
-        :3
-    ]  # instruments that there are not, or are weak
+    # of instruments that there are not, or are weak
+    weak = flight_rules(WORDS, names, names, parameter.name)[:3]
     return (*weak, *limit.rules(parameter.name, QUANTITIES[parameter.name]))
 
 
