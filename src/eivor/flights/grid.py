@@ -15,26 +15,24 @@ from eivor.signals.recording import GRAVITY, ROTARY_WING, Channel, Frame, MadeCh
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
 
+#: Values on a grid or at stamps, and which of them something is true of.
+Series = Float[np.ndarray, " n"]
+Mask = Bool[np.ndarray, " n"]
+
 #: A piece whose neighbours are longer or shorter than it by this factor is a line: noise of two stamps that
 #: lie close would tilt the curve far.
 JITTER = 2.0
 
 #: Values at times `t`, of stamps that increase, their values, and `t`.
-Between = Callable[
-    [Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " n"]], Float[np.ndarray, " n"]
-]
+Between = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Series], Series]
 
 
-def line_between(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def line_between(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
     """Lines between stamps, beyond the ends the last value."""
     return np.interp(t, time, values)
 
 
-def curve_between(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def curve_between(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Series) -> Series:
     """Cubic curves between even stamps; lines at the ends and between uneven ones."""
     line = line_between(time, values, t)
     if time.size < 4:
@@ -102,11 +100,11 @@ class Grid:
         return np.concatenate([np.arange(piece.start, piece.stop) for piece in self.pieces])
 
     @property
-    def time_s(self) -> Float[np.ndarray, " n"]:
+    def time_s(self) -> Series:
         """Every sample time [s]."""
         return self.start_s + self.step_s * self.steps
 
-    def kept(self, mask: Bool[np.ndarray, " n"]) -> Grid:
+    def kept(self, mask: Mask) -> Grid:
         """Grid of the samples of a mask."""
         steps = self.steps[mask]
         edges = np.flatnonzero(np.diff(steps, prepend=-2, append=np.iinfo(np.int64).max) != 1)
@@ -157,7 +155,7 @@ def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
     return tuple(piece for piece in (*pieces, range(begin, count)) if len(piece))
 
 
-def around(used: Bool[np.ndarray, " n"], grid: Grid) -> Bool[np.ndarray, " n"]:
+def around(used: Mask, grid: Grid) -> Mask:
     """Samples `used`, those before them that their actuators remember, and a margin behind them."""
     steps, step = grid.steps, grid.steps[used]
     if not step.size:
@@ -168,9 +166,7 @@ def around(used: Bool[np.ndarray, " n"], grid: Grid) -> Bool[np.ndarray, " n"]:
     return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
 
 
-def on_grid(
-    channel: Channel, grid: Grid, between: Between = line_between
-) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def on_grid(channel: Channel, grid: Grid, between: Between = line_between) -> tuple[Series, Mask]:
     """Values of `channel` on the grid and where they stand on data."""
     finite = np.isfinite(channel.values)
     if not finite.any():
@@ -185,7 +181,7 @@ def on_grid(
     return series, good
 
 
-def unlogged(channel: Channel, grid: Grid) -> Bool[np.ndarray, " n"]:
+def unlogged(channel: Channel, grid: Grid) -> Mask:
     """Samples between two values of a channel that are so far apart that no picture may join them."""
     finite = np.isfinite(channel.values)
     known = Channel(channel.name, channel.time_s[finite], channel.values[finite], channel.unit)
@@ -193,7 +189,7 @@ def unlogged(channel: Channel, grid: Grid) -> Bool[np.ndarray, " n"]:
     return _inside(gaps, grid.time_s)
 
 
-def _inside(intervals: list[tuple[float, float]], t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def _inside(intervals: list[tuple[float, float]], t: Series) -> Mask:
     """Times strictly inside one of the intervals, which are in order and do not overlap."""
     if not intervals:
         return np.zeros(t.size, dtype=np.bool_)
@@ -202,9 +198,7 @@ def _inside(intervals: list[tuple[float, float]], t: Float[np.ndarray, " n"]) ->
     return np.asarray((interval >= 0) & (t < ends[np.maximum(interval, 0)]))
 
 
-def _held(
-    channel: Channel, finite: Bool[np.ndarray, " m"], grid: Grid
-) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def _held(channel: Channel, finite: Bool[np.ndarray, " m"], grid: Grid) -> tuple[Series, Mask]:
     index = np.searchsorted(channel.time_s, grid.time_s + SAME_TIME_S, side="right") - 1
     last_finite = np.maximum.accumulate(np.where(finite, np.arange(finite.size), -1))
     source = np.where(index >= 0, last_finite[np.maximum(index, 0)], -1)
@@ -213,7 +207,7 @@ def _held(
     return values, (index >= 0) & finite[np.maximum(index, 0)]
 
 
-def command_on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def command_on_grid(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
     """Values of a command on the grid, and where they stand on data that its actuator remembers."""
     series, good = _mean_in_force(channel, grid) if channel.held else on_grid(channel, grid)
     # without its gaps and the time that the actuator needs to forget them
@@ -222,7 +216,7 @@ def command_on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n
     return series, total[wait + 1 :] - total[: grid.count] == 0
 
 
-def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Series, Mask]:
     """Mean of a held channel over the step that begins at each sample."""
     in_force, good = on_grid(channel, grid)
     time, t, step = channel.time_s, grid.time_s, grid.step_s
@@ -244,13 +238,11 @@ def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"
     return in_force, good
 
 
-def _averaged(
-    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], grid: Grid
-) -> Float[np.ndarray, " n"]:
+def _averaged(time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], grid: Grid) -> Series:
     """Mean of the piecewise linear series over one step around each sample, by its exact integral."""
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
-    def up_to(steps: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def up_to(steps: Series) -> tuple[Series, Series]:
         """Times, not beyond the channel's ends, and the integral up to them."""
         edges = np.clip(grid.start_s + grid.step_s * steps, time[0], time[-1])
         index = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, max(time.size - 2, 0))
@@ -288,12 +280,12 @@ AIRBORNE_MARGIN_S = 1.0
 class Active:
     """Where the vehicle does what a motion describes (where it flies), and how that is known."""
 
-    mask: Bool[np.ndarray, " n"]  # True where it does; in the air, margins left out
+    mask: Mask  # True where it does; in the air, margins left out
     rule: str  # Which rule was used, in words
-    counted: Bool[np.ndarray, " n"] | None = None  # Samples of it that count; excursions end no run
+    counted: Mask | None = None  # Samples of it that count; excursions end no run
 
 
-def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
+def airborne_by_log(log: Recording, grid: Grid, input_level: Series) -> Active:
     """Airborne samples of a log: by its land detector, else by the input and the height it holds."""
     landed = height = None
     if "landed" in log.channels:
@@ -321,13 +313,7 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, "
     return replace(result, mask=_lifted(result.mask, lift, grid.step_s))
 
 
-def airborne(
-    *,
-    input_level: Float[np.ndarray, " n"],
-    step_s: float,
-    landed: Bool[np.ndarray, " n"] | None,
-    height: Float[np.ndarray, " n"] | None,
-) -> Active:
+def airborne(*, input_level: Series, step_s: float, landed: Mask | None, height: Series | None) -> Active:
     """Airborne samples of a flight on its grid."""
     if landed is not None:
         # motors at idle for so long that nothing flies
@@ -352,9 +338,7 @@ def airborne(
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
 
 
-def _lifted(
-    flying: Bool[np.ndarray, " n"], lift: Float[np.ndarray, " n"], step_s: float
-) -> Bool[np.ndarray, " n"]:
+def _lifted(flying: Mask, lift: Series, step_s: float) -> Mask:
     """`flying` without what is left of spooling up and down in each stretch, and its margins."""
     result = flying.copy()
     margin = round(AIRBORNE_MARGIN_S / step_s)
@@ -370,7 +354,7 @@ def _lifted(
     return result
 
 
-def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+def _for_long(mask: Mask, step_s: float) -> Mask:
     """Samples of the stretches of a mask that are half a second long or longer."""
     held = np.zeros(mask.size, dtype=np.bool_)
     for stretch in stretches(mask):
@@ -378,7 +362,7 @@ def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, "
     return held
 
 
-def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+def _without_margins(flying: Mask, step_s: float) -> Mask:
     """`flying` shortened at each take-off and landing, but not where the log begins or ends in the air."""
     margin, index = round(AIRBORNE_MARGIN_S / step_s), np.arange(flying.size)
     grounded = np.concatenate([[0], np.cumsum(~flying)])

@@ -35,10 +35,7 @@ def identified(
     progress: Progress = no_stage_callback,
     begun: dict[str, FlightState] | None = None,
 ) -> FlightEstimate:
-    """Identify a motion from the logs of one or several flights of one vehicle.
-
-    `begun` has what was done of motions of the same logs, by name: it is used, and added to.
-    """
+    """Identify a motion from logs of one vehicle; `begun`, what was done of others, is used and added to."""
     begun = {} if begun is None else begun
     by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)
@@ -125,10 +122,7 @@ def with_coupled_axes(
     windows: Sequence[Window],
     known: Mapping[str, FlightEstimate],
 ) -> FlightEstimate:
-    """Result with the quantities that other motions identify, and a finding for each that none gives.
-
-    Motions of `known` are not identified again where they had the same input.
-    """
+    """Result with quantities of other motions, of `known` ones with the same input; findings for the rest."""
     if result.fit is None:
         return result
     wording, results, findings = result.motion.quantities, dict(result.quantities), list(result.findings)

@@ -150,10 +150,8 @@ def multi_step_predictions(
         left = np.concatenate([part.left for part in parts])
         series = [part.series for part in parts if part.series is not None]
         if np.isfinite(left).any(axis=0).all():
-            changes, both = (
-                np.concatenate([part.changes for part in parts]),
-                np.concatenate(series) if series else None,
-            )
+            changes = np.concatenate([part.changes for part in parts])
+            both = np.concatenate(series) if series else None
             errors.append(replace(parts[0], left=left, changes=changes, series=both))
     return MultiStepPrediction(tuple(errors), np.concatenate([*starts, np.empty(0)]), names)
 

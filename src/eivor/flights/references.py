@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
-from eivor.flights.grid import Between, Grid, line_between, on_grid
+from eivor.flights.grid import Between, Grid, Mask, Series, line_between, on_grid
 from eivor.signals.channels import canonical_channel, family_members, unit_of
 from eivor.signals.noise import LARGEST_STD
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
 from eivor.signals.signals import stretches
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 #: In place of numbers: noises are read off each channel's fastest part.
 ESTIMATE = "estimate"
@@ -47,7 +47,7 @@ def noise_levels(
     log: Recording,
     channels: Iterable[Channel],
     noise: Mapping[str, Declared] | str | None,
-    on: tuple[Grid, Bool[np.ndarray, " n"], Mapping[str, Float[np.ndarray, " n"]]],
+    on: tuple[Grid, Mask, Mapping[str, Series]],
     between: Callable[[Channel], Between],
 ) -> dict[str, NoiseLevel]:
     """Noise of each channel that was measured."""
@@ -94,7 +94,7 @@ def _by_channel(
     return declareds
 
 
-def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
+def white_noise_std(values: Series) -> float:
     """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples."""
     if values.size < 4:
         return 0.0
@@ -102,9 +102,7 @@ def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
     return float(np.median(np.abs(third)) / 0.6744897501960817 / np.sqrt(20.0))
 
 
-def share_left(
-    channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"], between: Between = line_between
-) -> float:
+def share_left(channel: Channel, grid: Grid, used: Mask, between: Between = line_between) -> float:
     """Variance on the grid of noise that is white from stamp to stamp, over its variance there."""
     if not used.any():
         return 1.0
@@ -207,12 +205,12 @@ class Reference:
     usable: bool
     exogenous: bool
     remark: str
-    values: Float[np.ndarray, " n"]
-    logged: Float[np.ndarray, " n"] | None = None  # With what answers the vehicle; None where nothing does
+    values: Series
+    logged: Series | None = None  # With what answers the vehicle; None where nothing does
 
 
 def references(
-    recording: Recording, sources: tuple[ReferenceSource, ...], grid: Grid, used: Bool[np.ndarray, " n"]
+    recording: Recording, sources: tuple[ReferenceSource, ...], grid: Grid, used: Mask
 ) -> tuple[Reference, ...]:
     """Every source in the log, judged over the samples `used`; feedback only when nothing else serves."""
     offered = [source for source in sources if source.channel in recording.channels]
@@ -237,9 +235,7 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
     return [item if item.name in serving else replace(item, usable=False, remark=why) for item in result]
 
 
-def _reference(
-    recording: Recording, source: ReferenceSource, grid: Grid, used: Bool[np.ndarray, " n"]
-) -> Reference:
+def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: Mask) -> Reference:
     values, in_force = on_grid(recording.channel(source.channel), grid)
     clean = exogenous(source.channel) or bool(source.open_loop)
     judged = partial(Reference, source.channel, exogenous=clean, values=values)
@@ -263,9 +259,7 @@ def _reference(
     return _without_resets(reference, recording.channels.get(source.measured), grid, used)
 
 
-def _without_resets(
-    reference: Reference, measured: Channel | None, grid: Grid, used: Bool[np.ndarray, " n"]
-) -> Reference:
+def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, used: Mask) -> Reference:
     """A reference that stands still where it is set to what is measured, where that is logged."""
     if measured is None:
         return reference
@@ -286,9 +280,7 @@ def _without_resets(
     return replace(reference, remark=remark, values=standing, logged=values)
 
 
-def measured_resets(
-    reference: Float[np.ndarray, " n"], measured: Float[np.ndarray, " n"], step_s: float
-) -> list[slice]:
+def measured_resets(reference: Series, measured: Series, step_s: float) -> list[slice]:
     """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal."""
     reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
     found = np.zeros(reference.size, dtype=np.bool_)
@@ -313,7 +305,7 @@ def _largest_around(values: np.ndarray, width: int) -> np.ndarray:
     return np.maximum(largest[: largest.size - rest], largest[rest:])
 
 
-def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
+def jumps(channel: Channel, grid: Grid, used: Mask) -> bool:
     """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`."""
     if channel.values.size < FEWEST_VALUES:
         return False
@@ -330,9 +322,7 @@ def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
     return True
 
 
-def _bends(
-    times: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
-) -> Float[np.ndarray, " m"]:
+def _bends(times: Series, values: Series, samples: int) -> Float[np.ndarray, " m"]:
     """Distances of values from the line between those so many samples before and after them, where known."""
     before, middle, after = times[: -2 * samples], times[samples:-samples], times[2 * samples :]
     share = (middle - before) / (after - before)
@@ -342,7 +332,7 @@ def _bends(
     return bends[np.isfinite(bends)]
 
 
-def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]) -> float:
+def _spread_within_runs(values: Series, used: Mask) -> float:
     """Standard deviation about the mean of each run; a reference that only steps between runs has none."""
     index = np.flatnonzero(used)
     runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
@@ -350,7 +340,7 @@ def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, 
     return float(np.sqrt(np.mean(deviations**2)))
 
 
-def _share(recording: Recording, state: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
+def _share(recording: Recording, state: str, grid: Grid, used: Mask) -> float:
     values, known = on_grid(recording.channel(state), grid)
     return float((known & (values > 0.5))[used].mean())
 

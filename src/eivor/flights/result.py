@@ -130,6 +130,8 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
     residual = measured - np.concatenate([trace.predicted for trace in traces])
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
     power, left = float(centred @ centred), float(residual @ residual)
+    several = traces if len(traces) > 1 else ()
+    by_axis = {trace.axis: residual_memory(trace.measured - trace.predicted) for trace in several}
     return FitDiagnostics(
         first_stage=dict(zip(estimate.names, map(float, estimate.first_stage), strict=True)),
         rank=estimate.rank,
@@ -139,17 +141,12 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
         periodicity=record.periodicity_with(left_over_swings(record, traces)),
         leverage=run_leverage(record),
         memory=residual_memory(residual),
-        memory_by_axis=_memories(traces) if len(traces) > 1 else {},
+        memory_by_axis={axis: memory for axis, memory in by_axis.items() if memory is not None},
         residual_variance=estimate.equation.variance,
         condition=estimate.condition,
         durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
         r_squared=1.0 - left / power if power > 0.0 else NAN,
     )
-
-
-def _memories(traces: tuple[Trace, ...]) -> dict[str, ResidualMemory]:
-    made = {trace.axis: residual_memory(trace.measured - trace.predicted) for trace in traces}
-    return {axis: memory for axis, memory in made.items() if memory is not None}
 
 
 def fit_numbers(checks: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]) -> dict[str, float]:
