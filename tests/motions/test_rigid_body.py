@@ -116,6 +116,8 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
         low, high = follows[f"inertia_{axes}"].interval
         assert low - 0.01 * truth <= truth <= high + 0.01 * truth
         assert high - low >= 0.03 * truth  # the mass is known to two per cent and two of them make four
+    for name in ("drag_x", "drag_z"):  # in hover, as the combinations are
+        assert follows[name].value == pytest.approx(mass * fit.quantities[name].value, rel=5e-3)
     # nobody said what a command is in rad/s, and of the first vehicle neither mass nor arms are known
     assert follows["rotor_inertia"].value is None
     inertias = [item.value for item in fit.implications.numbers if item.name.startswith("inertia")]

@@ -95,7 +95,7 @@ class BodyMotion:
     """Rotors, velocity through the air and rates on the body's axes, at samples or starts."""
 
     vehicle: KnownVehicle
-    usual: float  # State of a rotor for which damping and drag are
+    usual: float  # State of a rotor at hover, nearly, for which damping and drag are
     rotors: RotorSums
     velocity: Float[np.ndarray, "3 n"]
     rates: Float[np.ndarray, "3 n"]
@@ -551,7 +551,7 @@ class RotorStates:
 
     flight: PreparedFlight
     vehicle: KnownVehicle
-    usual: float  # State of a rotor for which damping and drag are
+    usual: float  # State of a rotor at hover, nearly, for which damping and drag are
     _last: tuple[tuple[float, ...], tuple[BodyMotion, BodyMotion]] | None = None
 
     def at(
@@ -704,9 +704,16 @@ def _flight(
 
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:
-    """State of a rotor that gives the mean thrust of flights."""
-    chosen = input_map(flights[0].input_map)
-    return chosen.inverse(float(np.mean([chosen(flight.used_input).mean() for flight in flights])))
+    """State of a rotor at hover: it gives the mean thrust of flights, over the mean specific force in g."""
+    chosen, force = input_map(flights[0].input_map), "specific_force_body_z"
+    thrust = float(np.mean([chosen(flight.used_input).mean() for flight in flights]))
+    forces = [
+        flight.signals.channel(force)[flight.used].mean()
+        for flight in flights
+        if force in flight.signals.channels
+    ]
+    load = float(np.mean(forces)) / GRAVITY if forces else 1.0
+    return chosen.inverse(thrust / load if 0.5 < load < 2.0 else thrust)
 
 
 #: Of the surrogate's noises: a flight has the same estimate every time.
