@@ -1,25 +1,45 @@
-"""Problems that have no honest answer: each is refused with the reason and the remedy."""
+"""Problems that have no honest answer, and calls that do not fit: refused with the reason and the remedy."""
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
+from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
+import test_dense_total_least_squares as dense
+import test_nuisances as nuisances
+import test_paper_methods as paper
+import test_recursive as stream
+import test_spectral_methods as spectral
+import test_weak_identification as weak
+from scipy.signal import lfilter
 from test_recursive import chunks_of
 
 import eivor as ev
 from eivor.errors import (
     CollinearError,
+    ConvergenceError,
     CovarianceError,
     EstimationError,
     InstrumentError,
     MissingNoiseError,
     NonFiniteError,
+    ParameterError,
     TooFewSamplesError,
     UsageError,
 )
+from eivor.estimation.bootstrap import bootstrap, pool_flights
+from eivor.estimation.linear import refined_nuisances
+from eivor.estimation.variable_projection import argmin
+from eivor.inference.bootstrap import IntervalKind
+from eivor.models.regression import SampleRows
+from flights.flight_logs import Noise, flights
+from flights.flight_logs import problem as flight_problem
+from refusal_rows import calls, rows, table
 
 RNG = np.random.default_rng(0)
 ROWS = 50
@@ -36,24 +56,6 @@ def spoiled(array, value):
     return copy
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("where", ["response", "regressors", "instruments"])
-def test_not_finite(where, value):
-    arrays = {"response": Y, "regressors": PHI, "instruments": PSI}
-    with pytest.raises(NonFiniteError, match=f"Expected finite {where}; received 1 NaN or infinite"):
-        ev.regression(**{**arrays, where: spoiled(arrays[where], value)})
-
-
-def test_too_few_samples():
-    with pytest.raises(TooFewSamplesError, match="at least 2 rows for 2 unknowns; received 1"):
-        ev.regression(response=Y[:1], regressors=PHI[:1])
-    signals = ev.Signals(5.0, {"velocity_z": Y[:5], "specific_force_z": Y[:5], "input": Y[:5]})
-    with pytest.raises(TooFewSamplesError, match="samples"):
-        ev.identify(
-            ev.VerticalMotion().regression(signals, ev.lags("input", 1, 10)), ev.methods.extended_iv()
-        )
-
-
 EVERY_METHOD = (
     ev.methods.least_squares(),
     ev.methods.total_least_squares(),
@@ -65,64 +67,6 @@ EVERY_METHOD = (
     ev.methods.generalized_iv(),
     ev.methods.generalized_iv_tls(),
 )
-
-
-@pytest.mark.parametrize("method", EVERY_METHOD, ids=lambda method: method.name)
-def test_as_many_rows_as_unknowns(method):
-    """Anything fits them: standard errors of 6e-17 of nothing."""
-    problem = ev.regression(
-        response=Y[:2],
-        regressors=PHI[:2],
-        instruments=PSI[:2],
-        noise_covariance=np.diag([0.0, 0.0, 1.0]),
-        instrument_noise_covariance=np.zeros((3, 3)),
-    )
-    with pytest.raises(TooFewSamplesError, match=r"more rows than the 2 unknowns.*received 2"):
-        ev.identify(problem, method)
-    record = quiet(PHI[:6, 1], PHI[:6, 0], Y[:6], specific_force_z=0.1)
-    moments = ev.moments([record], model=MOTION, method=method, instruments=ev.lags("input", 1, 4))
-    with pytest.raises(TooFewSamplesError, match=r"more rows than the 2 unknowns.*received 2"):
-        ev.identify(moments, method)
-    with pytest.raises(TooFewSamplesError, match="more rows than the 2 unknowns"):
-        ev.bootstrap(problem, method, runs=2)
-
-
-@pytest.mark.parametrize("name", ["least_squares", "total_least_squares"])
-def test_collinear_regressors(name):
-    Phi = np.column_stack([PHI, PHI.sum(axis=1)])
-    with pytest.raises(CollinearError, match="linearly independent regressors"):
-        ev.identify(ev.regression(response=Y, regressors=Phi), getattr(ev.methods, name)())
-
-
-@pytest.mark.parametrize("name", ["bias_compensated_least_squares", "generalized_iv", "generalized_iv_tls"])
-def test_a_noise_that_is_not_declared_is_never_zero(name):
-    method = getattr(ev.methods, name)()
-    with pytest.raises(MissingNoiseError, match="covariance"):
-        ev.identify(ev.regression(response=Y, regressors=PHI, instruments=PSI), method)
-    signals = ev.Signals(5.0, {"velocity_z": PHI[:, 0], "specific_force_z": Y, "input": PHI[:, 1]})
-    with pytest.raises(MissingNoiseError, match="declared noise of channel"):
-        ev.identify(ev.VerticalMotion().regression(signals, ev.lags("input", 0, 4)), method)
-
-
-@pytest.mark.parametrize(
-    ("regressors", "noise"),
-    [
-        (PHI, np.diag([100.0, 100.0, 0.0])),
-        (PHI, np.diag([0.0, 100.0, 0.0])),
-        # each less than the moments, and more than their sum's
-        (PHI @ [[1.0, 1.0], [0.0, 0.1]], np.array([[0.3, -0.25, 0.0], [-0.25, 0.3, 0.0], [0.0, 0.0, 0.0]])),
-        (np.zeros((ROWS, 2)), np.diag([1.0, 1.0, 0.0])),
-    ],
-)
-def test_noise_above_the_regressors_own_moments(regressors, noise):
-    """What is left would be negative: (-.010, -.019) for (1, 2) with errors to match."""
-    problem = ev.regression(response=Y, regressors=regressors, noise_covariance=noise)
-    with pytest.raises(CovarianceError, match=r"exceed their declared noise.*eigenvalue -.*generalized_iv"):
-        ev.identify(problem, ev.methods.bias_compensated_least_squares())
-    record = quiet(regressors[:, 1], regressors[:, 0], Y, velocity_z=10.0)
-    method = ev.methods.bias_compensated_least_squares()
-    with pytest.raises(CovarianceError, match="exceed their declared noise"):
-        ev.identify_chunks(lambda: [record], model=MOTION, method=method)
 
 
 @pytest.mark.parametrize(("over", "told"), [(0.9, False), (1.1, True)])
@@ -191,23 +135,6 @@ def test_the_warning_of_weak_instruments_points_to_the_users_line(tmp_path):
         assert filename == str(file)
         assert lines[int(number) - 1].endswith(f"# {name}")
     assert len(done.stdout.splitlines()) == 3
-
-
-def test_singular_equations_are_refused():
-    """A single impulse: no lagged input is ever nonzero together with the input; and no regressors at all."""
-    u = (np.arange(200) == 20).astype(float)
-    v = np.zeros(200)
-    for k in range(199):
-        v[k + 1] = 0.9 * v[k] + 0.1 * u[k]
-    impulse = ev.Signals(5.0, {"velocity_z": v, "input": u, "specific_force_z": 0.5 * u - 0.3 * v})
-    with pytest.raises(InstrumentError, match="numerical rank below 2"):
-        ev.identify(MOTION.regression(impulse, ev.lags("input", 1, 6)), ev.methods.extended_iv())
-    nothing = ev.regression(response=Y, regressors=np.zeros((ROWS, 2)), noise_covariance=np.zeros((3, 3)))
-    with pytest.raises(InstrumentError, match="numerical rank below 2"):
-        ev.identify(nothing, ev.methods.bias_compensated_least_squares())
-    few = ev.regression(response=Y, regressors=PHI, instruments=PSI[:, :1])
-    with pytest.raises(InstrumentError, match="at least 2 instruments for 2 parameters; received 1"):
-        ev.identify(few, ev.methods.extended_iv())
 
 
 def quiet(x, v, y, **stds):
@@ -279,8 +206,308 @@ def test_chunks_are_the_whole_record():
         assert parts.interval("input_gain") == pytest.approx(whole.interval("input_gain"), rel=1e-6)
 
 
-def test_what_cannot_be_regularised_is_refused():
-    with pytest.raises(UsageError, match="solved by least squares or total least squares; received fuller"):
-        M.regularised(M.fuller(), towards=M.least_squares())
-    with pytest.raises(UsageError, match="solved by least squares"):
-        M.regularised(M.regularised(M.generalized_iv()))
+LS, GIV, EIV, SPECTRAL = M.least_squares(), M.generalized_iv(), M.extended_iv(), M.spectral_giv()
+BCLS, TLS, VERTICAL = M.bias_compensated_least_squares(), M.total_least_squares(), ev.VerticalMotion()
+UNKNOWN = M.generalized_iv_unknown_noise
+identify = ev.identify
+
+
+def of_arrays(method, **changes):
+    return identify(ev.regression(**({"response": Y, "regressors": PHI} | changes)), method)
+
+
+def not_finite(name, made, value):
+    of_arrays(EIV, **{"instruments": PSI, name: spoiled(made, value)})
+
+
+def of_signals(method, first, last=4, rows=ROWS):
+    channels = {"velocity_z": PHI[:rows, 0], "specific_force_z": Y[:rows], "input": PHI[:rows, 1]}
+    return identify(VERTICAL.regression(ev.Signals(5.0, channels), ev.lags("input", first, last)), method)
+
+
+def as_many_rows_as_unknowns(method, door):
+    """Anything fits them: standard errors of 6e-17 of nothing."""
+    noise = {"noise_covariance": np.diag([0.0, 0.0, 1.0]), "instrument_noise_covariance": np.zeros((3, 3))}
+    problem = ev.regression(response=Y[:2], regressors=PHI[:2], instruments=PSI[:2], **noise)
+    if door == "bootstrap":
+        return ev.bootstrap(problem, method, runs=2)
+    if door == "moments":
+        record = quiet(PHI[:6, 1], PHI[:6, 0], Y[:6], specific_force_z=0.1)
+        problem = ev.moments([record], model=MOTION, method=method, instruments=ev.lags("input", 1, 4))
+    return identify(problem, method)
+
+
+def too_noisy(regressors, noise):
+    """What is left would be negative: (-.010, -.019) for (1, 2) with errors to match."""
+    return of_arrays(BCLS, regressors=regressors, noise_covariance=noise)
+
+
+def too_noisy_in_chunks(regressors, noise):
+    record = quiet(regressors[:, 1], regressors[:, 0], Y, velocity_z=10.0)
+    return ev.identify_chunks(lambda: [record], model=MOTION, method=BCLS)
+
+
+TOO_NOISY = (
+    (PHI, np.diag([100.0, 100.0, 0.0])),
+    (PHI, np.diag([0.0, 100.0, 0.0])),
+    # each less than the moments, and more than their sum's
+    (PHI @ [[1.0, 1.0], [0.0, 0.1]], np.array([[0.3, -0.25, 0.0], [-0.25, 0.3, 0.0], [0.0, 0.0, 0.0]])),
+    (np.zeros((ROWS, 2)), np.diag([1.0, 1.0, 0.0])),
+)
+
+
+def impulse():
+    """No lagged input is ever nonzero together with the input."""
+    u = (np.arange(200) == 20).astype(float)
+    v = lfilter([0.0, 0.1], [1.0, -0.9], u)
+    signals = ev.Signals(5.0, {"velocity_z": v, "input": u, "specific_force_z": 0.5 * u - 0.3 * v})
+    identify(MOTION.regression(signals, ev.lags("input", 1, 6)), EIV)
+
+
+def fractional(method, instruments=(), model=dense.MODEL, made=None, **options):
+    return identify(model.problem(made or dense.record(**options), instruments), method)
+
+
+BARE = ev.Signals(1.0, dense.record().channels)
+FLAT = ev.Signals(1.0, dict(BARE.channels) | {"output": np.zeros(1500)})  # no order explains it better
+NARROW = ev.FractionalDifferenceModel((0.0, ev.UnknownOrder("order", 0.2, 0.5)), (0.0,))
+DIFFERENCE = ev.FractionalDifferenceModel((0.0, dense.ORDER), (0.0, 0.5))  # with the noise of all past inputs
+
+
+def steps_that_never_end():
+    changes = itertools.cycle((-0.1, 0.1))
+
+    def wandering(linear):
+        solved = LS.solve(linear)
+        if len(linear.parameters) == 3:
+            solved.solution.theta[-1] = next(changes)
+        return solved
+
+    refined_nuisances(dense.MODEL.problem(dense.record(noise_ratio=0.0)), wandering, {"order": 0.7})
+
+
+def of_unknown_noise(method, *instruments):
+    identify(dense.undeclared(dense.record_unknown(samples=200), *instruments), method)
+
+
+@cache
+def of_a_flight():
+    return identify(flight_problem(*flights(1, seconds=8.0, noise=Noise(), seed=6)), LS)
+
+
+def level_of_a_flight(level):
+    of_a_flight().interval("viscous_friction", level)
+
+
+def search_that_never_settles():
+    """Least in the middle at first, then at the upper end of four boxes out of five."""
+    calls = iter(range(1000))
+
+    def moving(box):
+        (positions,), call = box, next(calls)
+        return np.abs(positions - positions.mean()) if call < 3 or call % 5 == 0 else -positions
+
+    argmin(moving, [np.linspace(-100.0, 100.0, 11)])
+
+
+RESAMPLED = nuisances.rows_of(np.arange(nuisances.ROWS), compensated=True)
+POOLED = replace(RESAMPLED, layout=SampleRows(np.arange(nuisances.ROWS) // 500))
+
+
+@cache
+def replicates():
+    return bootstrap(RESAMPLED, LS, runs=5, scheme="stationary")
+
+
+def drawn_again(which, method):
+    problem = nuisances.pool(which, nuisances.lag(), nuisances.PRIOR_OF_SHARE)
+    pool_flights(problem, identify(problem, method))
+
+
+def of_moments(made_by, method):
+    identify(moments_by(made_by), stream.METHODS[method][0])
+
+
+def moments_by(name, rates=(1.0,)):
+    method, instruments = stream.METHODS[name]
+    made = stream.flight_record()
+    chunks = [ev.Signals(rate * made.rate_hz, made.channels, noise=made.noise) for rate in rates]
+    return ev.moments(chunks, model=stream.STREAM_MOTION, method=method, instruments=instruments)
+
+
+def recursion(method, instruments=stream.INSTRUMENTS, last=50):
+    made = ev.RecursiveIdentification(MOTION, method, instruments)
+    return (made.update(stream.part(stream.record(50), 0, last)) if last else made).estimate()
+
+
+RECORD = spectral.problem_of("rich", 500, 1)
+LONG_MEMORY = {**RECORD.signals.noise, "input": ev.FractionalNoise(0.1, -0.3)}
+COLOURED = replace(RECORD, signals=replace(RECORD.signals, noise=LONG_MEMORY))
+MIXED = (*ev.lags("input", 0, 3), ev.Column("velocity_z", 1))
+
+
+def sign_perturbed(problem, method, **options):
+    ev.sign_perturbed_set(problem, method, np.random.default_rng(0), **options)
+
+
+def weak_problem(first, last, seed=37):
+    return MOTION.regression(weak.simulated("white", 300, [seed]), ev.lags("input", first, last))
+
+
+def ones(**noise):
+    column = np.ones((30, 1))
+    return ev.regression(response=np.arange(30.0), regressors=column, instruments=column, **noise)
+
+
+def endless(p):
+    return float("inf") if p["a"] < 0.0 else 1.0 / p["a"]
+
+
+def region(method=GIV, last=3, **options):
+    return ev.anderson_rubin_set(weak_problem(0, last), method, **options)
+
+
+SHARED_NOISE, _ = paper.noisy_problem(instruments=3)
+AT_END = r"inside the range of order; received one at its end, 0\.5"
+SQUARE = r"more equations than the 2 unknowns .*moments count, not rows"
+UNDIAGNOSED = "an estimate with its rows available, for diagnostics"
+SOLVED_BY = "solved by least squares or total least squares; received fuller"
+DIAGNOSTIC = "a diagnostic out of first_stage, over_identification"
+MERGED = "Merge moments that one method made"
+FIRST_STEP = "errors' covariance was estimated"
+METHOD = r"eivor.methods.least_squares\(\); received 'least_squ"
+SHARES = "no regressor and no response shares"
+OF_OTHERS = "whose measurement noise no regressor and no response"
+DERIVED = weak.fit_of(4.0)
+NOTHING = {"regressors": np.zeros((ROWS, 2)), "noise_covariance": np.zeros((3, 3))}
+COLLINEAR = np.column_stack([PHI, PHI.sum(axis=1)])
+EXACT = {"response": PHI @ [1.0, 2.0], "regressors": PHI, "instruments": PSI}
+INDEPENDENT = "linearly independent regressors"
+LEFT, EXCEED = r"exceed their declared noise.*eigenvalue -.*generalized_iv", "exceed their declared noise"
+OF_CHANNEL = "declared noise of channel"
+collinear, undeclared = partial(of_arrays, regressors=COLLINEAR), partial(of_arrays, instruments=PSI)
+LEVEL = "Expected a confidence level between 0 and 1"
+UNDECLARED = (BCLS, GIV, M.generalized_iv_tls())
+FEW_ROWS = calls("few rows", TooFewSamplesError,
+    (lambda: of_arrays(LS, response=Y[:1], regressors=PHI[:1]), "at least 2 rows for 2 unknowns; received 1"),
+    (lambda: of_signals(EIV, 1, 10, rows=5), "samples"),
+    (lambda: fractional(LS, count=3), "more rows than the 3 unknowns"),
+    (lambda: fractional(GIV, dense.FRACTIONAL_LAGS, count=8), "Give a longer record"),
+    (lambda: recursion(GIV, last=0), "none so far"),
+    (lambda: recursion(GIV, last=5), "not forgotten"),
+    (lambda: moments_by("generalized_iv", ()), "largest lag"),
+    (lambda: region(errors=ev.AutocorrelatedErrors(3)), "as many cosine averages as equations"),
+)  # fmt: skip
+INSTRUMENTS = calls("instruments", InstrumentError,
+    (impulse, "numerical rank below 2"),
+    (lambda: of_arrays(BCLS, **NOTHING), "numerical rank below 2"),
+    (lambda: of_arrays(EIV, instruments=PSI[:, :1]), "at least 2 instruments for 2 parameters; received 1"),
+    (lambda: fractional(EIV, ev.lags("input", 1, 10), DIFFERENCE), "whose measurement noise no regressor"),
+    (lambda: fractional(GIV, dense.FRACTIONAL_LAGS[:2], made=BARE), "3 independent instruments for 3 unk"),
+    (lambda: of_unknown_noise(M.bias_eliminating_least_squares(), ()), "4 unknowns"),
+    (lambda: identify(SHARED_NOISE, EIV), OF_OTHERS),
+    (lambda: identify(SHARED_NOISE, M.extended_iv_tls()), OF_OTHERS),
+    (lambda: recursion(EIV), SHARES),
+    (lambda: identify(replace(RECORD, instrument_columns=MIXED), SPECTRAL), "of the input alone"),
+    (lambda: sign_perturbed(weak_problem(0, 3, 36), GIV), "independent of the errors, without compensation"),
+    (lambda: sign_perturbed(weak_problem(1, 3, 36), EIV), "noise is in the errors of other rows"),
+    (lambda: sign_perturbed(ones(instrument_noise_covariance=[[0.1, 0.0]]), EIV), SHARES),
+    (lambda: region(last=0), "at least 2 independent instruments"),
+)  # fmt: skip
+NOISES = calls("noise", MissingNoiseError,
+    (lambda: fractional(GIV, dense.FRACTIONAL_LAGS, made=BARE), "a declared noise of channel 'input'"),
+    (lambda: fractional(BCLS, made=BARE), "a declared noise of channel"),
+    (lambda: recursion(GIV, ev.lags("velocity_z", 0, 2)), "velocity_z"),
+    (lambda: identify(spectral.without_noise(RECORD, "input", "velocity_z"), M.whittle_ml()),
+        r"noise of input.*spectral_giv"),
+)  # fmt: skip
+NUISANCES = calls("nuisance", ParameterError,
+    (lambda: ev.Prior(0.1, 0.0), "positive standard error"),
+    (lambda: ev.Prior(np.inf, 1.0), "finite mean"),
+    (lambda: nuisances.lag(grid=np.array([0.2, 0.1])), "values of actuator_lag, increasing"),
+    (lambda: nuisances.lag(grid=np.empty(0)), "one or more finite values of actuator_lag"),
+    (lambda: nuisances.lag(grid=np.array([0.1, np.nan])), "finite values of actuator_lag"),
+    (lambda: nuisances.lag(tolerance=0.0), "positive tolerance of actuator_lag"),
+    (lambda: sign_perturbed(ones(), EIV, level=0.975), "whole number"),
+)  # fmt: skip
+SEARCHES = calls("search", ConvergenceError,
+    (lambda: fractional(TLS, model=NARROW), AT_END),
+    (steps_that_never_end, "steps of order that end"),
+    (search_that_never_settles, "still moves after 100 boxes"),
+)  # fmt: skip
+ESTIMATES = calls("estimate", EstimationError,
+    (lambda: identify(problem_of(3), M.regularised(BCLS)), SQUARE),
+    (lambda: ev.diagnose(replace(identify(problem_of(14), GIV), problem=None)), UNDIAGNOSED),
+    (lambda: of_arrays(M.liml(), **EXACT), "a response that is a combination of regressors"),
+)  # fmt: skip
+WORDS = calls("words and numbers", UsageError,
+    (lambda: M.regularised(M.fuller(), towards=LS), SOLVED_BY),
+    (lambda: M.regularised(M.regularised(GIV)), "solved by least squares"),
+    (lambda: fractional(M.whitened_least_squares(), made=BARE), "a flight, whose runs have spectra"),
+    (lambda: of_arrays(UNKNOWN()), "regression of signals"),
+    (lambda: of_unknown_noise(UNKNOWN(orders=("height",))), "height"),
+    (lambda: UNKNOWN(lags=-1), "zero lags"),
+    (lambda: of_a_flight().interval("K"), r"Expected a parameter out of viscous_friction, .*; received 'K'"),
+    (lambda: ev.diagnose(of_arrays(LS))["first_stag"], DIAGNOSTIC),
+    (lambda: identify(RESAMPLED, "least_squares"), METHOD),
+    (lambda: identify(RESAMPLED, M.least_squares), r"a method, such as .*; received function"),
+    (lambda: identify(np.zeros((10, 2)), LS), r"a problem: .*; received ndarray"),
+    (lambda: bootstrap(RESAMPLED, LS, runs=1), "two runs"),
+    (lambda: bootstrap(RESAMPLED, LS, block_length=0), "block length from 1"),
+    (lambda: bootstrap(RESAMPLED, LS, scheme="jackknife"), "scheme out of circular"),
+    (lambda: bootstrap(POOLED, LS), "bootstrap_flights"),
+    (lambda: replicates().interval("theta_1", kind=IntervalKind.STUDENTISED), "standard errors of their own"),
+    (lambda: replicates().std_error("theta_9"), "quantity out of theta_1"),
+    (lambda: replicates().interval("theta_1", 95.0), "between 0 and 1"),
+    (lambda: drawn_again([0, 1], LS), "one by least_squares"),
+    (lambda: drawn_again([0], M.reference_iv()), "two flights or more with usable runs; received 1"),
+    (lambda: of_arrays(replace(EIV, solver=M.fuller().solver), instruments=PHI), FIRST_STEP),
+    (lambda: M.fuller(-1.0), "strength between 0 and"),
+    (lambda: recursion(LS, ()), "mean cross-products"),
+    (lambda: recursion(M.reference_iv()), "forgotten row by row"),
+    (lambda: stream.after(stream.record(50), memory=1.0), "memory of 10"),
+    (lambda: ev.ChangeDetector(limit=0.5), "limit above the drift"),
+    (lambda: ev.ChangeDetector(threshold=0.0), "above zero"),
+    (lambda: moments_by("least_squares").merge(moments_by("generalized_iv")), MERGED),
+    (lambda: of_moments("least_squares", "generalized_iv"), "cross moments"),
+    (lambda: of_moments("generalized_iv", "least_squares"), "triangular moments"),
+    (lambda: moments_by("generalized_iv", (1.0, 2.0)), "chunks of one record"),
+    (lambda: identify(VERTICAL.regression(RECORD.signals), SPECTRAL), "without an intercept"),
+    (lambda: identify(RECORD.rows(), SPECTRAL), "a record of one motion"),
+    (lambda: identify(COLOURED, SPECTRAL), "white noise of input"),
+    (lambda: region(LS), "a method with instruments; received least_squares"),
+    (lambda: region(errors=ev.HomoskedasticErrors()), "without compensation for the classical test"),
+    (lambda: region(level=1.0), "between 0 and 1"),
+    (lambda: region().interval("lag"), "out of viscous_friction, input_gain"),
+    (lambda: ev.derived(DERIVED, endless), "finite within the interval; received"),
+    (lambda: ev.ratio(DERIVED, "b", "a", 0.0), "level between 0 and 1"),
+    (lambda: ev.ratio(DERIVED, "b", "a", 1.0), "level between 0 and 1"),
+    (lambda: ev.ratio(DERIVED, "c", "a"), "a parameter out of a, b; received 'c'"),
+    (lambda: DERIVED.ellipse("a", "a"), "two parameters; received 'a' twice"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@table(
+    *(FEW_ROWS, INSTRUMENTS, NOISES, NUISANCES, SEARCHES, ESTIMATES, WORDS),
+    rows("not finite", NonFiniteError, not_finite, *(
+        (name, made, value, f"Expected finite {name}; received 1 NaN or infinite")
+        for value in (np.nan, np.inf, -np.inf)
+        for name, made in (("response", Y), ("regressors", PHI), ("instruments", PSI))
+    )),
+    rows("as many rows as unknowns", TooFewSamplesError, as_many_rows_as_unknowns, *(
+        (method, door, "more rows than the 2 unknowns.*received 2")
+        for method in EVERY_METHOD
+        for door in ("rows", "moments", "bootstrap")
+    )),
+    rows("collinear", CollinearError, collinear, (LS, INDEPENDENT), (TLS, INDEPENDENT)),
+    rows("no output", CollinearError, fractional, (LS, (), dense.MODEL, FLAT, "is zero")),
+    rows("noise of arrays", MissingNoiseError, undeclared, *((m, "covariance") for m in UNDECLARED)),
+    rows("noise of signals", MissingNoiseError, of_signals, *((m, 0, OF_CHANNEL) for m in UNDECLARED)),
+    rows("too noisy", CovarianceError, too_noisy, *((*x, LEFT) for x in TOO_NOISY)),
+    rows("too noisy in chunks", CovarianceError, too_noisy_in_chunks, *((*x, EXCEED) for x in TOO_NOISY)),
+    rows("level", UsageError, level_of_a_flight, *((level, LEVEL) for level in (0.0, 1.0, 95.0))),
+)  # fmt: skip
+def test_refused(call, error, text):
+    with pytest.raises(error, match=text):
+        call()

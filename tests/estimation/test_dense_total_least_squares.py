@@ -18,14 +18,10 @@ import eivor as ev
 import shape_checks
 from eivor.errors import (
     CollinearError,
-    ConvergenceError,
     InstrumentError,
-    MissingNoiseError,
-    TooFewSamplesError,
-    UsageError,
 )
 from eivor.estimation import methods, unknown_noise
-from eivor.estimation.linear import LinearMethod, refined_nuisances
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import identify, least_squares, reference_iv, total_least_squares
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.products import lags_without_gaps
@@ -349,74 +345,6 @@ def test_the_estimate_is_one_like_all_others():
     assert result.with_covariance(ev.covariances.Classical()).std_error("order") > 0.0
 
 
-@pytest.mark.parametrize(
-    ("method", "instruments", "error", "text"),
-    [
-        (methods.generalized_iv(), FRACTIONAL_LAGS, MissingNoiseError, "a declared noise of channel 'input'"),
-        (methods.bias_compensated_least_squares(), (), MissingNoiseError, "a declared noise of channel"),
-        (
-            methods.generalized_iv(),
-            FRACTIONAL_LAGS[:2],
-            InstrumentError,
-            "3 independent instruments for 3 unk",
-        ),
-        (methods.whitened_least_squares(), (), UsageError, "a flight, whose runs have spectra"),
-    ],
-)
-def test_what_a_method_lacks_is_told(method, instruments, error, text):
-    known = record()
-    bare = ev.Signals(1.0, known.channels)
-    with pytest.raises(error, match=text):
-        ev.identify(MODEL.problem(bare, instruments), method)
-
-
-def test_instruments_that_share_noise_are_refused_by_methods_that_do_not_compensate():
-    """Past inputs are no way out: a difference of the input has the noise of all of them in it."""
-    model = ev.FractionalDifferenceModel((0.0, ORDER), (0.0, 0.5))
-    with pytest.raises(InstrumentError, match="whose measurement noise no regressor"):
-        ev.identify(model.problem(record(), ev.lags("input", 1, 10)), methods.extended_iv())
-
-
-def test_too_short_a_record_is_refused():
-    with pytest.raises(TooFewSamplesError, match="more rows than the 3 unknowns"):
-        ev.identify(MODEL.problem(record(count=3)), methods.least_squares())
-    with pytest.raises(TooFewSamplesError, match="Give a longer record"):
-        ev.identify(MODEL.problem(record(count=8), FRACTIONAL_LAGS), methods.generalized_iv())
-
-
-def test_an_order_outside_its_range_is_told():
-    model = ev.FractionalDifferenceModel((0.0, ev.UnknownOrder("order", 0.2, 0.5)), (0.0,))
-    with pytest.raises(ConvergenceError, match=r"inside the range of order; received one at its end, 0\.5"):
-        ev.identify(model.problem(record()), methods.total_least_squares())
-
-
-def test_an_order_that_the_data_do_not_tell_is_told():
-    """Without an output there is nothing that one order explains better than another."""
-    signals = record()
-    flat = ev.Signals(1.0, dict(signals.channels) | {"output": np.zeros(1500)})
-    with pytest.raises(CollinearError, match="is zero"):
-        ev.identify(MODEL.problem(flat), methods.least_squares())
-
-
-def test_steps_that_never_end_are_told():
-    problem = MODEL.problem(record(noise_ratio=0.0))
-
-    class Wandering:
-        """Asks for a change of the same size, forth and back."""
-
-        calls = 0
-
-        def __call__(self, linear):
-            solved = methods.least_squares().solve(linear)
-            if len(linear.parameters) == 3:
-                type(self).calls += 1
-                solved.solution.theta[-1] = 0.1 * (-1.0) ** self.calls
-            return solved
-
-    with pytest.raises(ConvergenceError, match="steps of order that end"):
-        refined_nuisances(problem, Wandering(), {"order": 0.7})
-
-
 INSTRUMENTS = ev.lags("input", 0, 10)
 UNKNOWN_MODEL = ev.VerticalMotion(intercept=False)
 
@@ -450,19 +378,6 @@ def test_noise_of_any_order_adds_what_its_autocovariance_says():
     expected = shared_noise(psi, right[:2], signals, shared.problem.first)
     unit = shared.unit(UnknownNoise("velocity_z", fractional=True), order)
     np.testing.assert_allclose(unit[:, :2], expected, rtol=1e-6, atol=1e-9)
-
-
-def test_what_it_cannot_use():
-    method = ev.methods.generalized_iv_unknown_noise()
-    with pytest.raises(UsageError, match="regression of signals"):
-        ev.identify(ev.regression(response=np.arange(9.0), regressors=np.ones((9, 1))), method)
-    signals = record_unknown(samples=200)
-    with pytest.raises(UsageError, match="height"):
-        ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise(orders=("height",)))
-    with pytest.raises(InstrumentError, match="4 unknowns"):
-        ev.identify(undeclared(signals, ()), ev.methods.bias_eliminating_least_squares())
-    with pytest.raises(UsageError, match="zero lags"):
-        ev.methods.generalized_iv_unknown_noise(lags=-1)
 
 
 def test_errors_of_noises_add_up_those_of_all_lags():
@@ -543,16 +458,6 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
         assert both[1] < both[0]
     # The lag tells on the gain: an interval that took it for known would be much too narrow.
     assert both[1] < 0.9 * both[0]
-
-
-def test_unknown_names_and_levels_are_refused():
-    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=6)
-    fit = identify(problem(flight), least_squares())
-    with pytest.raises(UsageError, match=r"Expected a parameter out of viscous_friction, .*; received 'K'"):
-        fit.interval("K")
-    for level in (0.0, 1.0, 95.0):
-        with pytest.raises(UsageError, match="Expected a confidence level between 0 and 1"):
-            fit.interval("viscous_friction", level)
 
 
 @pytest.mark.thorough

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 
 import eivor as ev
 import shape_checks
-from eivor.errors import EstimationError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.diagnose import record_of
 from eivor.estimation.linear import LinearMethod
@@ -263,19 +262,6 @@ def test_short_records_say_less():
     assert result.first_stage is None
     assert result.over_identification is None
     assert "whiteness" in result.summary()
-
-
-def test_moments_alone_cannot_be_diagnosed():
-    fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
-    with pytest.raises(EstimationError, match="an estimate with its rows available, for diagnostics"):
-        ev.diagnose(replace(fit, problem=None))
-
-
-def test_a_diagnostic_that_there_is_not():
-    X = np.random.default_rng(3).standard_normal((50, 1))
-    fit = ev.identify(ev.regression(response=X[:, 0] + 0.1, regressors=X), ev.methods.least_squares())
-    with pytest.raises(UsageError, match="a diagnostic out of first_stage, over_identification"):
-        ev.diagnose(fit)["first_stag"]
 
 
 RUNS, COUNT = 250, 600

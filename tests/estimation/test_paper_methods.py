@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.errors import InstrumentError, NoUniqueSolutionError, UsageError
 from inference import instrument_data as data
 from reference import constants as truth
 
@@ -313,19 +312,6 @@ def test_the_k_class(seed, strength):
         np.testing.assert_allclose(list(liml.parameters.values()), wanted, rtol=1e-9)
 
 
-def test_what_limited_information_cannot_use_is_refused():
-    rng = np.random.default_rng(6)
-    X = rng.standard_normal((20, 2))
-    problem = ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(20), regressors=X, instruments=X)
-    with pytest.raises(UsageError, match="errors' covariance was estimated"):
-        ev.identify(problem, replace(ev.methods.extended_iv(), solver=ev.methods.fuller().solver))
-    exact = ev.regression(response=X @ [1.0, 2.0], regressors=X, instruments=rng.standard_normal((20, 3)))
-    with pytest.raises(NoUniqueSolutionError, match="a response that is a combination of regressors"):
-        ev.identify(exact, ev.methods.liml())
-    with pytest.raises(UsageError, match="strength between 0 and"):
-        ev.methods.fuller(-1.0)
-
-
 ROWS, TRUTH = 400, np.array([0.7, -1.3])
 
 
@@ -381,13 +367,6 @@ def test_two_steps_weigh_by_the_scores_without_their_mean(bandwidth):
     method = ev.methods.generalized_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth))
     fit = ev.identify(problem, method)
     np.testing.assert_allclose(list(fit.parameters.values()), weighted(covariance), rtol=1e-9)
-
-
-def test_instruments_that_share_noise_are_refused_where_nothing_is_taken_off():
-    problem, _ = noisy_problem(instruments=3)
-    for name in ("extended_iv", "extended_iv_tls"):
-        with pytest.raises(InstrumentError, match="whose measurement noise no regressor and no response"):
-            ev.identify(problem, getattr(ev.methods, name)())
 
 
 @pytest.mark.parametrize(("strength", "weak"), [(0.11, True), (0.22, False)])

@@ -15,10 +15,6 @@ from eivor.errors import (
     ChannelMapError,
     EstimationError,
     InputError,
-    InstrumentError,
-    MissingNoiseError,
-    TooFewSamplesError,
-    UsageError,
 )
 from eivor.estimation.moments import CrossMoments, TriangularMoments
 from eivor.estimation.recursive import newest_reference
@@ -201,37 +197,6 @@ def test_bias_compensated_least_squares_needs_no_instruments():
     assert recursion.update(signals).estimate().parameters["input_gain"] == pytest.approx(0.1, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("method", "instruments", "error", "text"),
-    [
-        (ev.methods.least_squares(), (), UsageError, "mean cross-products"),
-        (ev.methods.reference_iv(), INSTRUMENTS, UsageError, "forgotten row by row"),
-        (ev.methods.extended_iv(), INSTRUMENTS, InstrumentError, "no regressor and no response shares"),
-        (ev.methods.generalized_iv(), ev.lags("velocity_z", 0, 2), MissingNoiseError, "velocity_z"),
-    ],
-)
-def test_what_cannot_be_recursive_is_refused_with_the_reason(method, instruments, error, text):
-    with pytest.raises(error, match=text):
-        ev.RecursiveIdentification(MOTION, method, instruments).update(record(50))
-
-
-def test_nothing_is_estimated_before_there_are_rows():
-    recursion = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS)
-    with pytest.raises(TooFewSamplesError, match="none so far"):
-        recursion.estimate()
-    with pytest.raises(TooFewSamplesError, match="not forgotten"):
-        recursion.update(part(record(50), 0, 5)).estimate()
-
-
-def test_wrong_numbers_are_refused():
-    with pytest.raises(UsageError, match="memory of 10"):
-        after(record(50), memory=1.0)
-    with pytest.raises(UsageError, match="limit above the drift"):
-        ev.ChangeDetector(limit=0.5)
-    with pytest.raises(UsageError, match="above zero"):
-        ev.ChangeDetector(threshold=0.0)
-
-
 # Moments of any split equal those of the whole, whatever a record is cut into and wherever it is read.
 
 STREAM_MOTION = ev.VerticalMotion(intercept=True)
@@ -334,30 +299,6 @@ def test_an_estimate_from_moments_says_that_its_rows_are_gone():
         fit.interval("viscous_friction")
     with pytest.raises(EstimationError, match="rows available"):
         _ = fit.residuals
-
-
-def test_moments_of_another_kind_are_refused():
-    least_squares, giv = METHODS["least_squares"], METHODS["generalized_iv"]
-    made = [
-        ev.moments([flight_record()], model=STREAM_MOTION, method=m, instruments=z)
-        for m, z in (least_squares, giv)
-    ]
-    with pytest.raises(UsageError, match="Merge moments that one method made"):
-        made[0].merge(made[1])
-    with pytest.raises(UsageError, match="cross moments"):
-        ev.identify(made[0], giv[0])
-    with pytest.raises(UsageError, match="triangular moments"):
-        ev.identify(made[1], least_squares[0])
-
-
-def test_chunks_of_different_records_are_refused():
-    method, instruments = METHODS["generalized_iv"]
-    first = flight_record()
-    other = ev.Signals(2.0 * first.rate_hz, first.channels, noise=first.noise)
-    with pytest.raises(UsageError, match="chunks of one record"):
-        ev.moments([first, other], model=STREAM_MOTION, method=method, instruments=instruments)
-    with pytest.raises(TooFewSamplesError, match="largest lag"):
-        ev.moments([], model=STREAM_MOTION, method=method, instruments=instruments)
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.errors import EstimationError, FallbackWarning, InstrumentError, MissingNoiseError, UsageError
+from eivor.errors import EstimationError, FallbackWarning
 from eivor.estimation import sampled_motion, spectral_iv
 from eivor.estimation.pair_whitening import (
     PairWhitening,
@@ -154,30 +154,10 @@ def test_a_likelihood_says_weak_of_an_input_that_is_not_held():
         assert ev.identify(problem_of("rich", 500, seed), ev.methods.whittle_ml()).status is Status.IDENTIFIED
 
 
-def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing():
-    bare = without_noise(problem_of("rich", 500, 1), "input", "velocity_z")
-    with pytest.raises(MissingNoiseError, match=r"noise of input.*spectral_giv"):
-        ev.identify(bare, ev.methods.whittle_ml())
-
-
 def test_an_unknown_noise_of_a_white_input_is_refused():
     result = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
     assert result.status is Status.REFUSED
     assert result.method == "spectral_giv"
-
-
-def test_what_is_no_sampled_motion_is_refused():
-    problem = problem_of("rich", 500, 1)
-    signals, mixed = problem.signals, (*ev.lags("input", 0, 3), ev.Column("velocity_z", 1))
-    coloured = replace(signals, noise={**signals.noise, "input": ev.FractionalNoise(0.1, -0.3)})
-    for wrong, error, said in (
-        (ev.VerticalMotion().regression(signals), UsageError, "without an intercept"),
-        (problem.rows(), UsageError, "a record of one motion"),
-        (replace(problem, signals=coloured), UsageError, "white noise of input"),
-        (replace(problem, instrument_columns=mixed), InstrumentError, "of the input alone"),
-    ):
-        with pytest.raises(error, match=said):
-            ev.identify(wrong, ev.methods.spectral_giv())
 
 
 @pytest.mark.parametrize("method", SPECTRAL)

@@ -10,7 +10,6 @@ from scipy import stats
 
 import eivor as ev
 import shape_checks
-from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
 from inference import instrument_data as data
 
 LEVEL = 0.95
@@ -104,47 +103,6 @@ def test_housing_against_stata_and_textbook_regressions(housing):
     assert wide.interval("hsngval").contains(0.00266862318)
 
 
-def test_sign_perturbation_refuses_what_would_break_its_exactness():
-    problem = ev.VerticalMotion(intercept=False).regression(
-        simulated("white", 300, [36]), ev.lags("input", 0, 3)
-    )
-    rng = np.random.default_rng(0)
-    with pytest.raises(InstrumentError, match="independent of the errors, without compensation"):
-        ev.sign_perturbed_set(problem, ev.methods.generalized_iv(), rng)
-    delayed = ev.VerticalMotion(intercept=False).regression(problem.signals, ev.lags("input", 1, 3))
-    with pytest.raises(InstrumentError, match="noise is in the errors of other rows"):
-        ev.sign_perturbed_set(delayed, ev.methods.extended_iv(), rng)
-    given = ev.regression(
-        response=np.arange(30.0),
-        regressors=np.ones((30, 1)),
-        instruments=np.ones((30, 1)),
-        instrument_noise_covariance=[[0.1, 0.0]],
-    )
-    with pytest.raises(InstrumentError, match="no regressor and no response shares"):
-        ev.sign_perturbed_set(given, ev.methods.extended_iv(), rng)
-    plain = dataclasses.replace(given, instrument_noise=None)
-    with pytest.raises(ParameterError, match="whole number"):
-        ev.sign_perturbed_set(plain, ev.methods.extended_iv(), rng, level=0.975)
-
-
-def test_problems_that_no_set_can_be_made_of():
-    signals = simulated("white", 300, [37])
-    model = ev.VerticalMotion(intercept=False)
-    problem = model.regression(signals, ev.lags("input", 0, 3))
-    with pytest.raises(UsageError, match="a method with instruments; received least_squares"):
-        ev.anderson_rubin_set(problem, ev.methods.least_squares())
-    with pytest.raises(UsageError, match="without compensation for the classical test"):
-        ev.anderson_rubin_set(problem, ev.methods.generalized_iv(), errors=ev.HomoskedasticErrors())
-    with pytest.raises(UsageError, match="between 0 and 1"):
-        ev.anderson_rubin_set(problem, ev.methods.generalized_iv(), level=1.0)
-    with pytest.raises(TooFewSamplesError, match="as many cosine averages as equations"):
-        ev.anderson_rubin_set(problem, ev.methods.generalized_iv(), errors=ev.AutocorrelatedErrors(3))
-    with pytest.raises(InstrumentError, match="at least 2 independent instruments"):
-        ev.anderson_rubin_set(model.regression(signals, ev.lags("input", 0, 0)), ev.methods.generalized_iv())
-    with pytest.raises(UsageError, match="out of viscous_friction, input_gain"):
-        ev.anderson_rubin_set(problem, ev.methods.generalized_iv()).interval("lag")
-
-
 def test_regressors_that_are_all_their_own_instruments():
     rng = np.random.default_rng(38)
     Phi = np.column_stack([rng.standard_normal(200), np.ones(200)])
@@ -167,19 +125,6 @@ def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):
     y = x @ truth + noise * rng.standard_normal(count)
     problem = ev.regression(response=y, regressors=x, names=["a", "b"])
     return ev.identify(problem, ev.methods.least_squares())
-
-
-def test_what_cannot_be_derived_is_refused():
-    fit = fit_of(4.0)
-    with pytest.raises(UsageError, match="finite within the interval; received"):
-        ev.derived(fit, lambda p: float("inf") if p["a"] < 0.0 else 1.0 / p["a"])
-    with pytest.raises(UsageError, match="a parameter out of a, b; received 'c'"):
-        ev.ratio(fit, "c", "a")
-    for level in (0.0, 1.0):
-        with pytest.raises(UsageError, match="level between 0 and 1"):
-            ev.ratio(fit, "b", "a", level)
-    with pytest.raises(UsageError, match="two parameters; received 'a' twice"):
-        fit.ellipse("a", "a")
 
 
 @pytest.mark.calibration

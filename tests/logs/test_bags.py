@@ -24,7 +24,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from eivor import read_log
-from eivor.errors import ChannelMapError, EmptyLogError, InputError, MissingReaderError
+from eivor.errors import InputError, MissingReaderError
 
 
 @pytest.fixture(scope="module")
@@ -258,8 +258,7 @@ optional = true
 """
 
 
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory):
+def rig(folder):
     _, store = stores()
     made = []
     kinds = {
@@ -278,8 +277,12 @@ def bag(tmp_path_factory):
             else:
                 types.angular_velocities = np.array([1.0, 2.0 + row, 3.0])
             made.append((topic, kind, time, types))
-    folder = tmp_path_factory.mktemp("bag") / "rig"
-    return write_ros2(folder, made, store, StoragePlugin.MCAP)
+    return write_ros2(folder / "rig", made, store, StoragePlugin.MCAP)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return rig(tmp_path_factory.mktemp("bag"))
 
 
 def mapped(bag, tmp_path, text):
@@ -298,44 +301,3 @@ def test_fields_by_their_topics(bag, tmp_path):
     np.testing.assert_allclose(r.channels["velocity_z"].time_s, 0.02 * rows, atol=1e-9)
     np.testing.assert_allclose(r.channels["position_z"].time_s, 0.02 * rows - 0.01, atol=1e-9)
     assert EPOCH_S > 1e9
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('column = "stamp"', 'column = "t"', "the clock of a bag, 'stamp'.*received 't'"),
-        ("/motors.", "/motor.", "a topic '/motor'.*'/motors'.*Did you mean '/motors'"),
-        ("angular_velocities[1]", "angular_velocities[7]", r"Did you mean.*angular_velocities\[1\]"),
-        (".point.z\" / 2'", ".header.frame_id\" / 2'", "column|field"),
-        (".point.z\" / 2'", '.point.z" / "/motors.normalized"\'', "columns of one topic"),
-    ],
-)
-def test_maps_that_do_not_fit(bag, tmp_path, old, new, words):
-    assert old in MAP
-    with pytest.raises(ChannelMapError, match=f"(?s){words}"):
-        mapped(bag, tmp_path, MAP.replace(old, new))
-
-
-def test_an_empty_bag_says_that_nothing_was_recorded(tmp_path):
-    folder = write_ros2(tmp_path / "flight", [], stores()[1])
-    with pytest.raises(EmptyLogError, match=r"with no messages\. Nothing was recorded"):
-        read_log(folder)
-
-
-def test_a_bag_without_stamps_says_so(tmp_path):
-    _, store = stores()
-    kind = "sensor_msgs/msg/Imu"
-    folder = write_ros2(
-        tmp_path / "flight", [("/imu", kind, 0.0, store.types[kind](**blank(store, kind)))], store
-    )
-    with pytest.raises(EmptyLogError, match=r"/imu without a stamp that can be, .*: 1\. Write a channel map"):
-        read_log(folder)
-
-
-def test_a_bag_of_nothing_that_is_known_names_its_topics(tmp_path):
-    _, store = stores()
-    kind = "geometry_msgs/msg/Vector3Stamped"
-    types = store.types[kind](**(blank(store, kind) | {"header": header(store, 0.0)}))
-    folder = write_ros2(tmp_path / "flight", [("/wind", kind, 0.0, types)], store)
-    with pytest.raises(EmptyLogError, match=r"/wind \(geometry_msgs/Vector3Stamped\).*TOPIC.FIELD"):
-        read_log(folder)

@@ -11,15 +11,14 @@ import pytest
 from dataflash_writer import simulated
 
 import eivor as ev
-from eivor.errors import ChannelMapError, EivorError, MissingReaderError
+from eivor.errors import EivorError
 from motions.turning_logs import turned
 
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
 
 
-@pytest.fixture
-def table(tmp_path):
+def write_table(folder):
     k = np.arange(100)
     pl.DataFrame(
         {
@@ -30,7 +29,12 @@ def table(tmp_path):
             "pwm": np.where(k == 7, 70000, np.where(k == 8, 65535, 30000 + k)),
             "volt": np.full(100, 4.0),
         }
-    ).write_csv(tmp_path / "t.csv")
+    ).write_csv(folder / "t.csv")
+
+
+@pytest.fixture
+def table(tmp_path):
+    write_table(tmp_path)
     return tmp_path
 
 
@@ -101,69 +105,6 @@ def test_the_side_of_the_thrust_curve_is_declared(table):
     assert {name: channel.curve_side.name for name, channel in r.channels.items()} == sides
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (HEAD + PWM + "delay_ms = 1001\n", "between -1000 and 1000 at channels.input.delay_ms .*1001"),
-        (HEAD + PWM + "delay_ms = nan\n", "at channels.input.delay_ms"),
-        (HEAD + PWM + 'delay_ms = "8"\n', "at channels.input.delay_ms"),
-        (HEAD + PWM + 'curve_side = "after"\n', "before.*behind.* at channels.input.curve_side"),
-        ('source = "filter"\n' + HEAD + PWM, "sensor.*estimator.*at source of m.toml"),
-        (HEAD + PWM + "source = 1\n", "at channels.input.source of m.toml"),
-        ("name = ", "a channel map in TOML"),
-        ("[" * 5000, "a channel map in TOML"),
-        (
-            '[time]\ncolumn = "t"\n[channels.input]\ncolumn = "pwm"\n',
-            "a text in quotes at name of m.toml; received nothing",
-        ),
-        (HEAD, "at least one channel at channels of m.toml; received none"),
-        (HEAD + "[channels]\n", "at least one channel"),
-        (HEAD + '[channels.speed]\ncolumn = "pwm"\n', "canonical channel name .*at channels.speed of m.toml"),
-        (HEAD + PWM + "colour = 1\n", "unknown key 'colour'"),
-        (HEAD + '[channels.velocity_z]\nroll_pitch = ["roll", "pitch"]\n', "for cos_tilt only"),
-        (HEAD + '[channels.input]\nexpression = "pwn * 2"\n', "key channels.input.*Did you mean 'pwm'"),
-        (HEAD + '[columns.pwn]\nvalid=[0,1]\n[channels.input]\ncolumn = "pwm"\n', "key columns.pwn"),
-        (
-            HEAD + '[columns]\npwm=3\n[channels.input]\ncolumn = "pwm"\n',
-            "a table .* at columns.pwm of m.toml",
-        ),
-        (HEAD.replace('"t"', '"tt"') + PWM, "key time.column"),
-        (
-            HEAD + '[channels.input]\ncolumn = "t"\n',
-            "time column that no channel is made of.*received 't' as both",
-        ),
-        (HEAD + '[channels.input]\ncolumn = "absent"\noptional = true\n', "at least one channel of m.toml"),
-        (HEAD + PWM + "scale = 1e300\n", "1e-30 to 1e\\+30 in size"),
-        (HEAD + f'[columns.pwm]\nvalid=[0,{"9" * 400}]\n[channels.input]\ncolumn = "pwm"\n', "64 bits"),
-        ('input_map = "sqare"\n' + HEAD + PWM, "at input_map of m.toml.*'sqare'"),
-        ('input_map = "power:-1"\n' + HEAD + PWM, "positive exponent .*at input_map"),
-        ('input_map = "mixed:2"\n' + HEAD + PWM, "between 0 and 1 at input_map"),
-    ],
-)
-def test_wrong_maps(table, text, words):
-    with pytest.raises(ChannelMapError, match=f"(?s){words}"):
-        read(table, text)
-
-
-def test_maps_that_are_not_there(table):
-    with pytest.raises(ChannelMapError, match=r"nanobench, rotorpy.*is no file"):
-        ev.read_log(table / "t.csv", channel_map="nanobensch")
-    with pytest.raises(ChannelMapError, match="is no file"):
-        ev.read_log(table / "t.csv", channel_map=table)
-    (table / "big.toml").write_bytes(b"#" * (2 << 20))
-    with pytest.raises(ChannelMapError, match="is no file"):
-        ev.read_log(table / "t.csv", channel_map="x" * 5000)
-    with pytest.raises(ChannelMapError, match="is no file"):
-        ev.read_log(table / "t.csv", channel_map="a\x00b")
-    with pytest.raises(ChannelMapError, match="larger than"):
-        ev.read_log(table / "t.csv", channel_map=table / "big.toml")
-    (table / "latin.toml").write_bytes(b"\xff")
-    with pytest.raises(ChannelMapError, match="unreadable"):
-        ev.read_log(table / "t.csv", channel_map=table / "latin.toml")
-    with pytest.raises(ChannelMapError, match=r"a column 't'|a column"):
-        ev.read_log(table / "t.csv", channel_map="rotorpy")
-
-
 def test_series_in_time_at_stamps(table):
     made = "ddt(lag(volt + (pwm > 30050 and pwm < 4e4) * 2, 0.2))"
     r = read(
@@ -229,24 +170,6 @@ def test_a_missing_value_stays_missing(tmp_path):
         assert np.isnan(expressed(tmp_path, text).values).tolist() == [True, False]
 
 
-#: Texts that are no arithmetic over columns.
-REFUSED = [
-    " ", "1 + 2", "sum(a)", "mean(a)", "count(*)", "a FROM b", "a; drop table b", "read_csv('x')",
-    "'text'", "a -- b\n c", "/* a */ a", "a b", "a +", "(a", "a)", "abs a", "abs(a, b)", "pow(a)",
-    "CAST(a AS int)", "CASE WHEN a THEN b END", "0 < a < b", "a = b", "a % b", "*", "a.b", '"a\x00"',
-    '"unclosed', "1e999 * a", "1a", 'abs(' * 40 + 'a' + ')' * 40, '(' * 400 + 'a' + ')' * 400,
-    '-' * 999 + '#', "a # b", "'a'", 'f"{a}"', "9**9**9 * a", "(a := 2)", "[a]", "lambda: a",
-    "1j * a", '0x' + 'f' * 900 + ' * a', 'a + ' * 400 + 'a', "row_number() over (order by a)",
-    "a OVER b", "a == b", "a**b", "a**9**9", "ddt(a, 1)", "lag(a, a)", "lag(a, -1)", "a if b else a",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("text", REFUSED)
-def test_refused_expressions(table, text):
-    with pytest.raises(ChannelMapError, match=r"arithmetic over columns.*at channels.input"):
-        expressed(table, text)
-
-
 @pytest.mark.parametrize(
     ("keys", "noise"),
     [
@@ -254,17 +177,10 @@ def test_refused_expressions(table, text):
         ("noise_density = 1.0\nnoise_bandwidth_hz = 50.0", (0.01, 50.0, 0.0)),
         ("quantisation = 10", (0.0, None, 0.1)),
         ("", None),
-        ("noise = -1.0", ChannelMapError),
-        ("noise = 1.0\nquantisation = 1.0", ChannelMapError),
-        ("quantisation = -1.0", ChannelMapError),
     ],
 )
 def test_a_map_states_the_noise_of_a_channel(table, keys, noise):
     text = f'{HEAD}[channels.velocity_z]\ncolumn = "v down"\nunit = "cm/s"\n{keys}\n'
-    if noise is ChannelMapError:
-        with pytest.raises(ChannelMapError, match="velocity_z"):
-            read(table, text)
-        return
     stated = read(table, text).channels["velocity_z"].noise
     assert (astuple(stated) if is_dataclass(stated) else stated and round(stated, 9)) == noise
 
@@ -450,20 +366,3 @@ def telemetry(messages=5, magic=0xFD):
     head = {0xFE: 8, 0xFD: 12}[magic]
     item = bytes([magic, 20, 0]) + bytes(head - 3 + 20)
     return b"".join((1_600_000_000_000_000 + 250_000 * n).to_bytes(8, "big") + item for n in range(messages))
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (telemetry(), "telemetry log.*the vehicle's card: .bin of ArduPilot, .ulg of PX4"),
-        (telemetry(magic=0xFE), "telemetry log"),
-        (bytes(16) + b"BUILD" + bytes(300), "DJI.*no commands"),
-        (bytes(242) + b"DJI_LOG_V3" + bytes(300), "DJI"),
-        ((500).to_bytes(8, "little") + b"\x90\x01\x0e" + bytes(1000), "flight record of DJI"),
-    ],
-)
-def test_logs_that_tell_too_little(tmp_path, content, words):
-    path = tmp_path / "log.txt"
-    path.write_bytes(content)
-    with pytest.raises(MissingReaderError, match=f"(?s){words}"):
-        ev.read_log(path)

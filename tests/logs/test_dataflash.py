@@ -7,7 +7,6 @@ import pytest
 from dataflash_writer import FIRMWARES, DataflashWriter, flight_log, simulated, told
 
 import eivor as ev
-from eivor.errors import EmptyLogError
 
 
 @pytest.fixture(scope="module")
@@ -176,11 +175,6 @@ def test_rotor_speeds_by_instance(read, flight):
     r = read(writer)
     assert r.channels["rotor_speed_2"].values[0] == pytest.approx(2.0 * r.channels["rotor_speed_1"].values[0])
     assert r.channels["rotor_speed_1"].values[0] == pytest.approx(100.0 * np.pi)
-
-
-def test_a_log_without_flight_data(read):
-    with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
-        read(DataflashWriter().text("ArduCopter V4.6.2").parameters(SYSID=1.0))
 
 
 def test_density_of_the_air_by_the_barometer(read, flight):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
-import gzip
 import io
 import os
 import sys
@@ -22,50 +20,8 @@ from eivor.errors import (
     EmptyLogError,
     InputError,
     LogTooLargeError,
-    MissingChannelError,
-    MissingReaderError,
     UnknownFormatError,
-    UsageError,
 )
-
-UNKNOWN = (b"hello world\n", b"\x00" * 100, bytes(range(256)), b"\n\n\n")
-
-
-@pytest.mark.parametrize(
-    ("content", "error", "words"),
-    [
-        (gzip.compress(b"time,velocity_z\n0,1\n", mtime=0), MissingReaderError, "gzip archive.*Unpack"),
-        (b"PK\x03\x04" + bytes(100), MissingReaderError, "zip archive"),
-        *((item, UnknownFormatError, "content is that of none of them") for item in UNKNOWN),
-        (b"", EmptyLogError, "0 bytes"),
-    ],
-)
-def test_contents_that_no_reader_takes(read, content, error, words):
-    with pytest.raises(error, match=f"(?s){words}"):
-        read(content, "misleading.csv")
-
-
-def test_too_large_is_told_before_reading(read, tmp_path):
-    path = tmp_path / "huge.ulg"
-    with path.open("wb") as stream:
-        stream.truncate(5 << 30)  # sparse
-    with pytest.raises(LogTooLargeError, match="at most 1073741824 bytes"):
-        ev.read_log(path)
-    with pytest.raises(LogTooLargeError):
-        read(b"time,velocity_z\n0,1\n", max_bytes=5)
-
-
-def test_paths(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for path, words in (
-        (tmp_path / "nothing.ulg", "does not exist"),
-        (tmp_path, "a directory"),
-        ("a\x00b", r"can be opened|null"),
-        (tmp_path / "pipe", "not a regular file"),
-        ("x" * 5000, "that can be opened"),
-    ):
-        with pytest.raises(InputError, match=words):
-            ev.read_log(path)
 
 
 def test_file_names_with_glob_characters(tmp_path):
@@ -82,23 +38,6 @@ def test_file_names_that_are_not_text(tmp_path):
     Path(path).write_text("time,velocity_z\n0,1\n1,2\n")
     with pytest.raises(InputError, match=r"Expected a path in UTF-8; received b'.*\\x[0-9a-f]{2}"):
         ev.read_log(path)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (codecs.BOM_UTF16_LE + "time,vz\n0,1\n".encode("utf-16-le"), "a table in UTF-16.*-f UTF-16 "),
-        (codecs.BOM_UTF16_BE + "time;vz\n0;1\n".encode("utf-16-be"), "a table in UTF-16"),
-        ("time,vz,høj\n0,1,2\n".encode("utf-16-le"), "a table in UTF-16"),
-        ("time\tvz\n0\t1\n".encode("utf-16-be"), "a table in UTF-16"),
-        ("time,vz\n0,1\n".encode("utf-32"), "a table in UTF-32.*-f UTF-32 "),
-        ("time,temp°C\n0,20\n".encode("latin-1"), "letters that are not UTF-8.*-f WINDOWS-1252 -t UTF-8"),
-        ("time;größe\r\n0;1\r\n".encode("cp1252"), "letters that are not UTF-8"),
-    ],
-)
-def test_tables_in_other_encodings(read, content, words):
-    with pytest.raises(UnknownFormatError, match=rf"(?s)in UTF-8; received 't.csv', .*{words}"):
-        read(content, "t.csv")
 
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -213,13 +152,6 @@ def test_pipes_that_were_opened_for_this_process(temporary):
         os.close(reading)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("path", [3, None, b"log.csv", ["log.csv"]])
-def test_paths_that_are_none(path):
-    with pytest.raises(UsageError, match="a path, as a text or a Path"):
-        ev.read_log(path)
-
-
 TIME_S = 0.01 * np.arange(1000)
 COLUMNS = {
     "time": TIME_S,
@@ -228,21 +160,6 @@ COLUMNS = {
     "reference_velocity_z": np.sin(TIME_S),
     "specific_force_body_z": 9.8 + np.cos(TIME_S),
 }
-
-
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        (COLUMNS | {"velocity_z": np.full(1000, np.nan)}, "velocity_z, which is there and holds no number"),
-        (
-            {name: column[::-1] for name, column in COLUMNS.items()},
-            r"999 were dropped, because their stamp .* goes backward",
-        ),
-    ],
-)
-def test_what_a_channel_that_is_missing_has_is_said(columns, words):
-    with pytest.raises(MissingChannelError, match=words):
-        ev.identify_flight(ev.recording_from_columns(columns))
 
 
 @pytest.mark.usefixtures("coarse_search", "unchecked_shapes")

@@ -30,7 +30,6 @@ from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import (
     Decoded,
-    UnsoundMessageError,
     decoded,
     message_layout,
     parsed_definition,
@@ -295,26 +294,6 @@ def test_delays_and_sides_of_the_thrust_curve_are_kept(whole, tmp_path):
             write_recording(log, tmp_path / "r.csv")
 
 
-def test_what_cannot_be_written(tmp_path):
-    down = ev.recording_from_columns(COLUMNS, frame=ev.Frame.NED, input_map="square")
-    landed = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
-    channels = {"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": landed}
-    stamped = ev.Recording(name="r", format="", channels=channels)
-    without = replace(stamped, channels=channels | {"landed": replace(landed, values=np.zeros(2))})
-    for recording, name, said in (
-        (down, "r.csv", r"z down.*input map 'square'"),
-        (ev.recording_from_columns(COLUMNS, estimated=("velocity_z",)), "r.csv", "estimator made velocity_z"),
-        (ev.recording_from_columns(COLUMNS), "r.txt", "ends in"),
-        (stamped, "r.parquet", r"all stamps of 'landed'.*NaN among them"),
-        (without, "r.csv", "the stamps of input and others"),
-        (replace(stamped, channels={}), "r.parquet", "a recording with channels"),
-    ):
-        with pytest.raises(UsageError, match=said):
-            write_recording(recording, tmp_path / name)
-    with pytest.raises(UsageError, match=r"channels out of time, .*received 'vz'"):
-        ev.recording_from_columns(COLUMNS, estimated=("vz",))
-
-
 def test_channels_of_several_clocks_read_back_the_same(whole, tmp_path):
     quick, slow = np.arange(0.0, 2.0, 0.01), np.arange(0.003, 2.0, 0.02)
     channels = {
@@ -436,23 +415,6 @@ def test_any_text_as_an_expression(text):
 
 def layout(message, text):
     return message_layout(message, "a/B", parsed_definition(text, "a/B"), ros1=False)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("uint8[1000000000] many", "goes on after them"),
-        ("string words", "goes on after them"),
-        ("B again", "nested too deep"),
-        ("C other", "type a/C is not known"),
-        ("C[] other\n" + "=" * 80 + "\nMSG: a/C\nuint8[0] nothing\n", "more than 4096 fields"),
-        ("uint8 one", "where its type takes 5"),
-    ],
-)
-def test_definitions_that_do_not_fit(text, words):
-    with pytest.raises(UnsoundMessageError, match=words):
-        layout(b"\0\1\0\0" + struct.pack("<IIII", 1 << 31, 0, 0, 0), text)
 
 
 def of_another_kind(how, values):

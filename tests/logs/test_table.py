@@ -20,16 +20,10 @@ from scipy.io import savemat
 import eivor as ev
 from eivor.errors import (
     ChannelMapError,
-    CorruptLogError,
-    DataError,
     EivorError,
     EmptyLogError,
     InputError,
-    LogTooLargeError,
     MissingReaderError,
-    ShapeError,
-    UnknownFormatError,
-    UsageError,
 )
 
 
@@ -107,33 +101,6 @@ def test_calendar_stamps_start_at_zero(tmp_path):
     assert r.span_s[0] == 0.0
     assert r.span_s[1] == pytest.approx(0.49, abs=1e-6)
     assert "epoch_time" in names(r)
-
-
-@pytest.mark.parametrize(
-    ("text", "error", "words"),
-    [
-        ("time,velocity_z\n", EmptyLogError, "header only"),
-        ("0,1\n0.1,2\n", UnknownFormatError, "numbers only"),
-        ("time,velocity_z\n0,1\n1\n2,3\n", CorruptLogError, "line 3 has 1 fields where the header has 2"),
-        (b"time,velocity_z\n0,1\n\x00\x00\n", CorruptLogError, "NUL bytes in line 3"),
-        ("time,velocity_z\n0,a\n1,b\n", EmptyLogError, "every mapped column is empty"),
-        ("time,velocity_z\na,0\nb,1\n", EmptyLogError, "'time', in which it holds no number|holds no number"),
-        ("velocity_z,speed\n0,1\n", ChannelMapError, "canonical column names"),
-        ("time,velocity_z,velocity_z\n0,1,2\n", ChannelMapError, "two columns called 'velocity_z'"),
-        (",".join(f"c{i}" for i in range(5000)) + "\n1\n", CorruptLogError, "5000 columns"),
-        ("time,velocity_z\n0," + "1" * (2 << 20) + "\n", CorruptLogError, "longer than"),
-        ('time,velocity_z,n\n0,1,"a"\n1,2,b" c\n', CorruptLogError, "line 3 has a quote inside a cell"),
-        (
-            'time,velocity_z,n\n0,1,"a\n1,2,b\n2,3,c\n',
-            CorruptLogError,
-            "line 2 opens a quote that is not clo",
-        ),
-        (b"time,velocity_z\n" + b"0,1\n" * 20000 + b"\xff\xfe,2\n", CorruptLogError, "UTF-8"),
-    ],
-)
-def test_clear_errors(tmp_path, text, error, words):
-    with pytest.raises(error, match=words):
-        csv(tmp_path, text)
 
 
 def test_units_in_brackets_are_read(tmp_path):
@@ -309,20 +276,6 @@ def test_parquet_types(tmp_path):
     assert {"never_valid", "unreadable_text"} <= set(names(r))
 
 
-def test_parquet_without_rows(tmp_path):
-    pl.DataFrame({"time": [], "velocity_z": []}).write_parquet(tmp_path / "t.parquet")
-    with pytest.raises(EmptyLogError, match="without one"):
-        ev.read_log(tmp_path / "t.parquet")
-
-
-def test_damaged_parquet(tmp_path):
-    pl.DataFrame({"time": [0.0, 1.0], "velocity_z": [0.0, 1.0]}).write_parquet(tmp_path / "t.parquet")
-    blob = (tmp_path / "t.parquet").read_bytes()
-    (tmp_path / "t.parquet").write_bytes(blob[:-10])
-    with pytest.raises(CorruptLogError, match="Parquet file that cannot be decoded"):
-        ev.read_log(tmp_path / "t.parquet")
-
-
 PARAMETERS = "IMU_ACCEL_CUTOFF"
 
 
@@ -431,20 +384,6 @@ def test_lists_are_told_from_empty_columns(tmp_path):
     assert "List(Float64)" in next(finding.message for finding in r.findings if finding.name == "lists")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("index = 2", "index = -1", "a place from 0.*index"),
-        ("index = 2", "index = 1.5", "a whole number"),
-        ('column = "v"\nindex = 2', 'column = "w"\nindex = 2', r"a column 'w\[2\]'.*'v'"),
-    ],
-)
-def test_maps_that_are_wrong(tmp_path, mapped, old, new, words):
-    path = written(tmp_path / "t.csv", ["[1, 2, 3]"] * ROWS)
-    with pytest.raises(ChannelMapError, match=f"(?s){words}"):
-        mapped(path, MAP.replace(old, new))
-
-
 RIG = """
 name = "rig"
 frame = "ned"
@@ -531,22 +470,6 @@ def test_channels_by_their_names_and_by_a_map(whole, tmp_path, kind):
         np.testing.assert_array_equal(sign * channel.values, flight.channels[name].values, err_msg=name)
 
 
-def test_variables_that_are_refused(whole, tmp_path):
-    savemat(tmp_path / "lengths", {"time": np.arange(50.0), "velocity_z": np.arange(60.0)}, appendmat=False)
-    cells = np.array([[1], "a"], dtype=object)
-    savemat(tmp_path / "objects", {"name": "flight", "cells": cells}, appendmat=False)
-    with h5py.File(tmp_path / "far more than it holds", "w") as file:
-        file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))
-        file["velocity_z"] = np.arange(50.0)
-    for name, error, words in (
-        ("lengths", ChannelMapError, r"'velocity_z' 60|'time' 50.*'velocity_z' 60"),
-        ("objects", EmptyLogError, r"objects \(timeseries, tables\) are not read"),
-        ("far more than it holds", LogTooLargeError, "repeats itself"),
-    ):
-        with pytest.raises(error, match=words):
-            ev.read_log(tmp_path / name)
-
-
 def test_variables_without_a_space_are_left_out(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["time"] = file["velocity_z"] = np.arange(50.0)
@@ -586,22 +509,6 @@ def test_from_columns(make):
     np.testing.assert_array_equal(r.channels["input"].values, COLUMNS["input"])
     assert r.channels["input"].held
     assert r.sha256 == ""
-
-
-@pytest.mark.parametrize(
-    ("columns", "error", "words"),
-    [
-        ({"velocity_z": [1.0]}, UsageError, "a column 'time'"),
-        ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean 'velocity_z'"),
-        ({"time": [1.0, 2.0], "velocity_z": [1.0]}, ShapeError, "length of 'time', 2"),
-        ({"time": [1.0, 2.0], "velocity_z": ["a", "b"]}, DataError, "numbers in column 'velocity_z'"),
-        ({"time": [], "velocity_z": []}, EmptyLogError, "length 0"),
-        ({"time": [1.0], "velocity_z": [np.nan]}, EmptyLogError, "empty"),
-    ],
-)
-def test_wrong_columns(columns, error, words):
-    with pytest.raises(error, match=words):
-        ev.recording_from_columns(columns)
 
 
 @pytest.mark.thorough

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ulog_writer import UlogWriter, flight, flight_log, message
 
 import eivor as ev
-from eivor.errors import CorruptLogError, EmptyLogError, InputError, UsageError
+from eivor.errors import CorruptLogError, EmptyLogError
 
 
 def names(recording):
@@ -75,14 +75,6 @@ def test_the_vehicle_is_told(read, kinds, parameters, vehicle):
     fields = {} if kinds is None else {"vehicle_type__uint8_t": np.array(kinds)}
     writer.topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]), **fields)
     assert read(writer).vehicle == vehicle
-
-
-def test_a_vtol_is_asked_for_a_window_on_its_rotors(read):
-    fields = {"vehicle_type": np.repeat([1, 2, 1], 10), "nav_state": np.full(30, 2)}
-    fields = {f"{name}__uint8_t": values for name, values in fields.items()}
-    log = read(UlogWriter().topic("vehicle_status", 0.1 * np.arange(30.0), **fields))
-    with pytest.raises(InputError, match=r"START:END\. The vehicle is on its rotors in 0:1, 2:"):
-        ev.identify_flight(log)
 
 
 def test_modes_without_height_control_are_told(read):
@@ -234,21 +226,6 @@ def test_damage_between_sync_marks(read):
     r = read(writer)
     assert "corrupt_parts" in names(r)
     assert r.channels["position_z"].time_s.size == 300
-
-
-def test_what_is_refused(read):
-    unknown = flight()
-    unknown.definitions = message("B", bytes(8) + b"\x02" + bytes(31)) + unknown.definitions[43:]
-    wind = UlogWriter().topic("wind", [0.0, 1.0], windspeed_north=np.zeros(2))
-    for content, error, words in (
-        (wind, EmptyLogError, "one of the topics"),
-        (wind.bytes()[:12], CorruptLogError, "header of 16 bytes"),
-        (unknown, CorruptLogError, "incompatible flags"),
-    ):
-        with pytest.raises(error, match=words):
-            read(content)
-    with pytest.raises(UsageError, match="only with logs whose columns have any names"):
-        read(flight(), channel_map="nanobench")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,381 @@
+"""Logs, maps and columns that are refused: each with the reason and the remedy."""
+
+from __future__ import annotations
+
+import codecs
+import gzip
+import json
+import os
+import re
+import struct
+from dataclasses import replace
+from functools import partial
+
+import h5py
+import numpy as np
+import polars as pl
+import pytest
+import test_table as tables
+from bag_writer import blank, header, stores, write_ros2
+from blackbox_writer import blackbox_log
+from dataflash_writer import DataflashWriter
+from scipy.io import savemat
+from test_bags import MAP, mapped, rig
+from test_blackbox import ONE_BYTE, walks
+from test_channel_map import HEAD, PWM, read, telemetry, write_table
+from test_crazyflie import head
+from test_read import COLUMNS
+from test_reader_parts import layout
+from ulog_writer import UlogWriter, flight, message
+from usd_writer import flight as crazyflie_flight
+
+import eivor as ev
+from eivor.errors import (
+    ChannelMapError,
+    CorruptLogError,
+    DataError,
+    EmptyLogError,
+    InputError,
+    LogTooLargeError,
+    MissingChannelError,
+    MissingReaderError,
+    ShapeError,
+    UnknownFormatError,
+    UsageError,
+)
+from eivor.logs.rosbag.messages import UnsoundMessageError
+from eivor.logs.table.columnar import write_recording
+from eivor.signals.recording import Channel
+from refusal_rows import calls, rows, table
+
+
+def of_content(content, folder, name="flight.log", **options):
+    content = content.bytes() if hasattr(content, "bytes") else content
+    (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return ev.read_log(folder / name, **options)
+
+
+def of_blackbox(old, new, folder):
+    content, changes = re.subn(old, new, blackbox_log(walks(3), fields=ONE_BYTE), count=1, flags=re.DOTALL)
+    assert changes == 1
+    of_content(content, folder)
+
+
+BLACKBOX = rows("blackbox", None, of_blackbox,
+    (b"Field I signed:0,", b"Field I signed:", CorruptLogError, "numbers for"),
+    (b"I encoding:1,", b"I encoding:5,", CorruptLogError, "not known"),
+    (b"I predictor:0,0", b"I predictor:0,2", CorruptLogError, "not known"),
+    (rb",motor\[0\],", b",motor[7],", CorruptLogError, "not known"),
+    (b".*", b"H Product:Blackbox flight data recorder\n", CorruptLogError, "what its frames hold"),
+    (b"I\x00.*", b"", EmptyLogError, "without a whole frame"),
+    (b"E\xff.*", b"P" * 400_000, CorruptLogError, "numbers a byte"),
+)  # fmt: skip
+
+
+def of_map(text, folder):
+    write_table(folder)
+    read(folder, text)
+
+
+#: Texts that are no arithmetic over columns.
+NO_ARITHMETIC = [
+    " ", "1 + 2", "sum(a)", "mean(a)", "count(*)", "a FROM b", "a; drop table b", "read_csv('x')",
+    "'text'", "a -- b\n c", "/* a */ a", "a b", "a +", "(a", "a)", "abs a", "abs(a, b)", "pow(a)",
+    "CAST(a AS int)", "CASE WHEN a THEN b END", "0 < a < b", "a = b", "a % b", "*", "a.b", '"a\x00"',
+    '"unclosed', "1e999 * a", "1a", 'abs(' * 40 + 'a' + ')' * 40, '(' * 400 + 'a' + ')' * 400,
+    '-' * 999 + '#', "a # b", "'a'", 'f"{a}"', "9**9**9 * a", "(a := 2)", "[a]", "lambda: a",
+    "1j * a", '0x' + 'f' * 900 + ' * a', 'a + ' * 400 + 'a', "row_number() over (order by a)",
+    "a OVER b", "a == b", "a**b", "a**9**9", "ddt(a, 1)", "lag(a, a)", "lag(a, -1)", "a if b else a",
+]  # fmt: skip
+VELOCITY = '[channels.velocity_z]\ncolumn = "v down"\nunit = "cm/s"\n'
+MAPS = rows("map", ChannelMapError, of_map,
+    (HEAD + PWM + "delay_ms = 1001\n", "between -1000 and 1000 at channels.input.delay_ms .*1001"),
+    (HEAD + PWM + "delay_ms = nan\n", "at channels.input.delay_ms"),
+    (HEAD + PWM + 'delay_ms = "8"\n', "at channels.input.delay_ms"),
+    (HEAD + PWM + 'curve_side = "after"\n', "before.*behind.* at channels.input.curve_side"),
+    ('source = "filter"\n' + HEAD + PWM, "sensor.*estimator.*at source of m.toml"),
+    (HEAD + PWM + "source = 1\n", "at channels.input.source of m.toml"),
+    ("name = ", "a channel map in TOML"),
+    ("[" * 5000, "a channel map in TOML"),
+    ('[time]\ncolumn = "t"\n[channels.input]\ncolumn = "pwm"\n',
+        "a text in quotes at name of m.toml; received nothing"),
+    (HEAD, "at least one channel at channels of m.toml; received none"),
+    (HEAD + "[channels]\n", "at least one channel"),
+    (HEAD + '[channels.speed]\ncolumn = "pwm"\n', "canonical channel name .*at channels.speed of m.toml"),
+    (HEAD + PWM + "colour = 1\n", "unknown key 'colour'"),
+    (HEAD + '[channels.velocity_z]\nroll_pitch = ["roll", "pitch"]\n', "for cos_tilt only"),
+    (HEAD + '[channels.input]\nexpression = "pwn * 2"\n', "key channels.input.*Did you mean 'pwm'"),
+    (HEAD + '[columns.pwn]\nvalid=[0,1]\n[channels.input]\ncolumn = "pwm"\n', "key columns.pwn"),
+    (HEAD + '[columns]\npwm=3\n[channels.input]\ncolumn = "pwm"\n', "a table .* at columns.pwm of m.toml"),
+    (HEAD.replace('"t"', '"tt"') + PWM, "key time.column"),
+    (HEAD + '[channels.input]\ncolumn = "t"\n',
+        "time column that no channel is made of.*received 't' as both"),
+    (HEAD + '[channels.input]\ncolumn = "absent"\noptional = true\n', "at least one channel of m.toml"),
+    (HEAD + PWM + "scale = 1e300\n", "1e-30 to 1e\\+30 in size"),
+    (HEAD + f'[columns.pwm]\nvalid=[0,{"9" * 400}]\n[channels.input]\ncolumn = "pwm"\n', "64 bits"),
+    ('input_map = "sqare"\n' + HEAD + PWM, "at input_map of m.toml.*'sqare'"),
+    ('input_map = "power:-1"\n' + HEAD + PWM, "positive exponent .*at input_map"),
+    ('input_map = "mixed:2"\n' + HEAD + PWM, "between 0 and 1 at input_map"),
+    (HEAD + VELOCITY + "noise = -1.0\n", "velocity_z"),
+    (HEAD + VELOCITY + "noise = 1.0\nquantisation = 1.0\n", "velocity_z"),
+    (HEAD + VELOCITY + "quantisation = -1.0\n", "velocity_z"),
+    *(
+        (
+            f"{HEAD}[channels.input]\nexpression = {json.dumps(text)}\n",
+            "arithmetic over columns.*at channels.input",
+        )
+        for text in NO_ARITHMETIC
+    ),
+)  # fmt: skip
+
+
+def by_map(name, content, folder):
+    """The map is no file, or one of some content."""
+    write_table(folder)
+    if content is not None:
+        (folder / name).write_bytes(content)
+        name = folder / name
+    ev.read_log(folder / "t.csv", channel_map=folder if name == "." else name)
+
+
+FILES_OF_MAPS = rows("file of a map", ChannelMapError, by_map,
+    ("nanobensch", None, "nanobench, rotorpy.*is no file"),
+    (".", None, "is no file"),
+    ("x" * 5000, None, "is no file"),
+    ("a\x00b", None, "is no file"),
+    ("big.toml", b"#" * (2 << 20), "larger than"),
+    ("latin.toml", b"\xff", "unreadable"),
+    ("rotorpy", None, "a column 't'|a column"),
+)  # fmt: skip
+
+
+def of_bag_map(old, new, folder):
+    assert old in MAP
+    mapped(rig(folder), folder, MAP.replace(old, new))
+
+
+def of_crazyflie_map(rule, folder):
+    text = f'name = "m"\n[time]\ncolumn = "timestamp"\n[channels.velocity_z]\n{rule}\n'
+    (folder / "m.toml").write_text(text)
+    of_content(crazyflie_flight(), folder, channel_map=folder / "m.toml")
+
+
+MAP_OF_A_BAG = rows("map of a bag", ChannelMapError, of_bag_map,
+    ('column = "stamp"', 'column = "t"', "the clock of a bag, 'stamp'.*received 't'"),
+    ("/motors.", "/motor.", "a topic '/motor'.*'/motors'.*Did you mean '/motors'"),
+    ("angular_velocities[1]", "angular_velocities[7]", r"Did you mean.*angular_velocities\[1\]"),
+    (".point.z\" / 2'", ".header.frame_id\" / 2'", "column|field"),
+    (".point.z\" / 2'", '.point.z" / "/motors.normalized"\'', "columns of one topic"),
+)  # fmt: skip
+MAP_OF_A_CRAZYFLIE = rows("map of a crazyflie", ChannelMapError, of_crazyflie_map,
+    ('column = "acc.y"', "a column 'acc.y'.*Did you mean 'acc.z'"),
+    ('expression = \'"acc.z" - "pm.vbat"\'', "one type of events for .*velocity_z.*no type of 'flight"),
+)  # fmt: skip
+CRAZYFLIE = rows("crazyflie", None, of_content,
+    (head(2), CorruptLogError, "ends in its head"),
+    (head(7, 1), CorruptLogError, "version 1 or 2.*version 7.*newer"),
+    (head(2, 65535) + bytes(90), CorruptLogError, "65535 types"),
+    (head(2, 1, 5, b"e\x00", 65535), CorruptLogError, "65535 variables"),
+    (head(2, 1, 5, b"e\x00", 9, b"acc.x(f)\x00"), CorruptLogError, "ends in its head"),
+    (head(2, 1, 5, b"e\x00", 1, b"acc.x(z)\x00"), CorruptLogError, r"'acc.x\(z\)', whose type is not"),
+    (head(2, 2, 5, b"e\x00", 0, 5, b"f\x00", 0), CorruptLogError, "same id"),
+    (head(2, 1, 5, b"e\x00", 1, b"acc.x(f)\x00"), EmptyLogError, "a whole record.*types of events: 1"),
+    (head(2, 1, 5, b"e\x00", 1, b"odd(B)\x00", 5, bytes(9)), EmptyLogError, "with 'odd'.*channel map"),
+    (head(2, 0) + crazyflie_flight(2).bytes()[5:], EmptyLogError, ""),  # which announces no types
+)  # fmt: skip
+TELEMETRY = rows("telemetry", MissingReaderError, of_content,
+    (telemetry(), "telemetry log.*the vehicle's card: .bin of ArduPilot, .ulg of PX4"),
+    (telemetry(magic=0xFE), "telemetry log"),
+    (bytes(16) + b"BUILD" + bytes(300), "DJI.*no commands"),
+    (bytes(242) + b"DJI_LOG_V3" + bytes(300), "DJI"),
+    ((500).to_bytes(8, "little") + b"\x90\x01\x0e" + bytes(1000), "flight record of DJI"),
+)  # fmt: skip
+CONTENT = rows("content", None, partial(of_content, name="misleading.csv"),
+    (gzip.compress(b"time,velocity_z\n0,1\n", mtime=0), MissingReaderError, "gzip archive.*Unpack"),
+    (b"PK\x03\x04" + bytes(100), MissingReaderError, "zip archive"),
+    *((item, UnknownFormatError, "content is that of none of them")
+        for item in (b"hello world\n", b"\x00" * 100, bytes(range(256)), b"\n\n\n")),
+    (b"", EmptyLogError, "0 bytes"),
+)  # fmt: skip
+ENCODINGS = rows("encoding", UnknownFormatError, partial(of_content, name="t.csv"),
+    (codecs.BOM_UTF16_LE + "time,vz\n0,1\n".encode("utf-16-le"),
+        "in UTF-8; received 't.csv', .*a table in UTF-16.*-f UTF-16 "),
+    (codecs.BOM_UTF16_BE + "time;vz\n0;1\n".encode("utf-16-be"),
+        "in UTF-8; received 't.csv', .*a table in UTF-16"),
+    ("time,vz,høj\n0,1,2\n".encode("utf-16-le"), "in UTF-8; received 't.csv', .*a table in UTF-16"),
+    ("time\tvz\n0\t1\n".encode("utf-16-be"), "in UTF-8; received 't.csv', .*a table in UTF-16"),
+    ("time,vz\n0,1\n".encode("utf-32"), "in UTF-8; received 't.csv', .*a table in UTF-32.*-f UTF-32 "),
+    ("time,temp°C\n0,20\n".encode("latin-1"),
+        "in UTF-8; received 't.csv', .*letters that are not UTF-8.*-f WINDOWS-1252 -t UTF-8"),
+    ("time;größe\r\n0;1\r\n".encode("cp1252"), "in UTF-8; received 't.csv', .*letters that are not UTF-8"),
+)  # fmt: skip
+CSV = rows("csv", None, partial(of_content, name="t.csv"),
+    ("time,velocity_z\n", EmptyLogError, "header only"),
+    ("0,1\n0.1,2\n", UnknownFormatError, "numbers only"),
+    ("time,velocity_z\n0,1\n1\n2,3\n", CorruptLogError, "line 3 has 1 fields where the header has 2"),
+    (b"time,velocity_z\n0,1\n\x00\x00\n", CorruptLogError, "NUL bytes in line 3"),
+    ("time,velocity_z\n0,a\n1,b\n", EmptyLogError, "every mapped column is empty"),
+    ("time,velocity_z\na,0\nb,1\n", EmptyLogError, "'time', in which it holds no number|holds no number"),
+    ("velocity_z,speed\n0,1\n", ChannelMapError, "canonical column names"),
+    ("time,velocity_z,velocity_z\n0,1,2\n", ChannelMapError, "two columns called 'velocity_z'"),
+    (",".join(f"c{i}" for i in range(5000)) + "\n1\n", CorruptLogError, "5000 columns"),
+    ("time,velocity_z\n0," + "1" * (2 << 20) + "\n", CorruptLogError, "longer than"),
+    ('time,velocity_z,n\n0,1,"a"\n1,2,b" c\n', CorruptLogError, "line 3 has a quote inside a cell"),
+    ('time,velocity_z,n\n0,1,"a\n1,2,b\n2,3,c\n', CorruptLogError, "line 2 opens a quote that is not clo"),
+    (b"time,velocity_z\n" + b"0,1\n" * 20000 + b"\xff\xfe,2\n", CorruptLogError, "UTF-8"),
+)  # fmt: skip
+
+
+def pipe(folder):
+    os.mkfifo(folder / "pipe")
+    ev.read_log(folder / "pipe")
+
+
+def sparse(folder):
+    with (folder / "huge.ulg").open("wb") as stream:
+        stream.truncate(5 << 30)
+    ev.read_log(folder / "huge.ulg")
+
+
+def cut_parquet(folder):
+    pl.DataFrame({"time": [0.0, 1.0], "velocity_z": [0.0, 1.0]}).write_parquet(folder / "t.parquet")
+    of_content((folder / "t.parquet").read_bytes()[:-10], folder, "t.parquet")
+
+
+def empty_parquet(folder):
+    pl.DataFrame({"time": [], "velocity_z": []}).write_parquet(folder / "t.parquet")
+    ev.read_log(folder / "t.parquet")
+
+
+def matlab(folder, **variables):
+    savemat(folder / "t.mat", variables)
+    ev.read_log(folder / "t.mat")
+
+
+def more_than_it_holds(folder):
+    with h5py.File(folder / "t.h5", "w") as file:
+        file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))
+        file["velocity_z"] = np.arange(50.0)
+    ev.read_log(folder / "t.h5")
+
+
+def of_messages(folder, *messages, kind="", **values):
+    """A bag of one message, or of none."""
+    store = stores()[1]
+    made = [(topic, kind, 0.0, store.types[kind](**(blank(store, kind) | values))) for topic in messages]
+    ev.read_log(write_ros2(folder / "flight", made, store))
+
+
+def wind_bag(folder):
+    stamp = header(stores()[1], 0.0)
+    of_messages(folder, "/wind", kind="geometry_msgs/msg/Vector3Stamped", header=stamp)
+
+
+def vtol(folder):
+    fields = {"vehicle_type": np.repeat([1, 2, 1], 10), "nav_state": np.full(30, 2)}
+    fields = {f"{name}__uint8_t": values for name, values in fields.items()}
+    log = UlogWriter().topic("vehicle_status", 0.1 * np.arange(30.0), **fields)
+    ev.identify_flight(of_content(log, folder))
+
+
+def unknown_flags(folder):
+    log = flight()
+    log.definitions = message("B", bytes(8) + b"\x02" + bytes(31)) + log.definitions[43:]
+    of_content(log, folder)
+
+
+def list_map(old, new, folder):
+    path = tables.written(folder / "t.csv", ["[1, 2, 3]"] * tables.ROWS)
+    (folder / "m.toml").write_text(tables.MAP.replace(old, new))
+    ev.read_log(path, channel_map=folder / "m.toml")
+
+
+LENGTHS = r"'velocity_z' 60|'time' 50.*'velocity_z' 60"
+UNSTAMPED = r"/imu without a stamp that can be, .*: 1\. Write a channel map"
+OUT_OF = r"channels out of time, .*received 'vz'"
+ANY_NAMES = "only with logs whose columns have any names"
+DATAFLASH = DataflashWriter().text("ArduCopter V4.6.2").parameters(SYSID=1.0)
+WIND = UlogWriter().topic("wind", [0.0, 1.0], windspeed_north=np.zeros(2))
+CELLS = np.array([[1], "a"], dtype=object)
+FILES = calls("file", None,
+    (sparse, LogTooLargeError, "at most 1073741824 bytes"),
+    (lambda f: of_content("time,velocity_z\n0,1\n", f, max_bytes=5), LogTooLargeError, ""),
+    (lambda f: ev.read_log(f / "nothing.ulg"), InputError, "does not exist"),
+    (ev.read_log, InputError, "a directory"),
+    (lambda _: ev.read_log("a\x00b"), InputError, "can be opened|null"),
+    (pipe, InputError, "not a regular file"),
+    (lambda _: ev.read_log("x" * 5000), InputError, "that can be opened"),
+    *(
+        (lambda _, path=path: ev.read_log(path), UsageError, "a path, as a text or a Path")
+        for path in (3, None, b"log.csv", ["log.csv"])
+    ),
+    (empty_parquet, EmptyLogError, "without one"),
+    (cut_parquet, CorruptLogError, "Parquet file that cannot be decoded"),
+    (lambda f: matlab(f, time=np.arange(50.0), velocity_z=np.arange(60.0)), ChannelMapError, LENGTHS),
+    (lambda f: matlab(f, name="flight", cells=CELLS), EmptyLogError,
+        r"objects \(timeseries, tables\) are not read"),
+    (more_than_it_holds, LogTooLargeError, "repeats itself"),
+    (of_messages, EmptyLogError, r"with no messages\. Nothing was recorded"),
+    (lambda f: of_messages(f, "/imu", kind="sensor_msgs/msg/Imu"), EmptyLogError, UNSTAMPED),
+    (wind_bag, EmptyLogError, r"/wind \(geometry_msgs/Vector3Stamped\).*TOPIC.FIELD"),
+    (vtol, InputError, r"START:END\. The vehicle is on its rotors in 0:1, 2:"),
+    (lambda f: of_content(WIND, f), EmptyLogError, "one of the topics"),
+    (lambda f: of_content(WIND.bytes()[:12], f), CorruptLogError, "header of 16 bytes"),
+    (unknown_flags, CorruptLogError, "incompatible flags"),
+    (lambda f: of_content(flight(), f, channel_map="nanobench"), UsageError, ANY_NAMES),
+    (lambda f: of_content(DATAFLASH, f), EmptyLogError, "LOG_BITMASK"),
+    (lambda _: ev.recording_from_columns(tables.COLUMNS, estimated=("vz",)), UsageError, OUT_OF),
+)  # fmt: skip
+MAP_OF_LISTS = rows("map of lists", ChannelMapError, list_map,
+    ("index = 2", "index = -1", "a place from 0.*index"),
+    ("index = 2", "index = 1.5", "a whole number"),
+    ('column = "v"\nindex = 2', 'column = "w"\nindex = 2', r"a column 'w\[2\]'.*'v'"),
+)  # fmt: skip
+COLUMNS_GIVEN = rows("columns", None, lambda columns, _: ev.recording_from_columns(columns),
+    ({"velocity_z": [1.0]}, UsageError, "a column 'time'"),
+    ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean 'velocity_z'"),
+    ({"time": [1.0, 2.0], "velocity_z": [1.0]}, ShapeError, "length of 'time', 2"),
+    ({"time": [1.0, 2.0], "velocity_z": ["a", "b"]}, DataError, "numbers in column 'velocity_z'"),
+    ({"time": [], "velocity_z": []}, EmptyLogError, "length 0"),
+    ({"time": [1.0], "velocity_z": [np.nan]}, EmptyLogError, "empty"),
+)  # fmt: skip
+CHANNELS = rows("channel", MissingChannelError,
+    lambda columns, _: ev.identify_flight(ev.recording_from_columns(columns)),
+    (COLUMNS | {"velocity_z": np.full(1000, np.nan)}, "velocity_z, which is there and holds no number"),
+    ({name: column[::-1] for name, column in COLUMNS.items()},
+        r"999 were dropped, because their stamp .* goes backward"),
+)  # fmt: skip
+OF_BAG = b"\0\1\0\0" + struct.pack("<IIII", 1 << 31, 0, 0, 0)
+DEFINITION = rows("definition", UnsoundMessageError, lambda text, _: layout(OF_BAG, text),
+    ("uint8[1000000000] many", "goes on after them"),
+    ("string words", "goes on after them"),
+    ("B again", "nested too deep"),
+    ("C other", "type a/C is not known"),
+    ("C[] other\n" + "=" * 80 + "\nMSG: a/C\nuint8[0] nothing\n", "more than 4096 fields"),
+    ("uint8 one", "where its type takes 5"),
+)  # fmt: skip
+DOWN = ev.recording_from_columns(tables.COLUMNS, frame=ev.Frame.NED, input_map="square")
+LANDED = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
+STAMPED_CHANNELS = {"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": LANDED}
+STAMPED = ev.Recording(name="r", format="", channels=STAMPED_CHANNELS)
+WITHOUT = replace(STAMPED, channels=STAMPED_CHANNELS | {"landed": replace(LANDED, values=np.zeros(2))})
+ESTIMATED = ev.recording_from_columns(tables.COLUMNS, estimated=("velocity_z",))
+WRITTEN = rows("written", UsageError,
+    lambda recording, name, folder: write_recording(recording, folder / name),
+    (DOWN, "r.csv", r"z down.*input map 'square'"),
+    (ESTIMATED, "r.csv", "estimator made velocity_z"),
+    (ev.recording_from_columns(tables.COLUMNS), "r.txt", "ends in"),
+    (STAMPED, "r.parquet", r"all stamps of 'landed'.*NaN among them"),
+    (WITHOUT, "r.csv", "the stamps of input and others"),
+    (replace(STAMPED, channels={}), "r.parquet", "a recording with channels"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@table(
+    *(BLACKBOX, MAPS, FILES_OF_MAPS, MAP_OF_A_BAG, MAP_OF_A_CRAZYFLIE, CRAZYFLIE, TELEMETRY, CONTENT),
+    *(ENCODINGS, CSV, FILES, MAP_OF_LISTS, COLUMNS_GIVEN, CHANNELS, DEFINITION, WRITTEN),
+)
+def test_refused(call, error, text, tmp_path):
+    with pytest.raises(error, match=f"(?s){text}"):
+        call(tmp_path)
