@@ -118,26 +118,6 @@ def test_without_a_reference_it_is_the_direct_estimate_and_says_so(swept):
     assert np.allclose(result.response, result.direct, equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
-        ({"y": np.ones(99)}, errors.DataError, "arrays of the same lengths"),
-        ({"u": np.ones(4000)}, errors.DataError, "a u that changes"),
-        ({"rate_hz": 0.0}, errors.ParameterError, "rate_hz above zero"),
-        ({"rate_hz": 2000.0}, errors.TooFewSamplesError, "a run of 5 s or more"),
-        ({"level": 1.0}, errors.ParameterError, "a level between 0 and 1"),
-        ({"frequency_hz": [1.0, 60.0]}, errors.ParameterError, "frequencies between 0 and 50 Hz"),
-        ({"period_s": 0.0123}, errors.ParameterError, "a whole number of samples"),
-        ({"period_s": 30.0}, errors.TooFewSamplesError, "a run of two periods"),
-    ],
-)
-def test_wrong_input_is_refused(change, error, words):
-    u, y, r = np.random.default_rng(1).standard_normal((3, 4000))
-    given = {"u": u, "y": y, "reference": r, "rate_hz": 100.0} | change
-    with pytest.raises(error, match=words):
-        ev.frequency_response(**given)
-
-
 def test_models_find_order_lag_and_delay(swept):
     made, r, u, y = swept
     held, orders = [], []

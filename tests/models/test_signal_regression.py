@@ -47,6 +47,7 @@ from eivor.motions.vertical.regression import VerticalFlight, vertical_problem
 from eivor.signals.filters import actuator_state, first_order_lag
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
+from refusal_rows import calls, rows, table
 
 NAMES = ("velocity_z", "specific_force_z", "input", "cos_tilt")
 
@@ -59,12 +60,6 @@ def make_signals(count, seed=0, valid=None, **more):
         for values in channels.values():
             values[~valid] = np.nan
     return Signals(5.0, channels, valid=valid, **more)
-
-
-@pytest.mark.parametrize(("first", "last"), [(2, 1), (-1, 3), (0, 99_999_999_999), (0, 10_000)])
-def test_impossible_lags_are_refused(first, last):
-    with pytest.raises(UsageError, match="Expected"):
-        lags("input", first, last)
 
 
 @given(
@@ -111,22 +106,6 @@ def test_vertical_motion_has_the_signs_of_its_equation():
     without = VerticalMotion(intercept=False).regression(signals, lags("input", 1, 3)).rows()
     assert without.instruments.shape == (17, 3)
     assert VerticalMotion().regression(signals).rows().instruments.shape == (20, 0)
-
-
-@pytest.mark.parametrize("count", [0, 1, 3, 5])
-@pytest.mark.parametrize("valid", [None, "first", "none"])
-def test_records_shorter_than_the_lags_are_too_short_whatever_is_asked_first(count, valid):
-    mask = {None: None, "first": np.arange(count) != 0, "none": np.zeros(count, dtype=bool)}[valid]
-    signals = make_signals(count, valid=mask, noise={name: WhiteNoise(0.1) for name in NAMES})
-    for ask in (
-        "rows",
-        "instrument_noise_covariance",
-        "regressor_noise_covariance",
-        "instruments_share_noise",
-    ):
-        problem = VerticalMotion(intercept=False).regression(signals, lags("input", 0, 5))
-        with pytest.raises(TooFewSamplesError, match=r"Expected .*; received"):
-            getattr(problem, ask)()
 
 
 def test_the_response_is_the_specific_force_and_else_the_acceleration():
@@ -229,50 +208,8 @@ PHI, Y = RNG.standard_normal((10, 2)), RNG.standard_normal(10)
 ENDLESS_NOISE = np.full((2, 3), np.inf)
 
 
-@pytest.mark.parametrize("count", [0, 9, 11])
-def test_a_layout_of_another_length_is_no_single_flight(count):
-    """Rows of two flights would be clustered as one."""
-    made = regression(response=Y, regressors=PHI)
-    flights = np.arange(count) // 5
-    with pytest.raises(ShapeError, match=rf"a layout of 10 rows.*; received one of shape \({count},\)"):
-        replace(made, layout=SampleRows(flights))
-    kept = replace(made, layout=SampleRows(np.arange(10) // 5))
-    np.testing.assert_array_equal(kept.layout.flight_of_row, [0] * 5 + [1] * 5)
-    with pytest.raises(ShapeError, match="a layout of 5 rows"):
-        replace(kept, response=Y[:5], regressors=PHI[:5], instruments=np.empty((5, 0)))
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("given", "error", "said"),
-    [
-        ({"response": Y[:, None]}, ShapeError, r"response of shape \(rows,\)"),
-        ({"regressors": PHI[None]}, ShapeError, "regressors with two dimensions"),
-        ({"response": Y[:5]}, ShapeError, "equally many rows"),
-        ({"instruments": PHI[:5]}, ShapeError, "equally many rows"),
-        ({"names": ["K"]}, ShapeError, "one name for each of 2 regressors"),
-        ({"response": Y[:1], "regressors": PHI[:1]}, TooFewSamplesError, "at least 2 rows"),
-        ({"noise_covariance": np.eye(2)}, ShapeError, "a 3 x 3 covariance"),
-        ({"noise_covariance": np.triu(np.ones((3, 3)))}, CovarianceError, "symmetric"),
-        ({"noise_covariance": np.diag([1.0, -1.0, 1.0])}, CovarianceError, "positive semidefinite"),
-        ({"instruments": PHI, "instrument_noise_covariance": np.eye(3)}, ShapeError, "a 2 x 3 covariance"),
-        (
-            {"instruments": PHI, "instrument_noise_covariance": ENDLESS_NOISE},
-            NonFiniteError,
-            "noise covariance",
-        ),
-    ],
-)
-def test_what_does_not_fit_is_refused_with_the_reason(given, error, said):
-    with pytest.raises(error, match=f"Expected .*{said}|{said}.*; received"):
-        regression(**({"response": Y, "regressors": PHI} | given))
-
-
 def test_noise_that_was_not_given_is_asked_for():
     bare = regression(response=Y, regressors=PHI, instruments=PHI)
-    for ask in (bare.regressor_noise_covariance, bare.instrument_noise_covariance):
-        with pytest.raises(MissingNoiseError, match=r"Expected the covariance .*; received none"):
-            ask()
     assert not bare.instruments_share_noise()
     zero = replace(bare, instrument_noise=np.zeros((2, 3)))
     assert not zero.instruments_share_noise()
@@ -375,22 +312,6 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
     count = alone.layout.runs[0].count
     for name in ("regressors", "instruments", "responses"):
         np.testing.assert_allclose(getattr(bins, name)[-count:], getattr(alone, name), atol=1e-12)
-
-
-def test_flights_that_cannot_share_a_problem_are_refused():
-    runs = (slice(0, 800),)
-    with pytest.raises(TooFewSamplesError, match="Expected at least one usable run of flight; received none"):
-        vertical_problem((VerticalFlight(flight_signals(), "input", False, ()),), VerticalMotion())
-
-    class Uneven(LaggedInputs):
-        def columns(self, driven):
-            rising = driven.signals.channel("velocity_z")[0] > 0.0
-            return np.zeros((driven.signals.sample_count, 1 + int(rising)))
-
-    rising, falling = (flight_signals(velocity_z=sign * np.ones(800)) for sign in (1.0, -1.0))
-    flights = tuple(VerticalFlight(signals, "input", False, runs) for signals in (rising, falling))
-    with pytest.raises(InstrumentError, match="same instruments in every flight"):
-        vertical_problem(flights, VerticalMotion(), Uneven())
 
 
 def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
@@ -499,15 +420,15 @@ def test_instruments_of_an_axis_are_not_those_of_another():
     problem = LaggedRuns((item, other), PAIR, (LAG,))
     assert problem.axes == (0, 4)
     alone = [LaggedRuns((each,), PAIR, (LAG,)) for each in (item, other)]
-    for rows, parts in (
+    for joined, parts in (
         (problem.rows(RUN_AT).instruments, [each.rows(RUN_AT).instruments for each in alone]),
         (problem.bins(RUN_AT).instruments, [each.bins(RUN_AT).instruments for each in alone]),
     ):
         first = parts[0].shape[0]
-        np.testing.assert_allclose(rows[:first, :4], parts[0], rtol=1e-12)
-        np.testing.assert_allclose(rows[first:, 4:], parts[1], rtol=1e-12)
-        assert not rows[:first, 4:].any()
-        assert not rows[first:, :4].any()
+        np.testing.assert_allclose(joined[:first, :4], parts[0], rtol=1e-12)
+        np.testing.assert_allclose(joined[first:, 4:], parts[1], rtol=1e-12)
+        assert not joined[:first, 4:].any()
+        assert not joined[first:, :4].any()
     layout = problem.bins(RUN_AT).layout
     np.testing.assert_array_equal(np.unique(layout.axis_of_row), [0, 4])
     assert layout.axis_of_row.shape == layout.flight_of_row.shape
@@ -525,21 +446,6 @@ def test_scores_of_one_time_are_added_over_the_axes():
     wanted = np.concatenate([each[:550] + each[550:1100], each[1100:]])
     assert scores.shape == (550 + 40, 2)
     np.testing.assert_allclose(scores, wanted, atol=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("which", "error", "said"),
-    [
-        ((columns(1, runs=()),), TooFewSamplesError, "at least one usable run"),
-        ((columns(1), columns(2, instruments=3, flight=1)), InstrumentError, r"\[4, 3\] columns"),
-        ((columns(1, candidates=3),), ShapeError, "one or two candidates.*received 3"),
-        ((columns(1),), ShapeError, "a fixed or moving column for each of 3 parameters; received 1 and 1"),
-    ],
-)
-def test_columns_that_make_no_problem_are_refused(which, error, said):
-    parameters = (*PAIR, Parameter("c")) if "parameters" in said else PAIR
-    with pytest.raises(error, match=said):
-        LaggedRuns(which, parameters, (LAG,)).rows(RUN_AT)
 
 
 @pytest.mark.parametrize(("seconds", "degree"), [(14.9, 0), (15.0, 1), (40.0, 1)])
@@ -650,64 +556,6 @@ def sharing(noise, column, name):
     return lambda: of_noise(noise).shared_noise([column], [(FractionalPart(name, 0.5),)], 0)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "text"),
-    [
-        (lambda: ev.FractionalTerm(3.5), ParameterError, "an order between -3 and 3"),
-        (lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
-        (lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
-        (lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
-        (with_orders((ORDER, 0.0)), ParameterError, "a known order of the first"),
-        (with_orders((0.0, ORDER, SECOND)), ParameterError, "orders 0.2 to 1.2 and 1.1 to 1.9"),
-        (
-            with_orders((0.0, ORDER), replace(ORDER, high=0.3)),
-            ParameterError,
-            "one range of the order 'order'",
-        ),
-        (
-            with_orders((0.0, replace(ORDER, name="input_coefficient_1"))),
-            ParameterError,
-            "names of their own",
-        ),
-        (lambda: LAGGED.simulate({"order": 0.5}, np.ones(9)), ParameterError, "none of output_coefficient_2"),
-        (lambda: LAGGED.simulate(LAGGED_TRUTH, np.ones((9, 2))), ShapeError, "an input of shape"),
-        (lambda: LAGGED.simulate(LAGGED_TRUTH, np.array([1.0, np.nan])), NonFiniteError, "a finite input"),
-        (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 0), ParameterError, "one sample or more"),
-        (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 5, rate_hz=0.0), ParameterError, "a positive rate"),
-        (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array([0.7])), ParameterError, "up to 0.5 Hz"),
-        (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"),
-        (lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
-        (
-            lambda: LAGGED.problem(HOLED),
-            DataError,
-            "every sample of which is valid; received samples that are",
-        ),
-        (lambda: FilteredSignals(LATE, ev.FractionalDifference()), DataError, "one that begins at sample 4"),
-        (
-            lambda: relaxation().simulate(GROWING, np.ones(9)),
-            ParameterError,
-            "received one with 1 growing mode",
-        ),
-        (lambda: relaxation().impulse_response(ENDLESS, 9), ParameterError, "solved for the newest output"),
-        (
-            lambda: of_noise(ev.WhiteNoise(0.5)).noise_covariance(((FractionalPart("z", 0.5),),), 0),
-            MissingNoiseError,
-            "a declared noise of channel 'z'",
-        ),
-        (sharing(WhiteNoise(0.5), Column("z", 1), "z"), MissingNoiseError, "a declared noise of channel 'z'"),
-        (
-            sharing(WhiteNoise(1.0), Column("x", gain_channel="z"), "x"),
-            UsageError,
-            "without a gain of another",
-        ),
-    ],
-)
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_bad_input_is_told(call, error, text):
-    with pytest.raises(error, match=text):
-        call()
-
-
 def of_noise(noise, count=60, operator=None, **more):
     signals = ev.Signals(2.0, {"x": np.zeros(count), "z": np.zeros(count)}, noise={"x": noise})
     return FilteredSignals(signals, operator or ev.FractionalDifference(), **more)
@@ -765,3 +613,119 @@ def test_shared_noise_is_the_mean_over_the_rows(operator, noise):
     shared_noise = record.shared_noise(plain, columns, first)
     assert shared_noise[0] == pytest.approx(np.array(shared), abs=1e-12)
     assert not shared_noise[1:].any()
+
+
+def given(changes):
+    regression(**({"response": Y, "regressors": PHI} | changes))
+
+
+def short_record(count, valid, ask):
+    """Too short whatever is asked first."""
+    mask = {None: None, "first": np.arange(count) != 0, "none": np.zeros(count, dtype=bool)}[valid]
+    signals = make_signals(count, valid=mask, noise={name: WhiteNoise(0.1) for name in NAMES})
+    getattr(VerticalMotion(intercept=False).regression(signals, lags("input", 0, 5)), ask)()
+
+
+def response_of(changes):
+    u, y, r = np.random.default_rng(1).standard_normal((3, 4000))
+    ev.frequency_response(**({"u": u, "y": y, "reference": r, "rate_hz": 100.0} | changes))
+
+
+class Uneven(LaggedInputs):
+    def columns(self, driven):
+        rising = driven.signals.channel("velocity_z")[0] > 0.0
+        return np.zeros((driven.signals.sample_count, 1 + int(rising)))
+
+
+def problem_of_runs(runs):
+    rising, falling = (flight_signals(velocity_z=sign * np.ones(800)) for sign in (1.0, -1.0))
+    flights = tuple(VerticalFlight(signals, "input", False, runs) for signals in (rising, falling))
+    vertical_problem(flights, VerticalMotion(), Uneven())
+
+
+BARE = regression(response=Y, regressors=PHI, instruments=PHI)
+OF_FLIGHTS = replace(regression(response=Y, regressors=PHI), layout=SampleRows(np.arange(10) // 5))
+NO_RUN = "Expected at least one usable run of flight; received none"
+FIRST_FIVE = {"response": Y[:5], "regressors": PHI[:5], "instruments": np.empty((5, 0))}
+ASKED = ("rows", "instrument_noise_covariance", "regressor_noise_covariance", "instruments_share_noise")
+LAGS = rows("lags", UsageError, lambda first, last: lags("input", first, last),
+    *((first, last, "Expected") for first, last in ((2, 1), (-1, 3), (0, 99_999_999_999), (0, 10_000))),
+)  # fmt: skip
+SHORT_RECORDS = rows("short record", TooFewSamplesError, short_record,
+    *itertools.product((0, 1, 3, 5), (None, "first", "none"), ASKED, ("Expected .*; received",)),
+)  # fmt: skip
+GIVEN = rows("arrays", None, given, *(
+    (changes, error, f"Expected .*{text}|{text}.*; received")
+    for changes, error, text in (
+    ({"response": Y[:, None]}, ShapeError, r"response of shape \(rows,\)"),
+    ({"regressors": PHI[None]}, ShapeError, "regressors with two dimensions"),
+    ({"response": Y[:5]}, ShapeError, "equally many rows"),
+    ({"instruments": PHI[:5]}, ShapeError, "equally many rows"),
+    ({"names": ["K"]}, ShapeError, "one name for each of 2 regressors"),
+    ({"response": Y[:1], "regressors": PHI[:1]}, TooFewSamplesError, "at least 2 rows"),
+    ({"noise_covariance": np.eye(2)}, ShapeError, "a 3 x 3 covariance"),
+    ({"noise_covariance": np.triu(np.ones((3, 3)))}, CovarianceError, "symmetric"),
+    ({"noise_covariance": np.diag([1.0, -1.0, 1.0])}, CovarianceError, "positive semidefinite"),
+    ({"instruments": PHI, "instrument_noise_covariance": np.eye(3)}, ShapeError, "a 2 x 3 covariance"),
+    ({"instruments": PHI, "instrument_noise_covariance": ENDLESS_NOISE}, NonFiniteError, "noise covariance"),
+)))  # fmt: skip
+LAYOUTS = rows("layout", ShapeError, lambda problem, changes: replace(problem, **changes),
+    *((BARE, {"layout": SampleRows(np.arange(n) // 5)},
+        rf"a layout of 10 rows.*; received one of shape \({n},\)") for n in (0, 9, 11)),
+    (OF_FLIGHTS, FIRST_FIVE, "a layout of 5 rows"),
+)  # fmt: skip
+NO_PROBLEM = rows("columns", None,
+    lambda which, parameters: LaggedRuns(which, parameters, (LAG,)).rows(RUN_AT),
+    ((columns(1, runs=()),), PAIR, TooFewSamplesError, "at least one usable run"),
+    ((columns(1), columns(2, instruments=3, flight=1)), PAIR, InstrumentError, r"\[4, 3\] columns"),
+    ((columns(1, candidates=3),), PAIR, ShapeError, "one or two candidates.*received 3"),
+    ((columns(1),), (*PAIR, Parameter("c")), ShapeError,
+        "a fixed or moving column for each of 3 parameters; received 1 and 1"),
+)  # fmt: skip
+RESPONSES = rows("frequency response", None, response_of,
+    ({"y": np.ones(99)}, DataError, "arrays of the same lengths"),
+    ({"u": np.ones(4000)}, DataError, "a u that changes"),
+    ({"rate_hz": 0.0}, ParameterError, "rate_hz above zero"),
+    ({"rate_hz": 2000.0}, TooFewSamplesError, "a run of 5 s or more"),
+    ({"level": 1.0}, ParameterError, "a level between 0 and 1"),
+    ({"frequency_hz": [1.0, 60.0]}, ParameterError, "frequencies between 0 and 50 Hz"),
+    ({"period_s": 0.0123}, ParameterError, "a whole number of samples"),
+    ({"period_s": 30.0}, TooFewSamplesError, "a run of two periods"),
+)  # fmt: skip
+CALLS = calls("call", None,
+    (lambda: ev.FractionalTerm(3.5), ParameterError, "an order between -3 and 3"),
+    (lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
+    (lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
+    (lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
+    (with_orders((ORDER, 0.0)), ParameterError, "a known order of the first"),
+    (with_orders((0.0, ORDER, SECOND)), ParameterError, "orders 0.2 to 1.2 and 1.1 to 1.9"),
+    (with_orders((0.0, ORDER), replace(ORDER, high=0.3)), ParameterError, "one range of the order 'order'"),
+    (with_orders((0.0, replace(ORDER, name="input_coefficient_1"))), ParameterError, "names of their own"),
+    (lambda: LAGGED.simulate({"order": 0.5}, np.ones(9)), ParameterError, "none of output_coefficient_2"),
+    (lambda: LAGGED.simulate(LAGGED_TRUTH, np.ones((9, 2))), ShapeError, "an input of shape"),
+    (lambda: LAGGED.simulate(LAGGED_TRUTH, np.array([1.0, np.nan])), NonFiniteError, "a finite input"),
+    (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 0), ParameterError, "one sample or more"),
+    (lambda: LAGGED.impulse_response(LAGGED_TRUTH, 5, rate_hz=0.0), ParameterError, "a positive rate"),
+    (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array([0.7])), ParameterError, "up to 0.5 Hz"),
+    (lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"),
+    (lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
+    (lambda: LAGGED.problem(HOLED), DataError, "every sample of which is valid; received samples that are"),
+    (lambda: FilteredSignals(LATE, ev.FractionalDifference()), DataError, "one that begins at sample 4"),
+    (lambda: relaxation().simulate(GROWING, np.ones(9)), ParameterError, "received one with 1 growing mode"),
+    (lambda: relaxation().impulse_response(ENDLESS, 9), ParameterError, "solved for the newest output"),
+    (lambda: of_noise(ev.WhiteNoise(0.5)).noise_covariance(((FractionalPart("z", 0.5),),), 0),
+        MissingNoiseError, "a declared noise of channel 'z'"),
+    (sharing(WhiteNoise(0.5), Column("z", 1), "z"), MissingNoiseError, "a declared noise of channel 'z'"),
+    (sharing(WhiteNoise(1.0), Column("x", gain_channel="z"), "x"), UsageError, "without a gain of another"),
+    (BARE.regressor_noise_covariance, MissingNoiseError, "Expected the covariance .*; received none"),
+    (BARE.instrument_noise_covariance, MissingNoiseError, "Expected the covariance .*; received none"),
+    (lambda: problem_of_runs(()), TooFewSamplesError, NO_RUN),
+    (lambda: problem_of_runs((slice(0, 800),)), InstrumentError, "same instruments in every flight"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@table(LAGS, SHORT_RECORDS, GIVEN, LAYOUTS, NO_PROBLEM, RESPONSES, CALLS)
+def test_refused(call, error, text):
+    with pytest.raises(error, match=text):
+        call()

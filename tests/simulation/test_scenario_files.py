@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError
 from eivor.lab import scenario_files
 from eivor.lab.disturbances import paper_disturbance
 from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, OpenLoop, VelocityControl
@@ -42,6 +42,7 @@ from eivor.strict_toml import read_toml
 from validation.pages import page_with
 
 TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
+CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
 
 
 @pytest.fixture
@@ -167,56 +168,6 @@ def test_every_kind_simulates(read, section, item, route):
     assert moved == (section == "disturbance" and route == "dynamics")
 
 
-CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
-WHITE = TRUTH + "[noise.input]\nkind='white'"
-WRONG = [
-    ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
-    (TRUTH + "samples = 1", "samples of 2 or more.*received 1"),
-    (TRUTH + "samples = 99_000_000", "50000000 samples or fewer at samples"),
-    (TRUTH + "rate_hz = nan", "a finite number at rate_hz"),
-    (TRUTH + 'route = "wind"', "one of equation, dynamics at route of one.toml; received 'wind'"),
-    (TRUTH + "noise = 3", r"a table \[noise\]"),
-    (
-        TRUTH + "[noise.specific_force_z]\nkind='white'\nstd=1",
-        "velocity_z, acceleration_z, .*at noise of .*'specific_force_z'. A scenario moves about hover",
-    ),
-    (WHITE, "std or ratio_to_signal at noise.input.*received neither"),
-    (WHITE + "\nstd=-1", "zero or more at noise.input.*received std=-1"),
-    (WHITE + "\nratio_to_signal=-1", "a finite number >= 0.0 at noise.input.ratio_to_signal"),
-    (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
-    (TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=[1.5]", "stationary.* at disturbance of"),
-    (
-        TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=[1,2]",
-        "a list of numbers at disturbance.coefficients.1. of one.toml; received 1",
-    ),
-    (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
-    (TRUTH + CONTROL.replace("15", "1e6"), "loop decays.* at the top of one.toml; received Velocity"),
-    (TRUTH + CONTROL.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
-    (TRUTH + CONTROL.replace("velocity'", "altitude'"), "finite number at control.altitude_gain.*nothing"),
-    (TRUTH + CONTROL + "altitude_gain=1", "the unknown key 'altitude_gain'"),
-    (TRUTH + CONTROL.replace("15", "0"), "velocity_integral_gain at control of.*received both zero"),
-    (TRUTH + CONTROL.replace("15", "'fast'"), "a finite number at control.velocity_gain.*received 'fast'"),
-    (
-        TRUTH + CONTROL + "[noise.position_z]\nkind='white'\nstd=1",
-        "received noise of 'position_z'.*under altitude control only",
-    ),
-    ("viscous_friction = ", "which is not"),
-]
-
-
-@pytest.mark.parametrize(("text", "said"), WRONG, ids=[item[:40] for _, item in WRONG])
-def test_mistakes_are_told_with_their_place(read, text, said):
-    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
-        read(text)
-    assert "one.toml" in str(caught.value)
-
-
-def test_missing_files_and_folders(tmp_path):
-    for path in (tmp_path / "none.toml", tmp_path):
-        with pytest.raises(InputError, match="a scenario in TOML"):
-            read_scenario(path)
-
-
 def test_shipped_scenarios_read_and_simulate():
     names = shipped_files(SCENARIOS)
     assert {"v", "p", "rich", "rich-high", "rich-dynamic", "white"} <= set(names)
@@ -250,49 +201,6 @@ def test_column_is_the_input(series, tmp_path, name):
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
     truth = ev.simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
-
-
-#: Files and columns that are refused, and tables that name none.
-REFUSED = [
-    ("none.csv:u", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
-    ("../mine.csv:u", "beside the scenario or in a folder below it"),
-    ("link.csv:u", "beside the scenario or in a folder below it"),
-    ("loop.csv:u", "beside the scenario or in a folder below it|a file that exists"),
-    ("folder.csv:u", "a file that exists"),
-    ("below:u", "ends in .csv or .parquet"),
-    ("broken.parquet:u", "a table as PARQUET.*'broken.parquet', which is not"),
-    ("empty.csv:u", "a table as CSV.*'empty.csv', which is not"),
-    ("mine.csv:U", r"a column out of time, u, .*received 'U', not in mine.csv"),
-    ("mine.csv:word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
-    ("mine.csv:hole", "finite numbers in column 'hole'.*received no value.*row 60"),
-    ("mine.csv:infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
-    ("mine.parquet:flag", "values of Boolean"),
-    ("mine.parquet:hole", "no value"),
-    ("mine.parquet:nan", "received nan"),
-    ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
-    ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
-    ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
-    ('"mine.csv"', "a list of numbers or a table at excitation.values"),
-]
-
-
-@pytest.mark.parametrize(("values", "said"), REFUSED)
-def test_series_that_are_refused(series, tmp_path, values, said):
-    outside = tmp_path.parent / f"{tmp_path.name}-outside.csv"
-    table().write_csv(outside)
-    for name in ("below", "folder.csv"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "link.csv").symlink_to(outside)
-    (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
-    (tmp_path / "broken.parquet").write_bytes(b"PAR1 no more")
-    (tmp_path / "empty.csv").write_text("")
-    columns = {"hole": [1.0] * 59 + [None], "infinite": [np.inf] + [1.0] * 59}
-    table(word=["1", "2", "x", *["4"] * 57], **columns).write_csv(tmp_path / "mine.csv")
-    table(flag=[True] * 60, nan=[np.nan] * 60, **columns).write_parquet(tmp_path / "mine.parquet")
-    file, _, column = values.partition(":")
-    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
-        series(f'{{ file = "{file}", column = "{column}" }}' if column else values)
-    assert "one.toml" in str(caught.value)
 
 
 def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
@@ -388,36 +296,6 @@ def test_everything_is_read(file):
     assert flight.sensors.rotor_speed is not None
     assert flight.logged.omitted == ("rotor_command_*",)
     assert (flight.trajectory, flight.duration, flight.seed) == (TrajectoryKind.CHIRP, 0.2, 0)
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "message"),
-    [
-        ("mass = 0.5", "mas = 0.5", r"at vehicle of mine\.toml.*unknown key 'mas'. Did you mean 'mass'"),
-        ("spins = [1, -1, 1, -1]", "spins = [1, 0.5]", r"a list of whole numbers at vehicle\.rotors\.spins"),
-        ("spins = [1, -1, 1, -1]", "spins = [1, -1]", r"a spin for each at vehicle\.rotors"),
-        ("lag_up = 0.02", "lag_up = -0.02", r"lag_up above zero at vehicle\.rotors"),
-        ("inertia = [3.65e-3,", "inertia = [-3.65e-3,", r"positive definite at vehicle"),
-        ("duration = 0.2", 'duration = 0.2\ntrajectory = "jump"', r"one of steps, .* at trajectory"),
-        ("duration = 0.2", "duration = 0.2\nrate_hz = 700.0", r"rate_hz of the controller"),
-        ("duration = 0.2", "duration = 3600.0\nrate_hz = 1e4", r"2000000 steps or fewer at duration"),
-        ("[wind]", "[wind]\nx = 1.0", r"a table at wind\.x"),
-        ('kind = "dryden"', 'kind = "dry"', r"one of paper, .* at wind\.z\.kind"),
-    ],
-)
-def test_wrong_files_are_told(file, right, wrong, message):
-    text = VEHICLE + REST
-    assert right in text
-    file.write_text(text.replace(right, wrong), encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        rigid_body_flight_from_table(read_toml(file, "a flight"))
-
-
-def test_there_is_none_of_that_name():
-    with pytest.raises(UsageError, match="a flight out of crazyflie, quadrotor"):
-        shipped_rigid_body_flight("helicopter")
-    with pytest.raises(UsageError, match=r"a scenario out of arch, .*received 'rihc'"):
-        shipped_scenario("rihc")
 
 
 @pytest.mark.thorough

@@ -1,0 +1,223 @@
+"""Simulations, scenarios and vehicles that are refused, each with its place and the remedy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_disturbances import STEP_S, rng, sampled
+from test_scenario_files import CONTROL as VELOCITY
+from test_scenario_files import REST, SCENARIO, TRUTH, VEHICLE
+from test_scenario_files import table as columns
+from test_simulate import CONTROL, FALLING, OPEN, QUIET, QUIET_BODY, fly_body, with_rotors
+
+import eivor as ev
+from eivor.errors import InputError, ParameterError, UsageError
+from eivor.lab import disturbances as d
+from eivor.lab import scenario_files as files
+from eivor.lab.records import Intersample
+from eivor.simulation import excitation as e
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import SensorNoise
+from eivor.simulation.rigid_body_spec import Logged, Sensors, Wind
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from eivor.strict_toml import read_toml
+from refusal_rows import calls, rows, table
+
+
+def short_course(_):
+    d.TimeVaryingArma(1.0, (d.GivenCourse((0.1,) * 200),)).sample(201, STEP_S, rng())
+
+
+DISTURBANCES = calls("disturbance", ParameterError,
+    (lambda _: e.WhiteDisturbance(-1.0), "a finite std of zero or more; received std=-1.0"),
+    (lambda _: d.Arma(1.0, (1.0,)), r"stationary autoregression.*multiplied by 1 each step"),
+    (lambda _: d.Arma(1.0, (0.5, 0.6)), "stationary autoregression"),
+    (lambda _: d.Arma(float("nan")), "a finite std of zero or more; received std=nan"),
+    (lambda _: d.TimeVaryingArma(1.0, (d.CoefficientCourse(0.5, 0.6),)), "stationary at every time"),
+    (lambda _: d.RandomCoefficientMovingAverage((1.0,), (-1.0,)), "a finite std of a coefficient of zero"),
+    (lambda _: d.ThresholdMovingAverage((0.0,), ((0.1,), (0.2,)), delay=0), "delay of 1 or more"),
+    (lambda _: d.TimeVaryingArma(1.0, (d.GivenCourse((0.5, 1.5, 0.5)),)), "stationary at every time"),
+    (lambda _: d.SumOfCourses(()), "one or more parts"),
+    (lambda _: d.GivenDisturbance((1.0, float("nan"))), "a finite value"),
+    (lambda _: d.bilinear(1.0, std=1.0), "below one, so that the series is stationary; received 1"),
+    (lambda _: d.Garch(0.1, (0.5,), (0.5,)), "add up to less than one.*received 1"),
+    (lambda _: d.Garch(0.1, (0.5,), largest_square=0.0), "a finite largest_square above zero"),
+    (lambda _: d.VarianceSwitch(e.WhiteDisturbance(1.0), at=1.5), "a share of the record from 0 to 1"),
+    (lambda _: d.Trend(()), "one or more coefficients"),
+    (lambda _: d.Sinusoids((1.0,), (-1.0,)), "a finite frequency of zero or more"),
+    (lambda _: d.BoundedAdversary(1.0, 2.0, 1.0, 1.1), "a high_share from 0 to 1"),
+    (lambda _: d.SumOfDisturbances(()), "one or more parts"),
+    (lambda _: e.DrydenGust(1.0, 0.0, 1.0), "a finite length_m above zero"),
+    (lambda _: e.WhiteExcitation(float("nan")), "a finite std"),
+    (lambda _: sampled(e.FilteredWhite(1.0, 0.1, 2.5)), "below half the rate; received high_hz=2.5 at 5 Hz"),
+    (lambda _: sampled(e.Chirp(1.0, 0.1, 3.0)), "ends below half the rate"),
+    (lambda _: sampled(e.Multisine(1.0, 0.1001, 0.1002), 50), "holds a multiple of 0.1 Hz"),
+    (lambda _: e.PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
+    (lambda _: e.RandomSteps(0.2, 2.0, 1.0), "a shortest_s up to longest_s"),
+    (lambda _: e.SteppedExcitation((1.0,), 0.0), "a finite dwell_s above zero"),
+    (lambda _: e.GivenSeries((1.0, float("inf"))), "a finite value"),
+    (lambda _: e.ScaledExcitation(e.PaperInput(), -1.0), "a finite std of zero or more"),
+    (lambda _: sampled(e.GivenSeries((1.0, 2.0, 3.0)), 4), r"a series of 4 values or more.*received 3"),
+    (lambda _: d.GivenDisturbance((0.1,) * 20).sample(21, STEP_S, rng()), "a series of 21 values or more"),
+    (short_course, "a series of 201 values or more"),
+)  # fmt: skip
+PARTS = calls("part", ParameterError,
+    (lambda _: FlightController(quickness=3.0), "quickness between"),
+    (lambda _: Sensor(delay_s=-1.0), "delay_s between"),
+    (lambda _: Sensor(bias=float("nan")), "a finite bias"),
+    (lambda _: Sensors(attitude=Sensor(averaged_s=0.01)), "averaged part by part"),
+    (lambda _: Wind((1.0, 2.0)), "three speeds"),
+    (lambda _: Logged(setpoint_hz=-1.0), "setpoint_hz between"),
+    (lambda _: replace(QUIET_BODY, rate_hz=1.0), "rate_hz between"),
+    (lambda _: replace(QUIET_BODY, duration=0.0), "duration between"),
+    (lambda _: replace(QUIET_BODY, rate_hz=400.0), "rate_hz of the controller"),
+    (lambda _: replace(QUIET_BODY, controller=FlightController(attitude_hz=200.0)), "attitude_hz of"),
+    (lambda _: replace(QUIET_BODY, vehicle=with_rotors(delay=0.003)), "multiple of 0.002 s"),
+    (lambda _: fly_body(replace(QUIET_BODY, vehicle=with_rotors(spins=(1,) * 4))), "torque about each axis"),
+    (lambda _: fly_body(replace(QUIET_BODY, sensors=Sensors(angular_rate=Sensor(cutoff_hz=300.0)))),
+        "below half the simulation's rate"),
+)  # fmt: skip
+SCENARIOS = rows("scenario", ParameterError, lambda change, _: ev.simulate(replace(OPEN, **change), rng()),
+    ({"viscous_friction": -0.1}, "viscous_friction of zero or more; received -0.1"),
+    ({"viscous_friction": float("nan")}, "viscous_friction of zero or more; received nan"),
+    ({"input_gain": float("inf")}, "a finite input_gain"),
+    ({"noise_to_signal": {"u": 0.1}}, "received noise of 'u'"),
+    ({"disturbance_to_signal": 0.1}, "a disturbance to scale; received disturbance_to_signal alone"),
+    (FALLING, "disturbance_to_signal of zero or more; received -0.1"),
+    (CONTROL | {"intersample": Intersample.LINEAR}, "held between samples.*'linear'"),
+    ({"disturbance_to_signal": 0.1, "disturbance": e.WhiteDisturbance(0.0)}, "a disturbance that varies"),
+)  # fmt: skip
+SPECIFICATIONS = rows("specification", UsageError,
+    lambda wrong, _: SensorNoise(**wrong["noise"]) if "noise" in wrong else VerticalFlightSpec(**wrong),
+    ({"viscous_friction": 0.0}, "viscous_friction between"),
+    ({"actuator_lag": float("nan")}, "actuator_lag between"),
+    ({"delay": 0.005}, "a multiple of 0.002"),
+    ({"quickness": 2.0}, "quickness between"),
+    ({"duration": 1.0}, "duration between"),
+    ({"noise": {"velocity": -0.1}}, "finite noise levels"),
+)  # fmt: skip
+NAMES = calls("name", UsageError,
+    (lambda _: list(simulate_vertical_flights([QUIET, replace(QUIET, duration=9.0)])),
+        "flights of one duration"),
+    (lambda _: files.shipped_rigid_body_flight("helicopter"), "a flight out of crazyflie, quadrotor"),
+    (lambda _: files.shipped_scenario("rihc"), r"a scenario out of arch, .*received 'rihc'"),
+)  # fmt: skip
+
+
+def of_scenario(text, folder):
+    (folder / "one.toml").write_text(text, encoding="utf-8")
+    files.read_scenario(folder / "one.toml")
+
+
+WHITE = TRUTH + "[noise.input]\nkind='white'"
+MISTAKES = rows("mistake in a scenario", InputError, of_scenario,
+    ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
+    (TRUTH + "samples = 1", "samples of 2 or more.*received 1"),
+    (TRUTH + "samples = 99_000_000", "50000000 samples or fewer at samples"),
+    (TRUTH + "rate_hz = nan", "a finite number at rate_hz"),
+    (TRUTH + 'route = "wind"', "one of equation, dynamics at route of one.toml; received 'wind'"),
+    (TRUTH + "noise = 3", r"a table \[noise\]"),
+    (TRUTH + "[noise.specific_force_z]\nkind='white'\nstd=1",
+        "velocity_z, acceleration_z, .*at noise of .*'specific_force_z'. A scenario moves about hover"),
+    (WHITE, "std or ratio_to_signal at noise.input.*received neither"),
+    (WHITE + "\nstd=-1", "zero or more at noise.input.*received std=-1"),
+    (WHITE + "\nratio_to_signal=-1", "a finite number >= 0.0 at noise.input.ratio_to_signal"),
+    (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
+    (TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=[1.5]", "stationary.* at disturbance of"),
+    (TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=[1,2]",
+        "a list of numbers at disturbance.coefficients.1. of one.toml; received 1"),
+    (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
+    (TRUTH + VELOCITY.replace("15", "1e6"),
+        "loop decays.* at the top of one.toml; received Velocity"),
+    (TRUTH + VELOCITY.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
+    (TRUTH + VELOCITY.replace("velocity'", "altitude'"),
+        "finite number at control.altitude_gain.*nothing"),
+    (TRUTH + VELOCITY + "altitude_gain=1", "the unknown key 'altitude_gain'"),
+    (TRUTH + VELOCITY.replace("15", "0"), "velocity_integral_gain at control of.*received both zero"),
+    (TRUTH + VELOCITY.replace("15", "'fast'"),
+        "a finite number at control.velocity_gain.*received 'fast'"),
+    (TRUTH + VELOCITY + "[noise.position_z]\nkind='white'\nstd=1",
+        "received noise of 'position_z'.*under altitude control only"),
+    ("viscous_friction = ", "which is not"),
+)  # fmt: skip
+
+
+def of_series(values, folder):
+    outside = folder.parent / f"{folder.name}-outside.csv"
+    columns().write_csv(outside)
+    for name in ("below", "folder.csv"):
+        (folder / name).mkdir()
+    (folder / "link.csv").symlink_to(outside)
+    (folder / "loop.csv").symlink_to(folder / "loop.csv")
+    (folder / "broken.parquet").write_bytes(b"PAR1 no more")
+    (folder / "empty.csv").write_text("")
+    holes = {"hole": [1.0] * 59 + [None], "infinite": [np.inf] + [1.0] * 59}
+    columns(word=["1", "2", "x", *["4"] * 57], **holes).write_csv(folder / "mine.csv")
+    columns(flag=[True] * 60, nan=[np.nan] * 60, **holes).write_parquet(folder / "mine.parquet")
+    file, _, column = values.partition(":")
+    values = f'{{ file = "{file}", column = "{column}" }}' if column else values
+    of_scenario(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n', folder)
+
+
+SERIES = rows("series", InputError, of_series,
+    ("none.csv:u", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
+    ("../mine.csv:u", "beside the scenario or in a folder below it"),
+    ("link.csv:u", "beside the scenario or in a folder below it"),
+    ("loop.csv:u", "beside the scenario or in a folder below it|a file that exists"),
+    ("folder.csv:u", "a file that exists"),
+    ("below:u", "ends in .csv or .parquet"),
+    ("broken.parquet:u", "a table as PARQUET.*'broken.parquet', which is not"),
+    ("empty.csv:u", "a table as CSV.*'empty.csv', which is not"),
+    ("mine.csv:U", r"a column out of time, u, .*received 'U', not in mine.csv"),
+    ("mine.csv:word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
+    ("mine.csv:hole", "finite numbers in column 'hole'.*received no value.*row 60"),
+    ("mine.csv:infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
+    ("mine.parquet:flag", "values of Boolean"),
+    ("mine.parquet:hole", "no value"),
+    ("mine.parquet:nan", "received nan"),
+    ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
+    ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
+    ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
+    ('"mine.csv"', "a list of numbers or a table at excitation.values"),
+)  # fmt: skip
+
+
+def of_flight_file(right, wrong, folder):
+    text = VEHICLE + REST
+    assert right in text
+    (folder / "mine.toml").write_text(text.replace(right, wrong), encoding="utf-8")
+    files.rigid_body_flight_from_table(read_toml(folder / "mine.toml", "a flight"))
+
+
+FLIGHT_FILES = rows("file of a flight", InputError, of_flight_file,
+    ("mass = 0.5", "mas = 0.5", r"at vehicle of mine\.toml.*unknown key 'mas'. Did you mean 'mass'"),
+    ("spins = [1, -1, 1, -1]", "spins = [1, 0.5]", r"a list of whole numbers at vehicle\.rotors\.spins"),
+    ("spins = [1, -1, 1, -1]", "spins = [1, -1]", r"a spin for each at vehicle\.rotors"),
+    ("lag_up = 0.02", "lag_up = -0.02", r"lag_up above zero at vehicle\.rotors"),
+    ("inertia = [3.65e-3,", "inertia = [-3.65e-3,", r"positive definite at vehicle"),
+    ("duration = 0.2", 'duration = 0.2\ntrajectory = "jump"', r"one of steps, .* at trajectory"),
+    ("duration = 0.2", "duration = 0.2\nrate_hz = 700.0", r"rate_hz of the controller"),
+    ("duration = 0.2", "duration = 3600.0\nrate_hz = 1e4", r"2000000 steps or fewer at duration"),
+    ("[wind]", "[wind]\nx = 1.0", r"a table at wind\.x"),
+    ('kind = "dryden"', 'kind = "dry"', r"one of paper, .* at wind\.z\.kind"),
+)  # fmt: skip
+NO_FILES = calls("no file", InputError,
+    (lambda folder: files.read_scenario(folder / "none.toml"), "a scenario in TOML"),
+    (files.read_scenario, "a scenario in TOML"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@table(DISTURBANCES, PARTS, SCENARIOS, SPECIFICATIONS, NAMES, FLIGHT_FILES, NO_FILES)
+def test_refused(call, error, text, tmp_path):
+    with pytest.raises(error, match=f"Expected .*{text}"):
+        call(tmp_path)
+
+
+@table(MISTAKES, SERIES)
+def test_refused_with_the_place(call, error, text, tmp_path):
+    with pytest.raises(error, match=f"(?s)Expected .*{text}") as refused:
+        call(tmp_path)
+    assert "one.toml" in str(refused.value)
