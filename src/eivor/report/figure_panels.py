@@ -122,9 +122,9 @@ def page(width: float, height: float, title: str = "") -> Figure:
 
 
 def _png(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 def drawn(
