@@ -40,12 +40,7 @@ from eivor.inference.diagnostics.instruments import (
     robust_over_identification,
     strength,
 )
-from eivor.inference.diagnostics.record import (
-    BEYOND_DOUBT,
-    Diagnostic,
-    EquationProducts,
-    Subject,
-)
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, Diagnostic, EquationProducts, Subject
 from eivor.inference.diagnostics.residuals import (
     GROUPS,
     Constancy,

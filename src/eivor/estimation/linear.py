@@ -82,11 +82,9 @@ def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values)
         following = np.clip(values + change, low, high)
         if (following == values).any():
             stuck = [name for name, same in zip(names, following == values, strict=True) if same]
-            raise ConvergenceError(
-                f"a least misfit inside the range of {', '.join(stuck)}",
-                f"one at its end, {', '.join(f'{index[name]:g}' for name in stuck)}, or beyond",
-                "Give a wider range, or leave out a term that the data do not show.",
-            )
+            received = f"one at its end, {', '.join(f'{index[name]:g}' for name in stuck)}, or beyond"
+            remedy = "Give a wider range, or leave out a term that the data do not show."
+            raise ConvergenceError(f"a least misfit inside the range of {', '.join(stuck)}", received, remedy)
         values = following
     expected = f"steps of {', '.join(names)} that end"
     remedy = "Give a narrower range, a longer record, or less noise: the data hardly identify it."

@@ -82,9 +82,7 @@ class OutputError(Method):
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate by the first method, of a flight; plain rows have nothing to predict."""
         if not isinstance(problem, SeparableProblem):
-            raise UsageError(
-                f"a flight of a motion whose states {OUTPUT_ERROR} predicts",
-                type(problem).__name__,
-                'Use identify_flight(..., model="rigid-body"), or another method.',
-            )
+            expected = f"a flight of a motion whose states {OUTPUT_ERROR} predicts"
+            remedy = 'Use identify_flight(..., model="rigid-body"), or another method.'
+            raise UsageError(expected, type(problem).__name__, remedy)
         return self.first.estimate(problem)

@@ -611,11 +611,9 @@ def motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:
 def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.ndarray, " samples"]:
     """What the instruments say of the input, by least squares; its mean before their first row."""
     if driver in {column.channel for column in problem.instrument_columns}:
-        raise InstrumentError(
-            f"instruments of the input alone, or of other channels alone, for {method}",
-            ", ".join(column.name for column in problem.instrument_columns),
-            "Under control give lags of the reference.",
-        )
+        expected = f"instruments of the input alone, or of other channels alone, for {method}"
+        received = ", ".join(column.name for column in problem.instrument_columns)
+        raise InstrumentError(expected, received, "Under control give lags of the reference.")
     Psi = np.column_stack([problem.column(column) for column in problem.instrument_columns])
     values = problem.signals.channel(driver)
     centred = Psi - Psi.mean(axis=0)

@@ -366,11 +366,9 @@ class _MomentSearch:
         system = assembler.system(moments)
         solution = solver.solve(divided(system, self.factor))
         if solution.condition > LARGEST_CONDITION:
-            raise InstrumentError(
-                "equations that distinguish parameters and noises ",
-                f"equations with the condition number {solution.condition:.2g}",
-                "Give an input that is not white, more lags as instruments, or declare a noise.",
-            )
+            received = f"equations with the condition number {solution.condition:.2g}"
+            remedy = "Give an input that is not white, more lags as instruments, or declare a noise."
+            raise InstrumentError("equations that distinguish parameters and noises ", received, remedy)
         return Estimate(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
 
     def _first_stage(self) -> dict[str, float]:

@@ -178,11 +178,9 @@ class HomoskedasticErrors(ErrorAssumption):
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
         """Region of the classical test; of compensated equations there is none."""
         if rows.noise.any():
-            raise UsageError(
-                "equations without compensation for the classical test",
-                "compensated equations, whose errors share noise with their instruments",
-                "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is.",
-            )
+            received = "compensated equations, whose errors share noise with their instruments"
+            remedy = "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is."
+            raise UsageError("equations without compensation for the classical test", received, remedy)
         return homoskedastic_region(rows.names, rows.test_functions, rows.columns, level, rows.partialled)
 
 

@@ -107,11 +107,9 @@ def weight_factor(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p 
     correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
     eigenvalues = np.linalg.eigvalsh(correlation)
     if eigenvalues[0] <= covariance.shape[0] * np.finfo(np.float64).eps * max(eigenvalues[-1], 0.0):
-        raise InstrumentError(
-            "linearly independent instruments",
-            f"instruments of which one is a combination of the others (eigenvalues {eigenvalues})",
-            "Remove one, or use an unweighted instrumental method.",
-        )
+        expected = "linearly independent instruments"
+        received = f"instruments of which one is a combination of the others (eigenvalues {eigenvalues})"
+        raise InstrumentError(expected, received, "Remove one, or use an unweighted instrumental method.")
     return scale[:, None] * np.linalg.cholesky(correlation)
 
 

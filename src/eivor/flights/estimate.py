@@ -382,11 +382,9 @@ def known_lag(
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         if not lag_searched(problem):
-            raise UsageError(
-                "a flight whose actuators' lag is searched for",
-                "one whose actuators' state was measured, or a motion without a lag",
-                "Leave out what is known of the lag, or name the command with --input.",
-            )
+            received = "one whose actuators' state was measured, or a motion without a lag"
+            remedy = "Leave out what is known of the lag, or name the command with --input."
+            raise UsageError("a flight whose actuators' lag is searched for", received, remedy)
         if alone is None:
             return LagPrior(options.lag, slack_s=slack_s), ()
         strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))

@@ -490,11 +490,9 @@ def joint_draws(
         laws.append((part.degrees, math.sqrt(part.variance(direction) / part.share)))
     degrees, scales = np.array(laws).T
     if not np.all(np.isfinite(scales)) or np.any(degrees <= FEWEST_DEGREES):
-        raise EstimationError(
-            f"estimates with finite variances, of more than {FEWEST_DEGREES:g} degrees of freedom",
-            f"{degrees.min():.3g} degrees and a largest standard error of {scales.max():.3g}",
-            "Fly longer, or pool several flights.",
-        )
+        expected = f"estimates with finite variances, of more than {FEWEST_DEGREES:g} degrees of freedom"
+        received = f"{degrees.min():.3g} degrees and a largest standard error of {scales.max():.3g}"
+        raise EstimationError(expected, received, "Fly longer, or pool several flights.")
     strata = max(count, STRATA)
     # square root of the nearest matrix without negative eigenvalues, its diagonal one again
     eigenvalues, vectors = np.linalg.eigh(_score_correlations(covariance, degrees))

@@ -123,11 +123,9 @@ def smallest_singular_value(R: Square) -> tuple[float, float]:
     """Smallest singular value and condition number of the triangular factor of unit-length columns."""
     singular = np.linalg.svd(R, compute_uv=False)
     if lost_to_rounding(singular, R.shape[0]):
-        raise CollinearError(
-            "linearly independent regressors",
-            "columns of which one is a combination of the others",
-            "Remove a column, or give data in which they move independently.",
-        )
+        expected = "linearly independent regressors"
+        remedy = "Remove a column, or give data in which they move independently."
+        raise CollinearError(expected, "columns of which one is a combination of the others", remedy)
     return float(singular[-1]), float(singular[0] / singular[-1])
 
 

@@ -363,11 +363,8 @@ def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
             return
     bad = ~np.isfinite(values)
     if bad.any():
-        raise NonFiniteError(
-            f"finite {name}",
-            f"{int(bad.sum())} NaN or infinite, the first in row {int(np.argwhere(bad)[0][0])}",
-            "Repair or leave out those samples.",
-        )
+        received = f"{int(bad.sum())} NaN or infinite, the first in row {int(np.argwhere(bad)[0][0])}"
+        raise NonFiniteError(f"finite {name}", received, "Repair or leave out those samples.")
 
 
 def noise_of_surrogate(rows: Regression, noisier: Regression) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:

@@ -78,11 +78,9 @@ def shared_noise(
     """Average covariance of the measurement noises of two sets of columns."""
     count = signals.sample_count - first
     if count < 1 or not (rows is None or rows.any()):
-        raise TooFewSamplesError(
-            f"rows: valid samples with {first} more before them",
-            f"{signals.sample_count} samples, valid or not, and no row",
-            "Give a longer record, fewer lags, or fewer gaps.",
-        )
+        expected = f"rows: valid samples with {first} more before them"
+        received = f"{signals.sample_count} samples, valid or not, and no row"
+        raise TooFewSamplesError(expected, received, "Give a longer record, fewer lags, or fewer gaps.")
     shared = np.zeros((len(left), len(right)))
     for i, j, item, other in _of_one_channel(left, right):
         noise = _declared(item, signals)

@@ -446,11 +446,9 @@ class Machine(DeclaredMotion):
         """States, responses and commands, with the noise that is declared."""
         names = [item.name for item in self._of_role("input")]
         if options.input not in ("", *names):
-            raise UsageError(
-                f"the inputs that the machine declares ({', '.join(names)})",
-                f"--input {options.input}",
-                "Leave it out, or name another channel in the declaration.",
-            )
+            expected = f"the inputs that the machine declares ({', '.join(names)})"
+            received = f"--input {options.input}"
+            raise UsageError(expected, received, "Leave it out, or name another channel in the declaration.")
         commands = tuple(self._channel(log, item) for item in self._of_role("input"))
         states = {item.name: self._channel(log, item) for item in self._of_role("state")}
         known = [item for item in self._of_role("response") if item.name in log.channels]
@@ -460,11 +458,9 @@ class Machine(DeclaredMotion):
         step_s = float(f"{1.0 / max(channel.rate_hz for channel in (*measured, *commands)):.2g}")
         band = self.band_hz or (BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest))
         if self.band_hz and band[1] > NYQUIST_SHARE * slowest:
-            raise InputError(
-                f"a band below half the rate of the slowest channel, {NYQUIST_SHARE * slowest:.3g} Hz",
-                f"one up to {band[1]:g} Hz, of which {log.name} holds nothing",
-                "Log faster, or declare a lower band.",
-            )
+            expected = f"a band below half the rate of the slowest channel, {NYQUIST_SHARE * slowest:.3g} Hz"
+            received = f"one up to {band[1]:g} Hz, of which {log.name} holds nothing"
+            raise InputError(expected, received, "Log faster, or declare a lower band.")
         return Selection(
             self.channels.inputs[0],
             commands,

@@ -107,11 +107,9 @@ def _loaded(point: EntryPoint) -> Motion[Any]:
     try:
         kind = point.load()
     except Exception as error:
-        raise UsageError(
-            f"a motion '{point.name}' that can be loaded from {point.value}",
-            f"{type(error).__name__}: {error}",
-            "Mend or update the package that brings it.",
-        ) from error
+        expected = f"a motion '{point.name}' that can be loaded from {point.value}"
+        received = f"{type(error).__name__}: {error}"
+        raise UsageError(expected, received, "Mend or update the package that brings it.") from error
     motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else kind
     if isinstance(motion, Motion) and motion.name == point.name:
         return motion

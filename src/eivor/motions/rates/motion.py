@@ -183,11 +183,9 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
     fastest = float(np.nanmax(np.abs(rate.values), initial=0.0))
     usual = float(np.nanquantile(np.abs(rate.values), 0.99)) if rate.values.size else 0.0
     if usual > FASTEST_RATE:
-        raise InputError(
-            f"body rates in rad/s in {log.name}",
-            f"{rate.name} up to {fastest:.3g}, which look like degrees",
-            'State the unit in a channel map (unit = "deg/s").',
-        )
+        expected = f"body rates in rad/s in {log.name}"
+        received = f"{rate.name} up to {fastest:.3g}, which look like degrees"
+        raise InputError(expected, received, 'State the unit in a channel map (unit = "deg/s").')
 
 
 def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:

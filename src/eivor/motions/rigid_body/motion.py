@@ -125,11 +125,9 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
     results = {name: left(order) for name, order in ORDERS.items()}
     best = min(results, key=lambda name: results[name])
     if results[best] < RIGHT:
-        raise InputError(
-            f"an attitude w, x, y, z from body to world in {log_name}",
-            f"one that turns as the gyroscope says only when it is read as {best}",
-            "Map its four parts in this order, with the signs that turn it from body to world.",
-        )
+        received = f"one that turns as the gyroscope says only when it is read as {best}"
+        remedy = "Map its four parts in this order, with the signs that turn it from body to world."
+        raise InputError(f"an attitude w, x, y, z from body to world in {log_name}", received, remedy)
 
 
 def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -175,11 +173,9 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
     if len(commands) != vehicle.count:
-        raise InputError(
-            f"{vehicle.count} rotors, as the vehicle has",
-            f"{len(commands)} channels {family.name} in {log.name}",
-            "Give the vehicle file of this vehicle, or map the channels of all its rotors.",
-        )
+        expected = f"{vehicle.count} rotors, as the vehicle has"
+        remedy = "Give the vehicle file of this vehicle, or map the channels of all its rotors."
+        raise InputError(expected, f"{len(commands)} channels {family.name} in {log.name}", remedy)
     _refuse_no_differences(commands, vehicle, log)
     rates = {axis.name: log.channel(axis.rate) for axis in AXES}
     for rate in rates.values():
@@ -223,11 +219,9 @@ def _refuse_no_differences(commands: tuple[Channel, ...], vehicle: KnownVehicle,
     least = NO_DIFFERENCE * np.abs(values).max()
     still = [name for name, difference in differences.items() if difference <= least]
     if still:
-        raise InputError(
-            f"rotor commands that differ about roll, pitch and yaw in {log.name}",
-            f"commands that never turn it about {', '.join(still)}",
-            "Log every rotor's own command, not the collective one, and fly steps of each angle.",
-        )
+        expected = f"rotor commands that differ about roll, pitch and yaw in {log.name}"
+        remedy = "Log every rotor's own command, not the collective one, and fly steps of each angle."
+        raise InputError(expected, f"commands that never turn it about {', '.join(still)}", remedy)
 
 
 def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:

@@ -300,11 +300,8 @@ def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ..
     )
     count = sum(item.starts.samples.size for item in made)
     if count < FEWEST_WINDOWS or not all(item.starts.samples.size for item in made):
-        raise TooFewSamplesError(
-            f"{FEWEST_WINDOWS} windows of {LOOKED_AT_S[-1]:g} s or more, and some in every flight",
-            f"{count}",
-            "Fly longer without a break, or use another method.",
-        )
+        expected = f"{FEWEST_WINDOWS} windows of {LOOKED_AT_S[-1]:g} s or more, and some in every flight"
+        raise TooFewSamplesError(expected, f"{count}", "Fly longer without a break, or use another method.")
     return made
 
 

@@ -127,11 +127,8 @@ class Rotors:
         if not self.thrust_linear + self.thrust_quadratic > 0.0:
             raise ParameterError("rotors with thrust", "none", "Give thrust_quadratic or thrust_linear.")
         if not self.lowest_speed < self.highest_speed:
-            raise ParameterError(
-                "a lowest_speed below the highest_speed",
-                f"{self.lowest_speed:g} and {self.highest_speed:g}",
-                "Correct the limits.",
-            )
+            received = f"{self.lowest_speed:g} and {self.highest_speed:g}"
+            raise ParameterError("a lowest_speed below the highest_speed", received, "Correct the limits.")
 
     @property
     def count(self) -> int:
@@ -154,11 +151,9 @@ class Rotors:
 def _check_places(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...], *, planar: bool) -> None:
     """Refuse what are no positions and spins of rotors; planar positions have no height."""
     if not 2 <= len(positions) <= MOST_ROTORS or len(spins) != len(positions):
-        raise ParameterError(
-            f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
-            f"{len(positions)} positions and {len(spins)} spins",
-            "Give both in the order of the rotors' commands.",
-        )
+        expected = f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each"
+        received = f"{len(positions)} positions and {len(spins)} spins"
+        raise ParameterError(expected, received, "Give both in the order of the rotors' commands.")
     if planar and not all(len(position) == 2 for position in positions):
         two = "two numbers for a rotor's position, forward and left"
         raise ParameterError(two, f"{positions}", "Leave its height out.")
@@ -167,11 +162,8 @@ def _check_places(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ..
             triple("position", position)
         finite("position", *position)
     if not all(spin in (1, -1) for spin in spins):
-        raise ParameterError(
-            "spins of +1 or -1",
-            f"{spins}",
-            "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
-        )
+        remedy = "A rotor whose reaction torque on the body points up (clockwise from above) has +1."
+        raise ParameterError("spins of +1 or -1", f"{spins}", remedy)
 
 
 #: What each known number may be, with its unit.
@@ -257,11 +249,9 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
     rotors = zip(positions, spins, strict=True)
     turning = np.array([[y / size, x / size, spin, 1.0] for (x, y), spin in rotors])
     if np.linalg.matrix_rank(turning) < turning.shape[1]:
-        raise ParameterError(
-            "rotors that turn the vehicle about each of its axes",
-            f"positions {positions} with spins {spins}, which do not",
-            "Correct the positions and the spins: four rotors or more, on all sides, of both spins.",
-        )
+        expected = "rotors that turn the vehicle about each of its axes"
+        remedy = "Correct the positions and the spins: four rotors or more, on all sides, of both spins."
+        raise ParameterError(expected, f"positions {positions} with spins {spins}, which do not", remedy)
 
 
 #: A place forward and left of the centre, and the spin there.
@@ -313,11 +303,9 @@ def vehicle_from_record(record: object) -> KnownVehicle:
             raise ValueError(f"other keys: {', '.join(sorted(record.keys() ^ names))}")
         return vehicle
     except (ValueError, EivorError) as error:
-        raise InputError(
-            "a result that says what flies, under prediction.vehicle",
-            f"one that does not ({error})",
-            "Identify the flight again, with --vehicle.",
-        ) from error
+        expected = "a result that says what flies, under prediction.vehicle"
+        received = f"one that does not ({error})"
+        raise InputError(expected, received, "Identify the flight again, with --vehicle.") from error
 
 
 # -- Vehicle file --
@@ -488,18 +476,13 @@ class Vehicle:
     def __post_init__(self) -> None:
         positive("mass", self.mass)
         if len(self.inertia) not in (3, 6):
-            raise ParameterError(
-                "an inertia of three numbers (Ixx, Iyy, Izz) or six (and Ixy, Ixz, Iyz)",
-                f"{len(self.inertia)} of them",
-                "Give the elements of the matrix in this order.",
-            )
+            expected = "an inertia of three numbers (Ixx, Iyy, Izz) or six (and Ixy, Ixz, Iyz)"
+            received = f"{len(self.inertia)} of them"
+            raise ParameterError(expected, received, "Give the elements of the matrix in this order.")
         matrix = self.inertia_matrix
         if not (np.all(np.isfinite(matrix)) and np.linalg.eigvalsh(matrix)[0] > 0.0):
-            raise ParameterError(
-                "an inertia matrix that is positive definite",
-                f"{self.inertia}",
-                "Correct its elements; those off the diagonal are minus the products of inertia.",
-            )
+            remedy = "Correct its elements; those off the diagonal are minus the products of inertia."
+            raise ParameterError("an inertia matrix that is positive definite", f"{self.inertia}", remedy)
 
     @property
     def inertia_matrix(self) -> Float[np.ndarray, "3 3"]:

@@ -72,11 +72,9 @@ def _answers(
         results.append((v, by_trim, by_start))
     answers = np.array(results).T
     if not (np.abs(answers) <= LARGEST_VALUE).all():
-        raise EstimationError(
-            "numbers with which the predicted climb rate stays finite",
-            f"a friction of {friction:.3g} 1/s and a drag of {drag:.3g} 1/m, with which it grows",
-            "Identify the flight without the term quadratic-drag, or fly faster.",
-        )
+        received = f"a friction of {friction:.3g} 1/s and a drag of {drag:.3g} 1/m, with which it grows"
+        remedy = "Identify the flight without the term quadratic-drag, or fly faster."
+        raise EstimationError("numbers with which the predicted climb rate stays finite", received, remedy)
     return answers
 
 

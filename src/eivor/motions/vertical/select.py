@@ -33,11 +33,9 @@ from eivor.tools import Float
 def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
     """Stamps [s], and the last row of the rotation from body to world at each."""
     if any(not np.array_equal(channel.time_s, attitude[0].time_s) for channel in attitude[1:]):
-        raise ShapeError(
-            "the four parts of an attitude on one clock",
-            f"{', '.join(f'{channel.time_s.size} stamps of {channel.name}' for channel in attitude)}",
-            "Bring them to the same stamps first: quaternions are not interpolated part by part.",
-        )
+        received = f"{', '.join(f'{channel.time_s.size} stamps of {channel.name}' for channel in attitude)}"
+        remedy = "Bring them to the same stamps first: quaternions are not interpolated part by part."
+        raise ShapeError("the four parts of an attitude on one clock", received, remedy)
     w, x, y, z = (channel.values for channel in attitude)
     square = w**2 + x**2 + y**2 + z**2
     square = np.where(square > 0.0, square, np.nan)
