@@ -549,6 +549,16 @@ def test_stamps_at_the_edge_of_numbers_are_dropped(tmp_path, stamps):
         ev.identify_flight(ev.read_log(tmp_path / "t.csv"))
 
 
+@pytest.mark.parametrize(
+    ("stamps", "left"), [(np.zeros(51), (1, 0.0)), (np.r_[1e-18 * np.arange(50), 1.0], (2, 1.0))]
+)
+def test_stamps_of_matlab_that_are_as_good_as_equal_are_one(whole, tmp_path, stamps, left):
+    """Their rate was a division by zero."""
+    savemat(tmp_path / "t.mat", {"time": stamps, "velocity_z": np.arange(51.0)})
+    channel = ev.read_log(tmp_path / "t.mat").channels["velocity_z"]
+    assert (channel.values.size, channel.rate_hz) == left
+
+
 FORKED = """
 import os, sys
 import eivor as ev

@@ -156,6 +156,14 @@ AT = {"actuator_lag": ROTORS.lag_up, "delay": ROTORS.delay}
 WIND = (2.0, -1.0, 0.0)
 
 
+def test_a_reference_of_height_alone_is_done_without(log):
+    """It cannot move all that turns: such a log was refused, and is identified without the reference."""
+    references = [name for name in log.channels if "reference" in name and name != "reference_position_z"]
+    result = ev.identify_flight(without(log, *references), model=DELAY_KNOWN)
+    assert (result.verdict.status, result.fit.estimate.method) == (Status.PROVISIONAL, DIRECT)
+    assert "reference_position_z alone cannot move all" in result.verdict.sentences[0]
+
+
 @pytest.fixture(scope="module")
 def log_wind():
     """Of a flight in a steady wind."""
