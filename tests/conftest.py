@@ -34,11 +34,6 @@ settings.register_profile("mutation", settings.get_profile("ci"), phases=[Phase.
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
-def recordings_required():
-    """Say whether tests on real recordings must run: skipping one is then a failure."""
-    return os.environ.get("EIVOR_REQUIRE_DATA", "") not in {"", "0"}
-
-
 @pytest.fixture(scope="session")
 def recordings():
     """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the repository."""
@@ -68,7 +63,8 @@ def pytest_runtest_protocol(item):
 def pytest_runtest_makereport(item):
     """Turn the skip of a test on real recordings into a failure where they are required."""
     report = yield
-    if report.skipped and recordings_required() and item.get_closest_marker("recordings"):
+    is_required = os.environ.get("EIVOR_REQUIRE_DATA", "") not in {"", "0"}
+    if report.skipped and is_required and item.get_closest_marker("recordings"):
         report.outcome = "failed"
         report.longrepr = f"EIVOR_REQUIRE_DATA is set, but this test was skipped: {report.longrepr}"
     return report

@@ -16,29 +16,9 @@ import pytest
 import eivor as ev
 from coarse_search import full
 from exports.documents import document, refused, written
-from exports.identified import TRUE, px4_log
-from exports.test_autopilots import qgc
 from planning.test_plan import planned as plan_of
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-
-
-@pytest.mark.thorough  # `test_autopilots.py` has the same files of fewer flights
-def test_parameters_are_written(eivor, tmp_path):
-    log, fit, file = (tmp_path / name for name in ("flight.ulg", "fit.json", "vehicle.params"))
-    log.write_bytes(px4_log())
-    fitted = ("--input", "actuator_output", "--input-map", "fit")
-    run = eivor("identify", log, *fitted, "--json", fit)
-    assert (run.code, "Set it together with the curve." in " ".join(run.out.split())) == (0, True)
-    assert eivor("export", fit, "--to", "px4", "-o", file).code == 0
-    assert qgc(file.read_text())["THR_MDL_FAC"] == pytest.approx(TRUE, abs=0.03)
-    assert eivor("export", fit, "--to", "px4").out == file.read_text()
-    log.write_bytes(px4_log(in_force=TRUE))
-    assert eivor("identify", log, "--json", fit).code == 0
-    partly = eivor("export", fit, "--to", "px4")
-    assert partly.code == 3
-    assert list(qgc(partly.out)) == ["MPC_THR_HOVER"]
-    assert "THR_MDL_FAC is not written" in partly.err
 
 
 def test_what_is_not_identified_leaves_with_code_3(eivor, tmp_path):

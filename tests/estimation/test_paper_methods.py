@@ -87,13 +87,6 @@ def test_invariance_under_a_change_of_units(name, exponent):
     np.testing.assert_allclose(of_units(name, scale) * [1.0, scale], of_units(name, 1.0), rtol=1e-7)
 
 
-def short_record(seed):
-    """Sixty samples with so much noise that least squares and total least squares differ."""
-    rng = np.random.default_rng([97, seed])
-    stds = {"velocity_z": 0.02, "input": 0.3, "specific_force_z": 0.02}
-    return noisy(motion(rng, 60), stds, rng)
-
-
 def sums_over_rows(signals, name, order=5):
     """X and b of (23) or (29): sums over all rows, as printed, with N in the row of lag 0."""
     velocity, drive, response = (signals.channels[n] for n in ("velocity_z", "input", "specific_force_z"))
@@ -118,7 +111,9 @@ def augmented(X, b, upper, lower):
 @pytest.mark.parametrize("name", ["extended_iv", "extended_iv_tls", "generalized_iv", "generalized_iv_tls"])
 def test_the_papers_normal_and_augmented_systems(name, seed):
     """(24) and (25), (26) and (27), (30) and (31), (32) and (33), in full and as they stand."""
-    signals = short_record(seed)
+    rng = np.random.default_rng([97, seed])
+    # so much noise that least squares and total least squares differ
+    signals = noisy(motion(rng, 60), {"velocity_z": 0.02, "input": 0.3, "specific_force_z": 0.02}, rng)
     X, b = sums_over_rows(signals, name)
     least = np.linalg.solve(X.T @ X, X.T @ b)
     if name.endswith("_tls"):

@@ -398,19 +398,12 @@ def signals():
     return ev.simulate(scenario, np.random.default_rng(5)).signals
 
 
-def in_units(signals, of_input, of_motion):
-    units = {"input": of_input, "velocity_z": of_motion, "acceleration_z": of_motion}
-    return replace(
-        signals,
-        channels={name: units[name] * signals.channels[name] for name in units},
-        noise={name: replace(item, std=units[name] * item.std) for name, item in signals.noise.items()},
-    )
-
-
 def told(signals, method, of_input=1.0, of_motion=1.0):
     """K, K_u and the ends of their intervals, in units of the signals that are given."""
-    scaled = in_units(signals, of_input, of_motion)
-    scaled = replace(scaled, noise={}) if method in SOUGHT else scaled
+    units = {"input": of_input, "velocity_z": of_motion, "acceleration_z": of_motion}
+    channels = {name: unit * signals.channels[name] for name, unit in units.items()}
+    noise = {name: replace(item, std=units[name] * item.std) for name, item in signals.noise.items()}
+    scaled = replace(signals, channels=channels, noise={} if method in SOUGHT else noise)
     estimate = ev.identify(MODEL.regression(scaled, ev.lags("input", 0, 10)), method)
     names, units = ("viscous_friction", "input_gain"), np.array([[1.0], [of_motion / of_input]])
     return np.array([[estimate.parameters[name], *estimate.interval(name)] for name in names]) / units

@@ -177,18 +177,15 @@ def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method):
     assert np.isfinite(result.interval("input_gain")).all()
 
 
-def with_gap(problem):
-    valid = np.ones(problem.signals.sample_count, dtype=bool)
-    valid[100:120] = False
-    return replace(problem, signals=replace(problem.signals, valid=valid))
-
-
 @pytest.mark.parametrize("method", SPECTRAL)
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 def test_a_record_without_spectra_gets_generalized_ivs_answer(method):
+    whole = problem_of("rich", 500, 1)
+    valid = (np.arange(500) < 100) | (np.arange(500) >= 120)
+    gap = replace(whole, signals=replace(whole.signals, valid=valid))
     for problem, why, remedy in (
         (problem_of("rich", 50, 1), "there are 50 samples, and it needs 64", "Give a longer record."),
-        (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid", "stretch between gaps"),
+        (gap, "20 of 500 samples are not valid", "stretch between gaps"),
     ):
         with pytest.warns(FallbackWarning, match=why):
             result = ev.identify(problem, method())
@@ -323,11 +320,6 @@ def identified(method, noise=None):
     return ev.identify_flight(log_of(), method=method, input_map="square", noise=noise)
 
 
-def problem_of_flight():
-    flight = prepare(log_of(), Vertical(), ev.FlightOptions(input_map="square"))
-    return Vertical().problem((flight,), LaggedReferences(flight.usable_references))
-
-
 @ON_A_FLIGHT
 @pytest.mark.thorough
 def test_a_flight_is_told_with_its_lag_and_its_noises():
@@ -385,7 +377,8 @@ def test_without_an_accelerometer_it_is_refused(method):
 @ON_A_FLIGHT
 @pytest.mark.thorough
 def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(monkeypatch):
-    problem = problem_of_flight()
+    flight = prepare(log_of(), Vertical(), ev.FlightOptions(input_map="square"))
+    problem = Vertical().problem((flight,), LaggedReferences(flight.usable_references))
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
     size = spectral_giv.theta.size
     farthest = spectral_iv.hotelling_quantile(spectral_iv.ALLOWED, size, spectral_iv.COSINE_AVERAGES)

@@ -241,11 +241,6 @@ OF_AUTOPILOTS = [
 ]
 
 
-def written_to(command):
-    """The file that a command writes; the last word of each is one."""
-    return Path(re.findall(r"(?:-o|--json|--out|--residuals) (\S+)", command)[0])
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_commands_run(tmp_path, monkeypatch, command_line):
@@ -256,7 +251,8 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
     assert len(COMMANDS) == 19
     for command in COMMANDS:
         assert command_line(*shlex.split(command)).code == 0, command
-        assert written_to(command).stat().st_size > 100
+        written = re.findall(r"(?:-o|--json|--out|--residuals) (\S+)", command)[0]
+        assert Path(written).stat().st_size > 100
     for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
         assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
 

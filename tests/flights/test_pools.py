@@ -358,13 +358,6 @@ def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
     assert result.omitted == ("said",)
 
 
-def weakened(log, at_s, factor):
-    """The log of a vehicle whose thrust drops by a factor at a time: it commands as much more."""
-    command = log.channels["rotor_command_1"]
-    values = np.where(command.time_s >= at_s, command.values / np.sqrt(factor), command.values)
-    return replace(log, channels={**log.channels, "rotor_command_1": replace(command, values=values)})
-
-
 @pytest.fixture(scope="module")
 def hover():
     return flown(amplitude=0.0, gust=0.3, seed=3)[0]
@@ -372,7 +365,11 @@ def hover():
 
 @pytest.fixture(scope="module")
 def dropped(hover):
-    return track(ev.identify_flight(weakened(hover, 20.0, 0.8)))
+    """Of a vehicle whose thrust drops to .8 at 20 s: it commands as much more."""
+    command = hover.channels["rotor_command_1"]
+    values = np.where(command.time_s >= 20.0, command.values / np.sqrt(0.8), command.values)
+    channels = {**hover.channels, "rotor_command_1": replace(command, values=values)}
+    return track(ev.identify_flight(replace(hover, channels=channels)))
 
 
 @pytest.mark.thorough

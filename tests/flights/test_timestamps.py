@@ -379,17 +379,6 @@ def test_the_lag_by_telemetry_is_used_and_said(log):
 
 
 @pytest.mark.thorough
-@COARSE
-def test_telemetry_that_contradicts_the_flight_is_told_and_not_used():
-    good = flown(seconds=15.0)[0]
-    alone, late = ev.identify_flight(good), ev.identify_flight(with_telemetry(good, late_s=0.12))
-    assert late.fit.lag_prior is None
-    assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
-    (finding,) = [item for item in late.findings if item.name == "telemetry_contradicts"]
-    assert "is not used" in finding.message
-
-
-@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_slow_telemetry_is_no_input_where_commands_are_logged(log):
     thrust = channel("input", log.channels["rotor_command_1"].time_s, log.channels["rotor_command_1"].values)
@@ -655,11 +644,13 @@ def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(log):
 @COARSE
 def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
     log = flown(seconds=15.0)[0]
-    alone, late = estimate(log), estimate(log, measured(LAG_S + 0.1))
-    assert late.fit.lag_prior is None
-    assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
-    (finding,) = [item for item in late.findings if item.name == "other_contradicts"]
-    assert "is not used" in finding.message
+    alone, told = estimate(log), estimate(log, measured(LAG_S + 0.1))
+    telemetry = ev.identify_flight(with_telemetry(log, late_s=0.12))
+    for late, source in ((told, "other"), (telemetry, "telemetry")):
+        assert late.fit.lag_prior is None
+        assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
+        (finding,) = [item for item in late.findings if item.name == f"{source}_contradicts"]
+        assert "is not used" in finding.message
 
 
 @pytest.mark.thorough

@@ -10,6 +10,7 @@ import pytest
 import statsmodels.api as sm
 from hypothesis import given
 from hypothesis import strategies as st
+from linearmodels.iv.covariance import KERNEL_LOOKUP
 from linearmodels.shared.covariance import cov_kernel
 from scipy import stats
 from scipy.signal import lfilter
@@ -311,12 +312,6 @@ KERNELS = (cov.Bartlett(), cov.Parzen(), cov.QuadraticSpectral())
 PEERS = {"bartlett": "bartlett", "parzen": "parzen", "quadratic_spectral": "qs"}
 
 
-def peer_weights(kernel, bandwidth, count):
-    from linearmodels.iv.covariance import KERNEL_LOOKUP
-
-    return KERNEL_LOOKUP[PEERS[kernel.name]](bandwidth, count - 1)
-
-
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)
 @given(
     count=st.integers(2, 40), bandwidth=st.integers(0, 50), cut=st.integers(1, 40), seed=st.integers(0, 99)
@@ -337,7 +332,7 @@ def test_covariance_is_its_double_sum_however_scores_are_cut(kernel, count, band
 @pytest.mark.parametrize("bandwidth", [0, 1, 7, 30])
 def test_kernels_are_those_of_linearmodels(kernel, bandwidth):
     scores = lfilter([1.0], [1.0, -0.7], np.random.default_rng(5).standard_normal((300, 3)), axis=0)
-    peer = cov_kernel(scores, peer_weights(kernel, bandwidth, 300))
+    peer = cov_kernel(scores, KERNEL_LOOKUP[PEERS[kernel.name]](bandwidth, 299))
     result = kernels.kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
     np.testing.assert_allclose(result, peer, rtol=1e-10)
 

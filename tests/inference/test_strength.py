@@ -203,13 +203,9 @@ def test_the_worst_ground_decides_and_stands_first(order):
         assert list(Status).index(verdict(kept).status) == best
 
 
-def two_stage_weights(products):
-    return np.linalg.solve(products.instrument_mean, products.sensitivity)
-
-
 def endogeneity_of(result, blocks=25):
     products = products_of(*result, blocks)
-    return endogeneity(products, two_stage_weights(products))
+    return endogeneity(products, np.linalg.solve(products.instrument_mean, products.sensitivity))
 
 
 @pytest.mark.parametrize("case", ["housing", "griliches"])

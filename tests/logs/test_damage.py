@@ -191,11 +191,6 @@ def nested(file, depth=20):
         file = file.create_group("g")
 
 
-def crowded(file):
-    for number in range(10_010):
-        file.create_group(f"g{number}")
-
-
 def in_one_chunk(file):
     for name in ("time", "velocity_z"):
         file.create_dataset(
@@ -208,7 +203,10 @@ def in_one_chunk(file):
     ("write", "words"),
     [
         (nested, "10000 groups and variables, or 16 in each other"),
-        (crowded, "10000 groups and variables, or 16 in each other"),
+        (
+            lambda file: [file.create_group(f"g{n}") for n in range(10_010)],
+            "10000 groups and variables, or 16 in each other",
+        ),
         (in_one_chunk, "at most 10000000 numbers"),
     ],
 )

@@ -170,21 +170,16 @@ def log_wind():
     return body_flown(duration=8.0, seed=0, wind=replace(CRAZYFLIE.wind, steady=WIND)).recording
 
 
-def through_the_air(log_wind):
-    """The same log with velocities through the air: a flight in calm."""
-    names = [f"velocity_{axis}" for axis in "xyz"]
-    speeds = zip(names, WIND, strict=True)
-    return with_values(log_wind, **{name: log_wind.channel(name).values - speed for name, speed in speeds})
-
-
 def wind_of(log):
     flight = prepared(log)
     return verdict.steady_wind(BODY.problem((flight,), NoInstruments()), AT, (flight,))
 
 
 def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log_wind):
-    assert wind_of(through_the_air(log_wind)) is None
-    assert wind_of(without(log_wind, *(f"velocity_{axis}" for axis in "xyz"))) is None
+    speeds = dict(zip((f"velocity_{axis}" for axis in "xyz"), WIND, strict=True))
+    through_the_air = {name: log_wind.channel(name).values - speed for name, speed in speeds.items()}
+    assert wind_of(with_values(log_wind, **through_the_air)) is None
+    assert wind_of(without(log_wind, *speeds)) is None
     assert list(wind_of(log_wind).numbers.values()) == pytest.approx(WIND[:2], abs=0.5)
 
 

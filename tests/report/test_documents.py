@@ -137,10 +137,6 @@ NAN, INFINITY = float("nan"), float("inf")
 PLAIN = QuantitySpec("x", "x", "")
 
 
-def _quantity(value: float, low: float, high: float) -> Quantity:
-    return Quantity(value, "", NAN, (low, high), Status.WEAK)
-
-
 @pytest.mark.parametrize(
     ("value", "low", "high", "shown"),
     [
@@ -161,7 +157,8 @@ def _quantity(value: float, low: float, high: float) -> Quantity:
 def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
-    assert QuantityRow("x", PLAIN, _quantity(value, low, high)).texts == shown
+    quantity = Quantity(value, "", NAN, (low, high), Status.WEAK)
+    assert QuantityRow("x", PLAIN, quantity).texts == shown
 
 
 @pytest.mark.parametrize(
