@@ -37,8 +37,6 @@ from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
 
-# -- Fleet options --
-
 #: Digits of the hash that rows are marked with.
 HASH_DIGITS = 16
 
@@ -113,8 +111,6 @@ def _content(text: str) -> str:
     path = Path(text)
     return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" if text and path.is_file() else text
 
-
-# -- Table --
 
 #: Folder of the parts that others read, that of rows which are in none of them yet, and what all are called.
 FLIGHTS, PENDING, PART = "flights", "pending", "part-*.parquet"
@@ -289,8 +285,6 @@ def quantity_names(table: pl.DataFrame) -> list[str]:
     ending = f".{VERDICT}"
     return [name.removesuffix(ending) for name in table.columns if name.endswith(ending)]
 
-
-# -- Fleet folder --
 
 SCHEMA = "eivor.fleet/1"
 IDENTITY, RUN = "fleet.json", ".run"
@@ -541,8 +535,6 @@ def _versions_text(versions: Mapping[str, Any]) -> str:
     return ", ".join(f"{package} {number}" for package, number in versions.items())
 
 
-# -- Report files --
-
 #: Folder of the reports in that of the fleet.
 REPORTS = "reports"
 #: Key of a row, until it is written, that holds the page of its flight.
@@ -574,8 +566,6 @@ def reports_there(folder: Path) -> Generator[str, None, None]:
             if match is not None:
                 yield match[1]
 
-
-# -- Flight row --
 
 #: Channels whose mean over the log is a column of their own.
 SURROUNDINGS = {
@@ -705,9 +695,6 @@ def _in_table(path: Path, column: str) -> str:
     except (EivorError, OSError, pl.exceptions.PolarsError):
         return ""
     return "" if text is None else str(text)
-
-
-# -- Fleet --
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Coverage figures --
-
 COLOURS = (plots.BLUE, plots.RED, plots.DARK, "#a06a00", "#1b7f3b", "#7b3f9e", plots.GREY)
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
 WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
@@ -114,8 +112,6 @@ def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], n
         label=rows[0].label,
     )
 
-
-# -- Study figures --
 
 PANEL_WIDTH, PANEL_HEIGHT = 3.6, 2.7
 BINS = 20
@@ -212,8 +208,6 @@ def _range(values: Float[np.ndarray, " trials"]) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-# -- Paper figures --
-
 FORMATS = ("svg", "png")
 PAPER_FIGURES = tuple(f"figure-{number}" for number in range(2, 9))
 #: What the columns of the printed tables are called in figures.
@@ -263,8 +257,6 @@ def histogram_figure(result: paper.PaperResult, column: str) -> Figure:
     return nrmse_figure(rows, printed={words: printed}, title=title)
 
 
-# -- Paper table --
-
 METHOD_WORDS: Mapping[str, str] = {
     "least_squares": "LS",
     "total_least_squares": "LS, TLS form",
@@ -304,9 +296,6 @@ def nearest(results: Sequence[paper.PaperResult]) -> str:
     groups = by_reading(results)
     allowed = {name: group for name, group in groups.items() if group[0].reading.allowed} or groups
     return min(allowed, key=lambda name: paper.nearness(allowed[name]).means)
-
-
-# -- terminal ----------------------------------------------------------------------------------------
 
 
 def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableType]:
@@ -375,9 +364,6 @@ def _plain(*columns: str) -> Table:
     for column in columns:
         table.add_column(Text(column), no_wrap=True)
     return table
-
-
-# -- JSON --------------------------------------------------------------------------------------------
 
 
 def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> dict[str, Json]:

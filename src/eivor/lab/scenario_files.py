@@ -35,8 +35,6 @@ from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
 
-# -- Number file --
-
 FORMATS = (".csv", ".parquet")
 #: Larger files, and longer columns, are no excitation: they would be held whole in every process.
 LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
@@ -111,8 +109,6 @@ def _column(table: TomlTable, path: Path, name: str) -> pl.Series:
         raise table.wrong("column", f"{MOST_NUMBERS} numbers or fewer", "more", "Cut the file.")
     return result
 
-
-# -- Kinds --
 
 Maker = Callable[..., Any]
 
@@ -275,8 +271,6 @@ def _of_table(table: TomlTable, annotation: Any) -> Any:
     return of_kind(table, annotation) if annotation in KINDS else built(table, annotation)
 
 
-# -- Flight files --
-
 #: Folders of what comes with the package.
 FLIGHTS, SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
@@ -306,8 +300,6 @@ def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
         known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=quiet)
     return built(table, VerticalFlightSpec, "kind", "noise", **known)
 
-
-# -- Noise tables --
 
 #: Key of a noise or a disturbance whose size is a share of a signal's.
 RATIO = "ratio_to_signal"
@@ -364,8 +356,6 @@ def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
     return flight
 
 
-# -- Scenario file --
-
 #: Most samples of a record that is simulated from a file.
 MOST_SAMPLES = 50_000_000
 
@@ -409,9 +399,6 @@ SIMULATED: Mapping[str, Callable[[TomlTable], Simulated]] = {
     "flight": flight_from_table,
     "rigid-body": rigid_body_flight_from_table,
 }
-
-
-# -- Study file --
 
 
 def read_study(path: Path) -> Study:

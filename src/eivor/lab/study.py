@@ -49,8 +49,6 @@ from eivor.process_pool import Executor, InProcess, abandoned, local_executor
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float, ItemsDone, no_items_callback
 
-# -- Study --
-
 #: Methods that need no instruments.
 DIRECT = ("least_squares", "total_least_squares", "bias_compensated_least_squares")
 #: Methods with instruments whose equations can be weighted.
@@ -244,8 +242,6 @@ def _plain(value: object) -> object:
     raise TypeError(f"a study cannot hold a {type(value).__name__}")
 
 
-# -- Trial --
-
 #: Status of a method that raised.
 FAILED = "failed"
 
@@ -320,8 +316,6 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception)
         row |= {f"{choice.label}.{name}{part}": value for part, value in zip(PARTS, values, strict=False)}
     return row
 
-
-# -- Trials side by side --
 
 #: Numbers of a table of columns that is worked on at a time, as many as a cache holds.
 CACHED = 400_000
@@ -477,8 +471,6 @@ def _is_strong(
     return strong.all(axis=1) & (spread < PLAIN_CONDITION) & ~overstated.any(axis=(1, 2))
 
 
-# -- Trial shards --
-
 #: Packages whose versions bear on the bytes.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 IDENTITY_FILE = "study.json"
@@ -619,9 +611,6 @@ def _listed(versions: object) -> str:
     return ", ".join(f"{package} {number}" for package, number in pairs)
 
 
-# -- Run --
-
-
 @dataclass(frozen=True)
 class StudyResult:
     """A finished study."""
@@ -683,9 +672,6 @@ def run_study(
     return StudyResult(study, folder, shards.consolidate())
 
 
-# -- Share --
-
-
 @dataclass(frozen=True, slots=True)
 class Share:
     """A share of trials, with its binomial error."""
@@ -709,8 +695,6 @@ class Share:
         half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
         return max(centre - half, 0.0), min(centre + half, 1.0)
 
-
-# -- Metrics --
 
 #: What scores of all parameters together are called.
 TOGETHER = "together"

@@ -36,8 +36,6 @@ from eivor.signals.recording import (
 )
 from eivor.tools import Bool, Float
 
-# -- Columns --
-
 
 @dataclass(frozen=True, slots=True)
 class Columns:
@@ -49,9 +47,6 @@ class Columns:
     lists: Mapping[str, str] = field(default_factory=dict)
 
 
-# -- Delays --
-
-
 def low_pass_delay_s(cutoff_hz: float) -> float:
     """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]."""
     return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz))
@@ -61,8 +56,6 @@ def notch_delay_s(frequency_hz: float, bandwidth_hz: float) -> float:
     """How late a notch is, far below its frequency [s]."""
     return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2))
 
-
-# -- Budget --
 
 #: What content may become: so many times its size and so much more by decompression [bytes], numbers for each
 #: byte and those that are free, numbers at most, groups and variables, and how deep they stand in each other.
@@ -80,8 +73,6 @@ def most_cells(size: int, max_bytes: int) -> int:
     """How many numbers may be read of a file of a size."""
     return min(MAX_CELLS, max(FREE_CELLS, CELLS_PER_BYTE * size), max_bytes // 8)
 
-
-# -- Elements --
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]")
 
@@ -105,8 +96,6 @@ def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
     return [*columns, *names]
 
 
-# -- Damage --
-
 _WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError, NameError)
 #: What decoders raise for damaged bytes.
 DECODER_ERRORS = (*_WRONG, OSError, EOFError, RuntimeError, MemoryError, struct.error, zlib.error)
@@ -117,8 +106,6 @@ def noted(name: str, sentence: str, subject: float | str | Iterable[str]) -> lis
     text = subject if isinstance(subject, (float, int, str)) else ", ".join(subject)
     return [Finding(name, sentence.format(text))] if text else []
 
-
-# -- Extrapolation --
 
 #: Fewest rows of a line, fewest columns that begin one together, and what "together" means [rows].
 MIN_ROWS = 50
@@ -164,8 +151,6 @@ def _line_start(time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
     start = int(np.flatnonzero(~on_line)[-1]) + 1
     return start if values.size - start >= MIN_ROWS else None
 
-
-# -- Findings --
 
 #: So many values of a long channel have the median of all: no more are looked at.
 ENOUGH = 1 << 17
@@ -313,8 +298,6 @@ def _velocity_doubts(channels: Mapping[str, Channel]) -> Iterator[str]:
         yield f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."
 
 
-# -- Folders --
-
 #: More files than a folder of one log has; the others do not count.
 MAX_FILES = 10_000
 
@@ -345,8 +328,6 @@ def folder_sha256(folder: Path) -> str:
             whole.update(f"{file.name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
     return whole.hexdigest()
 
-
-# -- Channels in memory --
 
 #: What reads a part of a log, see `KeptChannels`.
 Cut = Callable[[float, float, float], "KeptChannels"]
@@ -412,8 +393,6 @@ class KeptChannels(MadeChannels):
         return len(self._makers)
 
 
-# -- Log format --
-
 #: Bytes of a file's start that `LogFormat.sniff` is given.
 HEAD_BYTES = 65536
 
@@ -465,8 +444,6 @@ class LogFormat:
     parts: Callable[[Path], FolderParts] = lambda _folder: FolderParts()  # Of a folder; none of most formats
 
 
-# -- Silences --
-
 #: A setpoint that is silent for longer than this, and than five of its steps, is not in force [s].
 SILENCE_S = 1.0
 
@@ -485,8 +462,6 @@ def silenced(channel: Channel, end_s: float, inactive: list[str] | None = None) 
     values = np.insert(channel.values, last + 1, np.nan)
     return replace(channel, time_s=time, values=values)
 
-
-# -- Sources --
 
 Source = TypeVar("Source")
 #: Another source comes before the preferred one when it was logged so many times as often.
@@ -555,8 +530,6 @@ def logged_channel(
     )
 
 
-# -- Clocks of sources --
-
 #: A column has a clock of its own where at least this share of the steps between its values skips rows. What
 #: is lost now and then skips fewer, and a setpoint that is not in force for a while skips many rows at once.
 SKIPPING_SHARE = 0.1
@@ -615,8 +588,6 @@ def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channe
     return noted("own_clock", sentence, texts)
 
 
-# -- Stamps --
-
 #: Stamps further than this from the log's others are damaged [s].
 MAX_SPAN_S = 1e6
 #: A stamp that is ahead of both its neighbours by so much is damaged, not the ones after it [s].
@@ -634,8 +605,6 @@ def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     usable[1:-1] &= (here - np.maximum(before, after) <= HORIZON_S) | (before > after)
     return usable
 
-
-# -- Streams --
 
 #: The path that means standard input, unless there is a file of that name.
 STANDARD_INPUT = "-"
@@ -692,8 +661,6 @@ def _opened(file: Path) -> Iterator[BinaryIO]:
         raise InputError(expected, "nothing that is piped into it", f"Write `... | eivor identify {file}`.")
     yield sys.stdin.buffer
 
-
-# -- Units --
 
 #: Unit as written in a map: its SI unit, and how many of that one of it is.
 UNITS: Mapping[str, tuple[str, float]] = {

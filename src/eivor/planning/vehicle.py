@@ -22,8 +22,6 @@ from eivor.simulation.vertical import AltitudeController
 from eivor.strict_toml import read_toml
 from eivor.tools import Float
 
-# -- Limits --
-
 
 @dataclass(frozen=True, slots=True)
 class FlightLimits:
@@ -59,8 +57,6 @@ class FlightLimits:
         """Height about which a flight is planned [m]."""
         return 0.5 * (self.height_m[0] + self.height_m[1])
 
-
-# -- Setpoints --
 
 #: Step of the simulation, and of what the recipe sees [s].
 STEP_S = 0.01
@@ -179,8 +175,6 @@ TARGETS = {
     "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0, number="lag_s"),
 }
 
-
-# -- Vehicle --
 
 #: Gain of a velocity loop times its lag, and the largest one [1/s]; of the position loop, a share of that.
 QUICKNESS, LARGEST_VELOCITY_GAIN, POSITION_SHARE, INTEGRAL_SHARE = 0.35, 4.0, 0.3, 0.05

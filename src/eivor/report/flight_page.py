@@ -51,8 +51,6 @@ from eivor.tools import Float, printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# -- Chart --
-
 #: Code of a value that is not there, and the largest of one that is.
 MISSING, LARGEST = 65535, 65534
 #: Samples further apart than so many steps are not joined by a line.
@@ -116,8 +114,6 @@ def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:
     return {"low": low, "step": step, "codes": base64.b64encode(codes.tobytes()).decode("ascii")}
 
 
-# -- Drawings --
-
 WIDTH_INCHES = 3.5
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000
@@ -178,9 +174,6 @@ def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 
-# -- Pictures of rows --
-
-
 def forests(
     result: FlightEstimate, rows: Sequence[FlightRow], whole: Mapping[str, QuantityRow]
 ) -> list[Pictures]:
@@ -208,8 +201,6 @@ def prediction_pictures(prediction: MultiStepPrediction) -> list[Pictures]:
     )
     return [("", tuple(pictures))]
 
-
-# -- Over time --
 
 #: Flights of a pool that are drawn over time; the others are in its tables.
 MOST_FLIGHTS = 8
@@ -300,8 +291,6 @@ def _chart(
 def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
 
-
-# -- Flight page --
 
 #: Titles are cut to so many letters; provenance has the names as they are.
 LONGEST_TITLE = 120

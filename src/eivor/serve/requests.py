@@ -16,8 +16,6 @@ import msgspec
 from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
 
-# -- Refusals --
-
 
 class RefusedError(EivorError):
     """A request that is not done."""
@@ -57,8 +55,6 @@ def absent(what: str, name: str) -> RefusedError:
         "What is an hour old is forgotten: drop the log again.",
     )
 
-
-# -- JSON of a request --
 
 #: Letters of a word, and of a file's text.
 LONGEST_WORD, LONGEST_FILE = 2_000, 100_000
@@ -185,8 +181,6 @@ def _displayed(value: Any) -> str:
 def _wrong(expected: str, received: str, remedy: str = "Load the page again.") -> RefusedError:
     return RefusedError(HTTPStatus.BAD_REQUEST, expected, received, remedy)
 
-
-# -- Sent files --
 
 #: Files of a folder at most, and letters of a name.
 MOST_FILES, LONGEST = 500, 120

@@ -29,8 +29,6 @@ from eivor.signals.channels import held_by_default
 from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
 from eivor.tools import Float
 
-# -- Channels --
-
 #: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
 FULL_POWER = 65535.0
 #: Cutoffs of the low-passes behind which the sensors are [Hz].
@@ -166,8 +164,6 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
     return dict(zip(UNPACKED, parts, strict=True))
 
 
-# -- Header --
-
 MAGIC = b"\xbc"
 #: Type of a stamp and its unit [s], by version.
 STAMPS: Mapping[int, tuple[str, float]] = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
@@ -271,8 +267,6 @@ class _Cursor:
         return CorruptLogError(expected, received, "The file is cut or damaged; copy it from the card again.")
 
 
-# -- Advice --
-
 #: Variables that make each channel, as config.txt names them: the preferred ones of channels that are needed.
 _NOT_NEEDED = {"position_x", "position_y", "velocity_x", "velocity_y", "specific_force_z"}
 TO_LOG = {
@@ -292,8 +286,6 @@ def _advice(channel: str) -> tuple[str, ...]:
     sentence = f"Add {TO_LOG[channel]} to config.txt on the card."
     return (sentence, *_TABLES["advice"]["all"][:1]) if channel == "velocity_z" else (sentence,)
 
-
-# -- Records --
 
 CHECKSUM_BYTES = 4
 #: So many records of one type in a row, and whole blocks of them are looked at.
@@ -491,8 +483,6 @@ def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray,
     return np.asarray(ticks.astype(np.float64) * tick_s)
 
 
-# -- Gaps --
-
 #: A step of so many usual ones is a gap: three records or more are missing.
 GAP = 3.5
 #: Events of which so many steps are within half of the usual one are of a fixed frequency.
@@ -511,8 +501,6 @@ def _gaps(event: Event) -> str:
     word = "gaps" if gaps.size > 1 else "gap"
     return f"'{event.name[:60]}' ({gaps.size} {word} of {length}, steps of {1e3 * usual:.3g} ms otherwise)"
 
-
-# -- Reader --
 
 NAME = "crazyflie"
 _BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "the firmware")

@@ -15,8 +15,6 @@ import numpy as np
 
 from eivor.tools import Int
 
-# -- Definitions --
-
 #: Bytes of the types that messages are made of; strings have a length of their own.
 SIZES: Mapping[str, str] = {
     **dict.fromkeys(("bool", "byte", "char"), "u1"),
@@ -91,9 +89,6 @@ def _type_name(kind: str, owner: str) -> str:
     return _SHORT.get(kind, f"{owner.partition('/')[0]}/{kind}")
 
 
-# -- Known definitions --
-
-
 @cache
 def definitions() -> dict[str, Any]:
     """Texts of types for bags without definitions: common ones, and those of each release of PX4."""
@@ -117,8 +112,6 @@ def px4_releases() -> dict[str, Types]:
         releases[number] = so_far
     return releases
 
-
-# -- IDL --
 
 _SEPARATOR = "=" * 80 + "\n"
 
@@ -155,8 +148,6 @@ def _idl_type(node: Any, content: Any) -> str:
 
     return str(content[0]) if node == Nodetype.BASE else type_name(str(content))
 
-
-# -- Layouts --
 
 #: Bounds that no message comes near whose fields are of use here.
 MAX_FIELDS = 4096
@@ -282,8 +273,6 @@ class _MessageWalk:
         if self.position > len(self.message):
             raise UnsoundMessageError(f"{len(self.message)} bytes, and its type goes on after them")
 
-
-# -- Messages --
 
 #: Layouts that the messages of one topic may have, those that are none included; more are left out.
 MAX_LAYOUTS = 256
