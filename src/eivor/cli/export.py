@@ -16,6 +16,7 @@ from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
+    FitArgument,
     FitModelOption,
     Reads,
     Writes,
@@ -56,11 +57,7 @@ def _no_example(wanted: bool) -> bool:
 
 @guarded
 def export(
-    fit: Annotated[
-        Path,
-        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
-        Reads(),
-    ],
+    fit: FitArgument,
     *,
     to: Annotated[
         str, option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from eivor.cli.outputs import (
     MORE,
     RESIDUAL_FILES,
     ExitCode,
+    FitArgument,
     FitModelOption,
     JsonOption,
     P,
@@ -189,11 +189,7 @@ VALIDATE_EXIT_CODES = (
 @done_in_results
 @with_options(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
 def validate(
-    fit: Annotated[
-        Path,
-        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
-        Reads(),
-    ],
+    fit: FitArgument,
     log: Annotated[
         str,
         typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),

@@ -167,6 +167,11 @@ MachineOption = Annotated[
     ),
     Reads(),
 ]
+FitArgument = Annotated[
+    Path,
+    typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+    Reads(),
+]
 FitModelOption = Annotated[
     str,
     option(

@@ -199,7 +199,9 @@ def describe(
             "Identify the log with --model vertical or rigid-body.",
         )
     supplied.check_only((*MADE_OF[fitted.model].values(), *BESIDE), target, body=True)
-    _check_signs(supplied)
+    for name, prior in supplied.priors.items():
+        if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
+            raise UsageError(f"a {name} above zero", f"{prior.value:g}", "Correct the prior.")
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
     parts, missing, bounds = _parts(fitted, given, vehicle)
@@ -220,12 +222,6 @@ def describe(
     made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
     lost = tuple(_lost(made, target, lacks)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
-
-
-def _check_signs(supplied: Supplied) -> None:
-    for name, prior in supplied.priors.items():
-        if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
-            raise UsageError(f"a {name} above zero", f"{prior.value:g}", "Correct the prior.")
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:

@@ -10,7 +10,7 @@ import re
 import stat
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain, islice, takewhile
 from pathlib import Path, PurePosixPath
@@ -313,7 +313,10 @@ def logs_found(given: str) -> LogsFound:
     try:
         if path.is_dir():
             os.scandir(path).close()
-            return _among_folder(path)
+            closed: list[OSError] = []
+            among = _among(files_below(path, closed.append))
+            reasons = sorted(f"{error.filename}: {error.strerror or error}" for error in closed)
+            return replace(among, unread_folders=tuple(reasons))
         if path.is_file():
             one = [named_log(str(path), path.name)]
             is_list = path.suffix.lower() == LINES or _delimiter(path) != ""
@@ -332,16 +335,6 @@ def logs_found(given: str) -> LogsFound:
         f"'{given}', which does not exist",
         "Check the name.",
     )
-
-
-def _among_folder(folder: Path) -> LogsFound:
-    closed: list[str] = []
-
-    def note(error: OSError) -> None:
-        closed.append(f"{error.filename}: {error.strerror or error}")
-
-    among = _among(files_below(folder, note))
-    return LogsFound(among.logs, among.others, tuple(sorted(closed)))
 
 
 def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:

@@ -336,18 +336,12 @@ def euler_steps(drive: Series) -> tuple[Series, Series]:
     return velocity, np.diff(velocity, prepend=0.0) / T
 
 
-def _central(values: Series) -> Series:
-    return 0.5 * RATE_HZ * (np.roll(values, -1) - np.roll(values, 1))
+def _slope(ahead: int, behind: int, values: Series) -> Series:
+    """Difference quotient over so many samples ahead and behind."""
+    return RATE_HZ / (ahead + behind) * (np.roll(values, -ahead) - np.roll(values, behind))
 
 
-def _backward(values: Series) -> Series:
-    return RATE_HZ * (values - np.roll(values, 1))
-
-
-def _forward(values: Series) -> Series:
-    return RATE_HZ * (np.roll(values, -1) - values)
-
-
+_central, _backward, _forward = partial(_slope, 1, 1), partial(_slope, 0, 1), partial(_slope, 1, 0)
 #: From z' and z to z' and z'' by differences; the edges are wrong.
 _DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Series]]] = {
     MotionSource.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),

@@ -363,11 +363,10 @@ def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged])
         columns, most = " and ".join(map(repr, rule.angles)), max(largest)
         if rule.angle_unit == "rad" and most > 2.0 * np.pi:
             message = f"{columns} reach {most:.3g} rad; are they in degrees?"
+            findings.append(Finding("mixed_units", message))
         elif rule.angle_unit == "deg" and 0.0 < most < 1.0:
             message = f"{columns} never exceed {most:.3g} deg; are they in radians?"
-        else:
-            message = ""
-        findings += noted("mixed_units", "{}", message)
+            findings.append(Finding("mixed_units", message))
     return findings
 
 

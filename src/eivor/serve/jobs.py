@@ -70,17 +70,13 @@ class Work:
 IDLE_S = 10.0
 
 
-def _ignore(*_: object) -> None:
-    """Take whatever is reported."""
-
-
 @dataclass(eq=False)
 class Ticket:
     """A task on its way through the queue."""
 
     task: Task
-    on_start: Callable[[], None] = _ignore  # called when a process takes it
-    report: ProgressCallback = _ignore  # takes progress
+    on_start: Callable[[], None] = lambda: None  # called when a process takes it
+    report: ProgressCallback = lambda _event: None  # takes progress
     urgent: bool = False  # whether it goes before those that are not
     given_up: bool = False
     outcome: Future[Outcome] = field(default_factory=Future)  # None where it was given up
