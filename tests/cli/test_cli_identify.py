@@ -17,7 +17,6 @@ from eivor.errors import UsageError
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
-@pytest.mark.usefixtures("coarse_search")
 def test_the_table_has_every_quantity_in_80_columns(eivor, log, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     run = eivor("identify", log, "--compare")
@@ -270,7 +269,6 @@ def test_what_is_needed_decides_the_exit_code(eivor, needs, code):
         assert "Did you mean 'hover'?" in run.err
 
 
-@pytest.mark.usefixtures("coarse_search")
 def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
     """A motion is chosen where one serves; where several do, it is to be named."""
     result = ev.identify_log(ev.read_log(log))

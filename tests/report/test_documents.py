@@ -120,17 +120,12 @@ def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     channels = {**recording.channels}
     channels["velocity_z"] = replace(channels["velocity_z"], source=HOSTILE)
     result = inspection(
-        replace(recording, channels=channels, parameters={"MPC_THR_HOVER": 0.35}), _options(), Vertical()
+        replace(recording, channels=channels, parameters={"MPC_THR_HOVER": 0.35}), FlightOptions(), Vertical()
     )
     text = _text(on_terminal(inspection_document(result)), 120)
     assert "\x1b" not in text
     assert "[red]x[/]" in text
     assert "MPC_THR_HOVER = 0.35" in text
-
-
-def _options() -> object:
-
-    return FlightOptions()
 
 
 NAN, INFINITY = float("nan"), float("inf")
