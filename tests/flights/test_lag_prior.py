@@ -11,7 +11,6 @@ import pytest
 from flight_logs import FRICTION, LAG_S, changed, flown
 
 import eivor as ev
-from eivor.errors import ParameterError, UsageError
 from logs.dataflash_writer import commands
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -86,39 +85,6 @@ def test_a_contradiction_is_said_and_makes_the_numbers_weak():
         assert any("contradicts the flight" in reason.sentence for reason in wrong.quantities[name].reasons)
     assert not any("references disagree" in sentence for sentence in wrong.verdict.sentences)
     assert wrong.quantities["hover_input"].verdict is ev.Status.IDENTIFIED
-
-
-@pytest.mark.thorough
-def test_a_measured_state_has_no_lag_to_know(log):
-    command = log.channels["rotor_command_1"]
-    measured = changed(
-        log, "rotor_command_1", rotor_speed_1=replace(command, name="rotor_speed_1", held=False)
-    )
-    with pytest.raises(UsageError, match="whose actuators' lag is searched for"):
-        ev.identify_flight(measured, lag=ev.Prior(0.05, 0.01))
-
-
-@pytest.mark.parametrize("lag", [70, "70:15", (0.07, 0.015)])
-def test_a_lag_of_another_type_is_refused(log, lag):
-    with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"):
-        ev.identify_flight(log, lag=lag)
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "said"),
-    [
-        (lambda: ev.FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
-        (lambda: ev.FlightOptions(lag=ev.Bounds(50.0, 90.0)), UsageError, "between 0 and 1 s"),
-        (lambda: ev.FlightOptions(lag=ev.Bounds(-0.01, 0.05)), UsageError, "between 0 and 1 s"),
-        (lambda: ev.Bounds(0.09, 0.05), ParameterError, "the lower one first"),
-        (lambda: ev.FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
-        (lambda: ev.FlightOptions(accelerometer_bias=-0.1), UsageError, "bias above zero"),
-        (lambda: ev.FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
-    ],
-)
-def test_lags_and_biases_that_are_none_are_refused(make, error, said):
-    with pytest.raises(error, match=said):
-        make()
 
 
 # The thrust curve that is found out: its value, what it rests on, and what it does to everything else.

@@ -299,12 +299,6 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
     assert reported is used.startswith("input lagged")
 
 
-@pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
-def test_unknown_words_are_refused(log, options):
-    with pytest.raises(UsageError, match="Expected"):
-        ev.identify_flight(log, ev.FlightOptions(**options))
-
-
 def test_start_of_the_clock_does_not_matter(log, coarse_fit):
     later = replace(
         log, channels={k: replace(c, time_s=c.time_s + 12_345.0) for k, c in log.channels.items()}
@@ -373,31 +367,6 @@ def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     assert none.verdict.status is ev.Status.REFUSED
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda log: replace(log, input_map="linear"), "input maps square and linear"),
-        (lambda log: replace(log, parameters={"THR_MDL_FAC": 0.3}), r"THR_MDL_FAC = 0\.2 and 0\.3"),
-        (lambda log: changed(log, rotor_command_2=log.channels["rotor_command_1"].values), "1 and 2 rotors"),
-        (
-            lambda log: changed(
-                log, "rotor_command_1", rotor_command_1=log.channels["rotor_command_1"].values / 1e3
-            ),
-            r"inputs of .* which are not on one scale",
-        ),
-        (
-            lambda log: changed(log, "rotor_command_1", rotor_speed_1=log.channels["rotor_command_1"].values),
-            "inputs rotor_command and rotor_speed",
-        ),
-    ],
-)
-def test_flights_of_different_vehicles_are_not_pooled(fleet, change, said):
-    with pytest.raises(
-        PoolingError, match=f"Expected flights of one vehicle: flight 0 and flight 1 alike; received {said}"
-    ):
-        ev.identify_flight([replace(fleet[0], parameters={"THR_MDL_FAC": 0.2}), change(fleet[1])])
-
-
 @dataclass(frozen=True)
 class Wheeled(type(ev.motion_by_name("vertical"))):
     """A motion whose vehicles are told apart by another parameter."""
@@ -416,19 +385,6 @@ def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     # a user who knows better pools them
     logs = [two, replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})]
     assert len(ev.identify_flight(logs, model=Wheeled(), pool_anyway=True).flights) == 2
-
-
-@pytest.mark.parametrize(
-    ("logs", "windows", "said"),
-    [
-        ([], None, "at least one recording"),
-        (None, [], "1 windows, one for each log"),
-        (None, [None, None], "1 windows"),
-    ],
-)
-def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
-    with pytest.raises(UsageError, match=f"Expected {said}"):
-        ev.identify_flight([fleet[0]] if logs is None else logs, windows=windows)
 
 
 def test_without_a_gain_the_hover_input_is_where_thrust_is_the_weight():

@@ -462,20 +462,6 @@ def test_without_a_declared_noise_it_says_what_to_do(calm_log):
     assert "--noise estimate" in sentence
 
 
-@pytest.mark.parametrize(
-    ("noise", "words"),
-    [
-        ({"speed_z": 0.1}, "'speed_z'"),
-        ({"velocity_z": -0.1}, "zero or more"),
-        ({"velocity_z": float("nan")}, "zero or more"),
-        ("guess", "estimate"),
-    ],
-)
-def test_noises_that_are_none(calm_log, noise, words):
-    with pytest.raises(UsageError, match=words):
-        prepare(calm_log, Vertical(), ev.FlightOptions(noise=noise))
-
-
 def test_a_log_gives_its_signals(calm_log):
     signals = ev.log_signals(calm_log, actuator_lag=LAG_S, noise={"velocity_z": NOISE})
     assert signals.noise["velocity_z"].std == pytest.approx(NOISE)
