@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.errors import InputError, ParameterError, UsageError
 from eivor.estimation.methods import by_name, identify
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
@@ -25,7 +24,6 @@ from eivor.motions.rigid_body.dynamics import (
     body_derivative,
     coefficients_of,
     effective_parameters,
-    side_by_side,
 )
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
 from eivor.motions.rigid_body.regression import (
@@ -317,45 +315,6 @@ def test_numberings_of_the_autopilots(numbering, mixed):
     assert [(np.sign(y), -np.sign(x), spin) for x, y, spin in rotors] == mixed
 
 
-@pytest.mark.parametrize(
-    ("top", "rotors", "told"),
-    [
-        ("mass = { value = 1, sdt = 0.1 }", X, "unknown key 'sdt'. Did you mean 'std'"),
-        ("mass = { std = 0.1 }", X, "finite number at mass.value of mine.toml; received nothing"),
-        ("mass = { value = 1, std = -0.1 }", X, "std of zero or more in mine.toml"),
-        ("mass = { value = 1, std = 0.5 }", X, "standard deviation of the mass of at most 0.4"),
-        ('mass = "1 kg"', X, "a finite number or a table at mass"),
-        ("gyro_cutoff_hz = 0", X, "gyro_cutoff_hz between 1 and 10000 Hz"),
-        ("", X + "arm = 225", "0.005 to 10 m at rotors.arm of mine.toml; received 225. Check its unit"),
-        ("", X + 'thrust_map = "cubic"', "an input map linear, square"),
-        ("", X + EACH, "received both"),
-        ("", EACH + 'spins = ["cw", "cw", "ccw"]', "4 positions and 3 spins"),
-        ("", EACH + 'spins = ["cw", "cw", "left", "ccw"]', "one of cw, ccw at rotors.spins[3]"),
-        ("", EACH + "spins = [1, 1, 2, -1]", "spins of +1 or -1"),
-        ("", EACH + "spins = [1, 1, 1, 1]", "of both spins"),
-        ("", "positions = [[0.1, 0.1, 0.0]]\nspins = [1]", "two numbers at rotors.positions[1]"),
-        ("", "positions = [[100, 100]]\nspins = [1]", "at most 10 m at rotors.positions[1]"),
-    ],
-)
-def test_mistakes_are_told(loaded, top, rotors, told):
-    with pytest.raises(InputError, match=re.escape(told)):
-        loaded(top, rotors)
-
-
-def test_what_is_no_vehicle(tmp_path):
-    (tmp_path / "log.toml").write_bytes(b"\xff\xfe")
-    for source, item in (
-        (tmp_path / "missing.toml", "unreadable"),
-        (tmp_path / "log.toml", "unreadable"),
-        (tmp_path, "unreadable"),
-        ("crazyflie-2", "Did you mean 'crazyflie-2x'"),
-        ("hexacopter", "eivor vehicle new"),
-        ("x" * 5000, "eivor vehicle new"),
-    ):
-        with pytest.raises(InputError, match=item):
-            vehicles.load_vehicle(source)
-
-
 def test_the_crazyflie_is_as_published():
     vehicle = vehicles.load_vehicle("crazyflie-2x")
     assert vehicle.mass is not None
@@ -397,40 +356,6 @@ def test_speed_of_thrust_inverts_it(linear, quadratic):
     rotors = replace(TWO_ROTORS, thrust_linear=linear, thrust_quadratic=quadratic)
     assert rotors.speed_of_thrust(rotors.thrust(432.1)) == pytest.approx(432.1, rel=1e-12)
     assert rotors.speed_of_thrust(-1.0) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("of", "change", "message"),
-    [
-        (TWO_ROTORED, {"mass": 0.0}, "mass above zero"),
-        (TWO_ROTORED, {"inertia": (1.0, 2.0)}, "three numbers .* or six"),
-        (TWO_ROTORED, {"inertia": (1.0, 2.0, -3.0)}, "positive definite"),
-        (TWO_ROTORED, {"inertia": (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)}, "positive definite"),
-        (TWO_ROTORED, {"inertia": (float("nan"), 1.0, 1.0)}, "positive definite"),
-        (TWO_ROTORS, {"spins": (1,)}, "a spin for each"),
-        (TWO_ROTORS, {"spins": (1, 2)}, r"spins of \+1 or -1"),
-        (TWO_ROTORS, {"positions": ((0.1, 0.0), (0.1, 0.0, 0.0))}, "three numbers for position"),
-        (TWO_ROTORS, {"inertia": -1.0}, "inertia of zero or more"),
-        (TWO_ROTORS, {"thrust_quadratic": 0.0}, "rotors with thrust"),
-        (TWO_ROTORS, {"lowest_speed": 1000.0}, "below the highest_speed"),
-        (vehicles.KnownNumber(1.0), {"value": float("nan")}, "finite value"),
-        (vehicles.KnownNumber(1.0), {"std": -0.1}, "std of zero or more"),
-        (TRUE, {"mass": vehicles.KnownNumber(-1.0)}, "mass between"),
-        (TRUE, {"positions": tuple((*item, 0.0) for item in TRUE.positions)}, "Leave its height out"),
-        (TRUE, {"thrust_map": ""}, "input map"),
-        (vehicles.BodyDrag(), {"linear": (1.0,)}, "three numbers"),
-        (vehicles.BodyDrag(), {"quadratic": (0.0, 0.0, -1.0)}, "zero or more"),
-    ],
-)
-def test_vehicles_rotors_and_drag_are_checked(of, change, message):
-    with pytest.raises((ParameterError, UsageError), match=message):
-        replace(of, **change)
-
-
-def test_several_need_equally_many_rotors():
-    three = replace(TWO_ROTORS, positions=(*TWO_ROTORS.positions, (0.0, 0.1, 0.0)), spins=(1, -1, 1))
-    with pytest.raises(UsageError, match="equally many rotors"):
-        side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=three)])
 
 
 def ordered(*acts_as: int) -> vehicles.KnownVehicle:

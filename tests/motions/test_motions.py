@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
-from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.errors import UsageError
 from eivor.flights import identify
 from eivor.flights.identify import with_coupled_axes
 from eivor.flights.prepare import prepare
@@ -113,12 +113,6 @@ def test_what_is_no_motion_is_refused(added, name, value, said):
     added(**({name: value} if value else {}))
     with pytest.raises(UsageError, match=f"Expected {said}"):
         ev.motion_by_name(name)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_a_model_is_a_name_or_a_motion(recording_of_example):
-    with pytest.raises(UsageError, match="Expected the name of a motion, or a motion; received int"):
-        ev.identify_flight(recording_of_example, model=7)
 
 
 @pytest.fixture(scope="module")
@@ -372,19 +366,6 @@ def test_any_axis_may_be_missing(log, missing, without, left):
     assert f"{without}_effectiveness" not in flight.quantities
     assert flight.quantities[f"{left}_effectiveness"].verdict is ev.Status.IDENTIFIED
     assert any(finding.name == f"no_{without}" for finding in flight.findings)
-
-
-def test_rates_need_an_axis(log):
-    without = changed(log, "torque_setpoint_x", "torque_setpoint_y", "angular_rate_z")
-    with pytest.raises(MissingChannelError, match="torque_setpoint_x with angular_rate_x or"):
-        ev.identify_flight(without, model="rates")
-
-
-def test_rates_in_degrees_are_refused(log):
-    rates = log.family("angular_rate")
-    degrees = {rate.name: replace(rate, values=np.rad2deg(rate.values) * 10.0) for rate in rates}
-    with pytest.raises(InputError, match="deg/s"):
-        ev.identify_flight(changed(log, **degrees), model="rates")
 
 
 @pytest.mark.thorough

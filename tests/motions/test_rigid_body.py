@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from coarse_search import coarse
-from eivor.errors import InputError, UsageError
 from eivor.flights.motion import of_vehicle
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
@@ -138,22 +136,10 @@ def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, 
     assert friction.verdict is Status.IDENTIFIED
 
 
-def test_a_vehicle_is_asked_for_and_a_log_must_be_its(flight, tmp_path: Path):
-    log, named = flight.recording, of_vehicle(motion_by_name("rigid-body"), "crazyflie-2x")
+def test_a_vehicle_is_known_by_its_name():
+    named = of_vehicle(motion_by_name("rigid-body"), "crazyflie-2x")
     assert named.vehicle is not None
     assert len(named.vehicle.spins) == 4
-    with pytest.raises(UsageError, match="--vehicle"):
-        identify_flight(log, model="rigid-body")
-    with pytest.raises(UsageError, match="asks what flies"):
-        identify_flight(log, model="rates", vehicle="crazyflie-2x")
-    with pytest.raises(InputError):
-        identify_flight(log, model="rigid-body", vehicle=tmp_path / "none.toml")
-    with pytest.raises(InputError, match="4 rotors"):
-        identify_flight(changed(log, "rotor_command_4"), model=BODY)
-    parts = {name: log.channels[name] for name in log.channels if name.startswith("attitude_")}
-    longer = {name: replace(part, values=2.0 * part.values) for name, part in parts.items()}
-    with pytest.raises(InputError, match="length 1"):
-        identify_flight(changed(log, **longer), model=BODY)
 
 
 #: Arm [m] and mass [kg] of that vehicle.

@@ -11,11 +11,11 @@ import pytest
 
 import eivor as ev
 from eivor.cli.parsing import flight_options
-from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import identify, least_squares, reference_iv
 from eivor.flights.estimate import instruments
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import check_options, prepare
+from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference, SensorAgreement
 from eivor.flights.quantity import Horizon
 from eivor.inference.diagnostics.instruments import OverIdentification
@@ -474,38 +474,8 @@ def test_without_instruments_terms_are_biased(log_left):
     assert "direct method is biased" in sentences(fit.quantities["quadratic_drag"])
 
 
-def test_what_a_term_needs_is_asked_for(log_left):
-    measured = with_channel(log_left, "battery_voltage", 16.0 * sagging(log_left))
-    speed = replace(measured.channels["rotor_command_1"], name="rotor_speed_1", held=False)
-    measured = changed(measured, "rotor_command_1", rotor_speed_1=speed)
-    ground, voltage = {"terms": ("ground-effect",)}, {"terms": ("voltage",)}
-    near_ground, height = {**ground, "rotor_radius": RADIUS}, changed(log_left, "position_z")
-    for log, choices, error, said in (
-        (
-            log_left,
-            {"terms": ("qudratic-drag",)},
-            UsageError,
-            "ground-effect, voltage; received 'qudratic-drag'",
-        ),
-        (log_left, {"terms": ("voltage", "voltage")}, UsageError, "each term once; received voltage twice"),
-        (log_left, ground, UsageError, "the radius of a rotor with the term ground-effect"),
-        (log_left, {"rotor_radius": -1.0}, UsageError, "between 0 and 5 m; received -1 m"),
-        (log_left, voltage, MissingChannelError, "battery_voltage for the term voltage"),
-        (height, near_ground, MissingChannelError, "position_z for the term ground-effect"),
-        (log_left, near_ground, InputError, "begins or ends on the ground"),
-        (measured, voltage, InputError, "commands for the term voltage"),
-    ):
-        with pytest.raises(error, match=said):
-            ev.identify_flight(log, **choices)
-
-
 def test_the_command_line_takes_terms_before_a_log_is_read():
     options = flight_options((Vertical(),), terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
     assert (options.terms, options.rotor_radius) == (("ground-effect", "voltage"), RADIUS)
     with pytest.raises(UsageError, match="received 'lift'"):
         flight_options((Vertical(),), terms=["lift"])
-
-
-def test_motions_without_terms_say_so():
-    with pytest.raises(UsageError, match="no optional terms: 'rates' has none"):
-        check_options(ev.motion_by_name("rates"), ev.FlightOptions(terms=("voltage",)))
