@@ -18,41 +18,8 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, CrossMoments, Instrumental
 from eivor.estimation.products import block_count
 from eivor.estimation.weighting import TwoStage
-from eivor.inference.diagnostics.excitation import (
-    LEAST_BLOCKS,
-    BandPower,
-    Information,
-    Periodicity,
-    Swing,
-    band_power,
-    block_sums,
-    information,
-    largest,
-    strongest_swings,
-)
-from eivor.inference.diagnostics.instruments import (
-    NOTABLE_BIAS,
-    DirectScores,
-    Endogeneity,
-    FirstStageTest,
-    OverIdentification,
-    endogeneity,
-    robust_over_identification,
-    strength,
-)
+from eivor.inference.diagnostics import excitation, instruments, residuals
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, Diagnostic, EquationProducts, Subject
-from eivor.inference.diagnostics.residuals import (
-    GROUPS,
-    Constancy,
-    ResidualMemory,
-    ResidualWhiteness,
-    SegmentLeverage,
-    constancy,
-    influences,
-    residual_memory,
-    residual_whiteness,
-    segment_leverage,
-)
 from eivor.inference.products import Products, block_edges, products_of_rows
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
@@ -268,8 +235,8 @@ class Diagnostics:
         if float(products.power.sum()) > (ROUNDING * products.count * float(theta @ roots)) ** 2:
             return False
         parts = zip(record.factors, record.columns, strict=True)
-        size = sum((abs(factor) * largest(item) for factor, item in parts), start=0.0)
-        return largest(record.residual) <= ROUNDING * size
+        size = sum((abs(factor) * excitation.largest(item) for factor, item in parts), start=0.0)
+        return excitation.largest(record.residual) <= ROUNDING * size
 
     @cached_property
     def subject(self) -> Subject:
@@ -311,86 +278,94 @@ class Diagnostics:
         return step * np.concatenate([run.start + np.arange(run.length) for run in layout.runs])
 
     @cached_property
-    def first_stage(self) -> FirstStageTest | None:
+    def first_stage(self) -> instruments.FirstStageTest | None:
         """Strength of the instruments; None without instruments."""
         if not self.testable:
             return None
         moments = self.estimate.moments
         of_rows = not (isinstance(moments, CrossMoments) and moments.products.whole)
         # else it comes from products, as the estimate's warning
-        return strength(self.record.products, conditional=self.estimate.first_stage if of_rows else None)
+        return instruments.strength(
+            self.record.products, conditional=self.estimate.first_stage if of_rows else None
+        )
 
     @cached_property
-    def over_identification(self) -> OverIdentification | None:
+    def over_identification(self) -> instruments.OverIdentification | None:
         """Hansen's J; None without instruments."""
         if self.instrumental and self.in_frequency:
             J, p_value = self.estimate.over_identification
-            return OverIdentification(J, max(self.estimate.degrees, 0), p_value, None)
-        return robust_over_identification(self.record.products) if self.testable else None
+            return instruments.OverIdentification(J, max(self.estimate.degrees, 0), p_value, None)
+        return instruments.robust_over_identification(self.record.products) if self.testable else None
 
     @cached_property
-    def endogeneity(self) -> Endogeneity | None:
+    def endogeneity(self) -> instruments.Endogeneity | None:
         """Least squares against the estimate; None when the estimate is a kind of least squares."""
-        return endogeneity(self.record.products, self.record.weights) if self.testable else None
+        return instruments.endogeneity(self.record.products, self.record.weights) if self.testable else None
 
     @cached_property
-    def whiteness(self) -> ResidualWhiteness:
+    def whiteness(self) -> residuals.ResidualWhiteness:
         """Autocorrelation of the residual in time; of rows in frequency, of the residual in their band."""
-        return residual_whiteness(np.ascontiguousarray(self.record.residual[:: self.record.thinning]))
+        return residuals.residual_whiteness(
+            np.ascontiguousarray(self.record.residual[:: self.record.thinning])
+        )
 
     @cached_property
-    def memory(self) -> ResidualMemory | None:
+    def memory(self) -> residuals.ResidualMemory | None:
         """Long memory of the residual; None where it cannot be identified."""
-        return None if self.in_frequency else residual_memory(self.record.residual)
+        return None if self.in_frequency else residuals.residual_memory(self.record.residual)
 
     @cached_property
-    def information(self) -> Information:
+    def information(self) -> excitation.Information:
         """Scaled information matrix: which combination of parameters is determined worst."""
-        return information(self.record.products, instrumental=self.instrumental)
+        return excitation.information(self.record.products, instrumental=self.instrumental)
 
     @cached_property
-    def bands(self) -> BandPower:
+    def bands(self) -> excitation.BandPower:
         """Power of each column against that of the residual, in bands."""
         record, theta = self.record, self.estimate.theta
         rate_hz = 1.0 if record.step_s is None else 1.0 / record.step_s
         # The products hold the sums of squares: no pass over the columns.
         squares = record.products.count * theta**2 * np.diag(record.products.regressor_mean)[: theta.size]
-        return band_power(record.columns, record.factors, record.residual, rate_hz, squares.tolist())
+        return excitation.band_power(
+            record.columns, record.factors, record.residual, rate_hz, squares.tolist()
+        )
 
     @cached_property
-    def constancy(self) -> Constancy | None:
+    def constancy(self) -> residuals.Constancy | None:
         """Whether the parameters changed during the record; None for fewer than 64 samples."""
         sums = self.record.score_sums
-        if sums.shape[0] % GROUPS:
+        if sums.shape[0] % residuals.GROUPS:
             return None
-        return constancy(sums, np.asarray(self.record.sensitivities.sum(axis=0)))
+        return residuals.constancy(sums, np.asarray(self.record.sensitivities.sum(axis=0)))
 
     @cached_property
-    def periodicity(self) -> Periodicity | None:
+    def periodicity(self) -> excitation.Periodicity | None:
         """Whether the parameters vary periodically; None for few samples, or several flights."""
         return self.periodicity_with(None)
 
-    def periodicity_with(self, left_over: tuple[Swing, ...] | None) -> Periodicity | None:
+    def periodicity_with(
+        self, left_over: tuple[excitation.Swing, ...] | None
+    ) -> excitation.Periodicity | None:
         """Whether the parameters, or what is left over, vary periodically; by default the residual is."""
         record = self.record
         counts = record.products.counts
-        if not self.in_one_flight or counts.size < LEAST_BLOCKS or self.fits_exactly:
+        if not self.in_one_flight or counts.size < excitation.LEAST_BLOCKS or self.fits_exactly:
             return None
         step, times = record.step_s or 1.0, self.times
-        made = influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
+        made = residuals.influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
         named = tuple(zip(self.names, self.estimate.units, strict=True))
         if left_over is None and not self.in_frequency:
             first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
             residual = np.add.reduceat(record.residual, first) / record.residual.size
             made, named = np.column_stack([made, residual]), (*named, ("the response", ""))
-        blocks = block_sums(made, counts, times, step)
+        blocks = excitation.block_sums(made, counts, times, step)
         unit = "rows" if record.step_s is None else "s"
-        swings = strongest_swings(blocks, named)
+        swings = excitation.strongest_swings(blocks, named)
         parameters, left_over = swings[: len(self.names)], left_over or swings[len(self.names) :]
-        return Periodicity(parameters, left_over, unit, 1.0 / blocks.span) if parameters else None
+        return excitation.Periodicity(parameters, left_over, unit, 1.0 / blocks.span) if parameters else None
 
     @cached_property
-    def leverage(self) -> SegmentLeverage | None:
+    def leverage(self) -> residuals.SegmentLeverage | None:
         """What leaving out each of ten segments of equal length does; None for too few samples."""
         record = self.record
         counts = record.products.counts
@@ -398,7 +373,7 @@ class Diagnostics:
             return None
         edges = block_edges(counts.size, SEGMENTS)
         ends = np.concatenate([[0.0], np.cumsum(counts)])[edges]
-        return segment_leverage(
+        return residuals.segment_leverage(
             np.add.reduceat(record.score_sums, edges[:-1], axis=0),
             np.add.reduceat(record.sensitivities, edges[:-1], axis=0),
             self.subject.std_errors,
@@ -456,12 +431,12 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     if not instrumental.testable or instrumental.fits_exactly:
         return ()
     record = instrumental.record
-    test = endogeneity(record.products, record.weights, direct=_scores(direct, instrumental))
+    test = instruments.endogeneity(record.products, record.weights, direct=_scores(direct, instrumental))
     if test is None or not test.p_value < BEYOND_DOUBT:
         return ()
     separated = np.abs(test.difference) / instrumental.subject.std_errors
     j = int(np.argmax(separated))
-    if not separated[j] > NOTABLE_BIAS:
+    if not separated[j] > instruments.NOTABLE_BIAS:
         return ()
     sentence = (
         f"The instruments contradict it: they give {estimate.names[j]} "
@@ -473,7 +448,7 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     return (Reason(Status.WEAK, sentence, remedy),)
 
 
-def _scores(direct: Estimate, instrumental: Diagnostics) -> DirectScores:
+def _scores(direct: Estimate, instrumental: Diagnostics) -> instruments.DirectScores:
     products, theta = instrumental.record.products, direct.theta
     difference = theta - instrumental.estimate.theta
     GG = np.asarray(products.regressors.sum(axis=0))
@@ -481,8 +456,8 @@ def _scores(direct: Estimate, instrumental: Diagnostics) -> DirectScores:
     power += float(difference @ GG @ difference)
     if direct.assembler.moment_equations:
         sensitivity = products.count * direct.system.matrix
-        return DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)
+        return instruments.DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)
     root = np.sqrt(power)
     correction = direct.solver.score_correction(np.array([root]), theta, direct.system.error_covariance)
     pull, nothing = correction.rows[0] / root, np.zeros(theta.size)
-    return DirectScores(difference, pull, nothing, GG + correction.sensitivity)
+    return instruments.DirectScores(difference, pull, nothing, GG + correction.sensitivity)

@@ -18,14 +18,9 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Box, NodeAxis, Nodes, argmin, nodes_of
 from eivor.estimation.weighting import WeightedRows, WhitenedRows
+from eivor.inference import distributions
 from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.distributions import (
-    check_level,
-    chi_square_quantile,
-    conditional_ratio_quantile,
-    t_quantile,
-)
 from eivor.models.regression import Regression
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -428,7 +423,7 @@ class ProfileSets:
 
     def of_parameter(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of one linear parameter."""
-        check_level(level)
+        distributions.check_level(level)
         estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
         position = checks.place("a parameter", name, parameters)
         if not self.available:
@@ -481,11 +476,11 @@ class ProfileSets:
             return None
         stages = zip(self.estimate.names, self.estimate.first_stage, strict=True)
         strength = degrees * float(min(F for name, F in stages if name not in strange))
-        excess = t_quantile(level, DEGREES) ** 2
+        excess = distributions.t_quantile(level, DEGREES) ** 2
         profile = conditional = below(least + excess)
-        if (more := conditional_ratio_quantile(level, degrees, strength)) > excess:
+        if (more := distributions.conditional_ratio_quantile(level, degrees, strength)) > excess:
             conditional = below(least + more)
-        anderson_rubin = below(chi_square_quantile(level, max(degrees, 1)))
+        anderson_rubin = below(distributions.chi_square_quantile(level, max(degrees, 1)))
         return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, strange, conditional)
 
     @cached_property

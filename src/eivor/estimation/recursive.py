@@ -11,24 +11,11 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import EstimationError, TooFewSamplesError, UsageError
+from eivor.estimation import streaming
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import identify
 from eivor.estimation.moments import ProblemMoments
-from eivor.estimation.streaming import (
-    BLOCKS_PER_LOOK,
-    DEFAULT_MEMORY,
-    ExponentiallyWeightedProducts,
-    Forgetting,
-    TimedRows,
-    check_chunked,
-    continued,
-    end_of,
-    equation_map,
-    exponentially_weighted_covariance,
-    nothing_yet,
-    timed_rows,
-)
 from eivor.inference.covariance import unit_scale
 from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
@@ -51,7 +38,7 @@ class References:
     watched: slice
 
 
-def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
+def newest_reference(weighted: streaming.ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
     equations = weighted.compensated(weighted.full)[0]
     A, b = equations[:, :-1], equations[:, -1]
@@ -187,10 +174,12 @@ class Watch:
         return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
 
     def looked(
-        self, weighted: ExponentiallyWeightedProducts, detector: ChangeDetector
-    ) -> tuple[Watch, ExponentiallyWeightedProducts, tuple[tuple[int, bool], ...]]:
+        self, weighted: streaming.ExponentiallyWeightedProducts, detector: ChangeDetector
+    ) -> tuple[Watch, streaming.ExponentiallyWeightedProducts, tuple[tuple[int, bool], ...]]:
         """After the last look of products; after a change without what came before it, but for the scale."""
-        blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
+        blocks = weighted.closed.between(
+            weighted.closed.blocks - streaming.BLOCKS_PER_LOOK, weighted.closed.blocks
+        )
         count = blocks.products.count
         look = weighted.compensated(blocks).sum(axis=0) / count if count > 0.0 else None
         watch = self.after(look, detector)
@@ -198,7 +187,7 @@ class Watch:
         if not sides.size:
             return watch, weighted, ()
         changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
-        kept = weighted.last(detector.kept_looks * BLOCKS_PER_LOOK)
+        kept = weighted.last(detector.kept_looks * streaming.BLOCKS_PER_LOOK)
         return Watch(before=watch.before, resting=REST), kept, changed
 
 
@@ -234,19 +223,19 @@ class RecursiveIdentification:
     model: SignalModel
     method: LinearMethod
     instruments: tuple[Column, ...] = ()
-    memory: float = DEFAULT_MEMORY
+    memory: float = streaming.DEFAULT_MEMORY
     detector: ChangeDetector | None = None
     #: Changes that the last chunk showed, by the samples that had a row.
     changes: tuple[Change, ...] = field(default=(), init=False, repr=False)
     _parameters: tuple[Parameter, ...] = field(default=(), init=False, repr=False)
-    _products: ExponentiallyWeightedProducts | None = field(default=None, init=False, repr=False)
+    _products: streaming.ExponentiallyWeightedProducts | None = field(default=None, init=False, repr=False)
     _watch: Watch = field(default_factory=Watch, init=False, repr=False)  # Sums of the detector
     _tail: Signals | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_chunked(self.model, self.method, self.instruments)
+        streaming.check_chunked(self.model, self.method, self.instruments)
         check_recursive(self.method)
-        Forgetting(self.memory)
+        streaming.Forgetting(self.memory)
         if self.detector is not None:
             checks.kind("detector", self.detector, ChangeDetector, "a ChangeDetector", "ev.ChangeDetector().")
 
@@ -265,19 +254,21 @@ class RecursiveIdentification:
         """
         checks.kind("chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
         lag = self.model.regression_lag(self.instruments)
-        joined = chunk if self._tail is None else continued(self._tail, chunk, lag)
+        joined = chunk if self._tail is None else streaming.continued(self._tail, chunk, lag)
         problem = self.model.regression(joined, self.instruments)
         following = copy(self)
-        following._set(changes=(), _parameters=problem.parameters, _tail=end_of(joined, max(lag, 1)))
-        for stretch in timed_rows(problem, self.method.assembler):
+        following._set(
+            changes=(), _parameters=problem.parameters, _tail=streaming.end_of(joined, max(lag, 1))
+        )
+        for stretch in streaming.timed_rows(problem, self.method.assembler):
             following._add(stretch)
         return following
 
-    def _add(self, rows: TimedRows) -> None:
+    def _add(self, rows: streaming.TimedRows) -> None:
         """Take rows into a copy that nobody has seen yet; look for changes where there is a detector."""
-        forgetting, weighted, watch = Forgetting(self.memory), self._products, self._watch
+        forgetting, weighted, watch = streaming.Forgetting(self.memory), self._products, self._watch
         if weighted is None:
-            weighted = nothing_yet(rows, forgetting, whole=self.method.needs_instruments)
+            weighted = streaming.nothing_yet(rows, forgetting, whole=self.method.needs_instruments)
         if self.detector is None:
             self._set(_products=weighted.then(rows))
             return
@@ -321,7 +312,9 @@ class RecursiveIdentification:
             remedy = "Give more samples than the largest lag, valid ones among the last of them."
             raise TooFewSamplesError("rows that are not forgotten yet", "none", remedy)
         result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
-        covariance = exponentially_weighted_covariance(weighted, result.theta, equation_map(result))
+        covariance = streaming.exponentially_weighted_covariance(
+            weighted, result.theta, streaming.equation_map(result)
+        )
         return replace(result, streamed_covariance=covariance)
 
 
@@ -420,10 +413,10 @@ class Follower:
     start: Float[np.ndarray, " n"]  # Values near which they are
 
     def points(
-        self, rows: TimedRows, forgetting: Forgetting, detector: ChangeDetector
+        self, rows: streaming.TimedRows, forgetting: streaming.Forgetting, detector: ChangeDetector
     ) -> Iterator[TrackedPoint]:
         """What is known after each look of a record."""
-        then, watching = nothing_yet(rows, forgetting, whole=True), Watch()
+        then, watching = streaming.nothing_yet(rows, forgetting, whole=True), Watch()
         for stretch in rows.stretches(0, forgetting.block_length):
             then = then.then(stretch)
             if stretch.count < forgetting.block_length:
@@ -433,7 +426,7 @@ class Follower:
             j, value, half, posterior = self.index, math.nan, math.inf, self.posterior(then)
             if posterior is not None:
                 theta, mapped = posterior.theta, posterior.mapped[[j]]
-                covariance = exponentially_weighted_covariance(then, theta, posterior.mapped)
+                covariance = streaming.exponentially_weighted_covariance(then, theta, posterior.mapped)
                 half = covariance.half_width(np.eye(theta.size)[j], 0.95, float(posterior.known[j, j]))
                 value, share = float(theta[j]), float(mapped[0] @ then.moments.equations[:, j])
                 if share > 0.0:  # later looks are held against what rows alone say of a change
@@ -442,7 +435,7 @@ class Follower:
             counted = then.total.products.count / forgetting.memory
             yield TrackedPoint(then.samples, value, half, counted, change)
 
-    def posterior(self, weighted: ExponentiallyWeightedProducts) -> Posterior | None:
+    def posterior(self, weighted: streaming.ExponentiallyWeightedProducts) -> Posterior | None:
         """Estimate of the rows so far."""
         if not weighted.effective_rows > self.start.size:
             return None
@@ -461,7 +454,7 @@ class Follower:
             return None
         theta = self.start
         for _ in range(PASSES):
-            scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
+            scores = streaming.exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
             # of a row: one over the variance of its score over its power, the largest of the covariances
             powers = np.diag(information)
             variances = [np.mean((np.diag(part.matrix) / powers)[powers > 0.0]) for part in scores.parts]

@@ -9,22 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
+from eivor.estimation import sampled_motion
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
 from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
-from eivor.estimation.sampled_motion import (
-    MEASURE,
-    NoiseModel,
-    NoisePrior,
-    Pair,
-    Pairs,
-    PairSpectrum,
-    SampledMotion,
-    fitted_noise,
-    fitted_noises,
-    prior_of,
-)
 from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages
 from eivor.linalg import LeastSquares
 from eivor.linalg.total_least_squares import AugmentedLeastSquares
@@ -41,10 +30,10 @@ GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSqu
 class Pilot:
     """Start of a search."""
 
-    motion: SampledMotion
+    motion: sampled_motion.SampledMotion
     transient: float
-    noise: NoiseModel  # Noises that fit
-    prior: NoisePrior
+    noise: sampled_motion.NoiseModel  # Noises that fit
+    prior: sampled_motion.NoisePrior
 
 
 def consistent_estimate(problem: SignalRegression) -> Estimate:
@@ -55,18 +44,18 @@ def consistent_estimate(problem: SignalRegression) -> Estimate:
 
 
 def pilot_at(
-    motion: SampledMotion,
+    motion: sampled_motion.SampledMotion,
     input_variance: float,
     declared: tuple[MeasurementNoise | None, MeasurementNoise | None] = (None, None),
 ) -> Pilot:
     """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
     transient = first_transient(motion)
     residual = motion.behind(transient)
-    prior = prior_of(motion, residual, input_variance, declared)
-    return Pilot(motion, transient, fitted_noise(motion, residual, prior.centre, prior), prior)
+    prior = sampled_motion.prior_of(motion, residual, input_variance, declared)
+    return Pilot(motion, transient, sampled_motion.fitted_noise(motion, residual, prior.centre, prior), prior)
 
 
-def first_transient(motion: SampledMotion) -> float:
+def first_transient(motion: sampled_motion.SampledMotion) -> float:
     """The transient t by least squares on the second residual."""
     shape, residual = motion.memory, motion.residuals()[1]
     return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())
@@ -88,9 +77,9 @@ RAMP_SAMPLES = 400
 class SpectralSolution:
     """Solution of the equations, with what its covariance is made of."""
 
-    motion: SampledMotion
+    motion: sampled_motion.SampledMotion
     nuisances: Float[np.ndarray, " q"]  # Transient, and ramps
-    spectrum: PairSpectrum
+    spectrum: sampled_motion.PairSpectrum
     instrument: Complex[np.ndarray, " bins"]
     input_variance: float
     weights: Float[np.ndarray, " bins"]
@@ -121,7 +110,7 @@ class SpectralSolution:
         return spectral_covariance(self)
 
     @cached_property
-    def residual(self) -> Pair:
+    def residual(self) -> sampled_motion.Pair:
         """r, without the nuisances' part."""
         return self.motion.whole(self.nuisances, self.nuisance_shapes)
 
@@ -168,7 +157,7 @@ class SpectralSolution:
             parts.append(_products(motion.input_noise[None], (shared * self.noise_test)[None]))
         return np.concatenate(parts)[:, 0]
 
-    def stepped(self) -> SampledMotion:
+    def stepped(self) -> sampled_motion.SampledMotion:
         """Parameters after one of Newton's steps."""
         step = -np.linalg.solve(self.sensitivity, self.scores())
         return moved_by(self.motion, step[: self.parameters])
@@ -254,7 +243,7 @@ def solved_equations(
             noise = replace(noise, input_variance=known)
             prior = replace(prior, centre=replace(prior.centre, input_variance=known))
             now = replace(now, weights=signal_weights(record.input, known))
-        noise = fitted_noise(now.motion, residual, noise, prior) if number else noise
+        noise = sampled_motion.fitted_noise(now.motion, residual, noise, prior) if number else noise
         C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
         now = replace(now, spectrum=C, factors=held_back(residual, C))
         before = now.motion
@@ -263,7 +252,10 @@ def solved_equations(
         now = replace(now, change=change)
         if now.converged:
             break
-    return replace(now, noises=fitted_noises(now.motion, now.residual, noise, prior, MEASURE))
+    return replace(
+        now,
+        noises=sampled_motion.fitted_noises(now.motion, now.residual, noise, prior, sampled_motion.MEASURE),
+    )
 
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
@@ -291,10 +283,12 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
     return now, np.maximum(first.leverage(inverse), 0.0)
 
 
-def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMotion:
+def moved_by(
+    motion: sampled_motion.SampledMotion, step: Float[np.ndarray, " n"]
+) -> sampled_motion.SampledMotion:
     """Motion whose friction, gain, and rho where the step has one, are moved."""
     values = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(step, (0, 3 - step.size))
-    return SampledMotion(motion.record, *values.tolist())
+    return sampled_motion.SampledMotion(motion.record, *values.tolist())
 
 
 def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
@@ -326,7 +320,7 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     return Regression(residual + X @ theta, X, Psi, parameters, layout, instrument_noise=shared)
 
 
-def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
+def series_of(pairs: sampled_motion.Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
     """Series of pairs of unitary spectra without means."""
     bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
     bins[..., 1 : pairs.shape[-1] + 1] = pairs

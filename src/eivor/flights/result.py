@@ -25,15 +25,9 @@ from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import NAN, Implications, Implied, KeyFigure, Quantity, SimpleModel, Trace, Words
 from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.diagnostics import residuals
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
-from eivor.inference.diagnostics.residuals import (
-    Constancy,
-    ResidualMemory,
-    SegmentLeverage,
-    residual_memory,
-    segment_leverage,
-)
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
@@ -111,12 +105,12 @@ class FitDiagnostics:
     rank: int
     agreement: OverIdentification | None
     endogeneity: Endogeneity | None
-    constancy: Constancy | None
+    constancy: residuals.Constancy | None
     periodicity: Periodicity | None
-    leverage: SegmentLeverage | None
-    memory: ResidualMemory | None
+    leverage: residuals.SegmentLeverage | None
+    memory: residuals.ResidualMemory | None
     #: Memory of each axis' residual, where there are several
-    memory_by_axis: Mapping[str, ResidualMemory]
+    memory_by_axis: Mapping[str, residuals.ResidualMemory]
     residual_variance: float
     condition: float
     durbin_watson: float
@@ -131,7 +125,7 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
     power, left = float(centred @ centred), float(residual @ residual)
     several = traces if len(traces) > 1 else ()
-    by_axis = {trace.axis: residual_memory(trace.measured - trace.predicted) for trace in several}
+    by_axis = {trace.axis: residuals.residual_memory(trace.measured - trace.predicted) for trace in several}
     return FitDiagnostics(
         first_stage=dict(zip(estimate.names, map(float, estimate.first_stage), strict=True)),
         rank=estimate.rank,
@@ -140,7 +134,7 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
         constancy=record.constancy,
         periodicity=record.periodicity_with(left_over_swings(record, traces)),
         leverage=run_leverage(record),
-        memory=residual_memory(residual),
+        memory=residuals.residual_memory(residual),
         memory_by_axis={axis: memory for axis, memory in by_axis.items() if memory is not None},
         residual_variance=estimate.equation.variance,
         condition=estimate.condition,
@@ -209,7 +203,7 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
     return tuple(swings)
 
 
-def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
+def run_leverage(record: Diagnostics) -> residuals.SegmentLeverage | None:
     """Leverage of every run of a record with three or more; else of its tenths."""
     solved, equation, layout = record.estimate, record.estimate.equation, record.estimate.rows.layout
     if not isinstance(layout, BinRows) or len(layout.runs) < FEWEST_RUNS:
@@ -218,7 +212,7 @@ def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     tests = [(slice(*end), equation.test_functions[slice(*end)].T) for end in ends]
     scores = np.stack([functions @ equation.residual[run] for run, functions in tests])
     slopes = np.stack([functions @ solved.jacobian[run] for run, functions in tests])
-    return segment_leverage(scores, slopes, record.subject.std_errors, ends)
+    return residuals.segment_leverage(scores, slopes, record.subject.std_errors, ends)
 
 
 def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Iterator[Finding]:

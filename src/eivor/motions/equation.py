@@ -9,19 +9,8 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights import quantity
+from eivor.flights import motion, quantity
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
-from eivor.flights.motion import (
-    UNCHANGED,
-    Flights,
-    HorizonErrors,
-    Motion,
-    MultiStepPrediction,
-    Starts,
-    multi_step_predictions,
-    starts_of,
-    trim,
-)
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import QuantityEstimate, SimpleModel, Trace
 from eivor.flights.references import ReferenceSource
@@ -180,7 +169,7 @@ def _evaluated(
     return np.broadcast_to(values, (signals.sample_count,))
 
 
-def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEquation, ...]:
+def logged_axes(axes: Sequence[AxisEquation], flights: motion.Flights) -> tuple[AxisEquation, ...]:
     """Axes whose input all flights have."""
     return tuple(
         axis
@@ -193,7 +182,7 @@ def logged_axes(axes: Sequence[AxisEquation], flights: Flights) -> tuple[AxisEqu
 LATE_VALUES = 5
 
 
-class DeclaredMotion(Motion[LaggedRuns]):
+class DeclaredMotion(motion.Motion[LaggedRuns]):
     """A motion whose axes are declared equations."""
 
     axes: tuple[AxisEquation, ...]
@@ -201,7 +190,7 @@ class DeclaredMotion(Motion[LaggedRuns]):
     grids: tuple[Sequence[float] | Float[np.ndarray, " _"], ...] = ()
     """Lags and delays to search [s]; those of `lag_and_delay` where there are none."""
 
-    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+    def problem(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
         logged = logged_axes(self.axes, flights)
         steady = tuple(term.parameter for axis in logged for term in axis.terms if term.is_steady)
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
@@ -271,10 +260,10 @@ STAYS = "stays as it is"
 
 def equation_prediction(
     axes: Sequence[AxisEquation],
-    flights: Flights,
+    flights: motion.Flights,
     models: Mapping[str, SimpleModel],
     refused_names: frozenset[str],
-) -> MultiStepPrediction:
+) -> motion.MultiStepPrediction:
     """State of each axis after each horizon by its input alone, by each model, and as it was at the start."""
     fit = next(iter(models.values())).values
     logged, predicted, omitted = logged_axes(axes, flights), [], []
@@ -293,32 +282,32 @@ def equation_prediction(
             omitted.append(f"The {axis.state[1]} is not predicted: {why}.")
         else:
             predicted.append(axis)
-    starts = [starts_of(flight) for flight in flights]
+    starts = [motion.starts_of(flight) for flight in flights]
     pairs = list(zip(flights, starts, strict=True))
     errors = [
         tuple(error for axis in predicted for error in _errors(axis, flight, begun, models))
         for flight, begun in pairs
     ]
     times = [flight.grid.time_s[begun.samples] for flight, begun in pairs]
-    return multi_step_predictions(errors, times, tuple(omitted))
+    return motion.multi_step_predictions(errors, times, tuple(omitted))
 
 
 def _errors(
-    axis: AxisEquation, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
-) -> Iterator[HorizonErrors]:
+    axis: AxisEquation, flight: PreparedFlight, starts: motion.Starts, models: Mapping[str, SimpleModel]
+) -> Iterator[motion.HorizonErrors]:
     channel, words, unit = axis.state or ("", "", "")
     state = flight.signals.channel(channel)
     measured, started = state[starts.ends], state[starts.samples]
     by_model = {name: (m.words, _propagated(axis, flight, starts, m.values)) for name, m in models.items()}
-    by_model[UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
+    by_model[motion.UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
     for name, (model_words, predicted) in by_model.items():
         left, series = np.abs(predicted - measured).T, np.column_stack([measured[-1], predicted[-1]])
         changes = np.abs(series - started[:, None])
-        yield HorizonErrors(name, model_words, words, unit, left, changes, series)
+        yield motion.HorizonErrors(name, model_words, words, unit, left, changes, series)
 
 
 def _propagated(
-    axis: AxisEquation, flight: PreparedFlight, starts: Starts, values: Values
+    axis: AxisEquation, flight: PreparedFlight, starts: motion.Starts, values: Values
 ) -> Float[np.ndarray, "horizons starts"]:
     signals, (channel, *_) = flight.signals, axis.state or ("",)
     state = signals.channel(channel)
@@ -337,7 +326,7 @@ def _propagated(
         parts = [values[term.name] * term.expression.evaluate({channel: of}) for term in steady]
         return np.sum(parts, axis=0) if parts else np.zeros_like(of)
 
-    driven = driven + trim(flight, time_derivative(state, signals.step_s) - of_state(state) - driven)
+    driven = driven + motion.trim(flight, time_derivative(state, signals.step_s) - of_state(state) - driven)
     force = starts.over_step(driven)
     started = state[starts.samples][None, :]
     return starts.propagate(started, lambda now, sample: force[sample] + of_state(now))[:, 0]

@@ -14,6 +14,7 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.derived import derived_from
 from eivor.estimation.estimate import Estimate
+from eivor.flights import verdict
 from eivor.flights.grid import Active, Grid, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, LEVEL, ratio_quantity
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, VehicleSupport
@@ -33,18 +34,6 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource, white_noise_std
 from eivor.flights.result import FlightEstimate
-from eivor.flights.verdict import (
-    FlightWords,
-    Limit,
-    Rule,
-    SystematicPart,
-    VerdictInputs,
-    clock_part,
-    end_of_grid_rule,
-    flight_rules,
-    lag_rules,
-    longest_lag_rule,
-)
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
@@ -67,7 +56,7 @@ from eivor.tools import Float
 
 LAGS = (ACTUATOR_LAG.name, DELAY.name)
 #: The interval of the lag [s].
-LAG_LIMIT = Limit(identified_within=0.02, identified=0.1, narrower="Move it in quicker steps.")
+LAG_LIMIT = verdict.Limit(identified_within=0.02, identified=0.1, narrower="Move it in quicker steps.")
 #: Cosine averages of the standard error of an intercept, and degrees of freedom of its t.
 AVERAGES = 8
 #: Time constants of the lags of references, of which the strongest is taken [s].
@@ -498,33 +487,37 @@ class Machine(DeclaredMotion):
         return {name: results[name] for name in self.quantities if name in results}
 
     @property
-    def rules(self) -> tuple[Rule, ...]:  # type: ignore[override]
-        words = FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")
+    def rules(self) -> tuple[verdict.Rule, ...]:  # type: ignore[override]
+        words = verdict.FlightWords(self.move, self.log, self.log, "moves", "Keep disturbances away.")
         moving = [term.name for term in self.terms if not term.is_intercept]
         stages = (*moving, *(LAGS if self.has_lag else ()))
         rows = [_active_rule(self.activity)]
         if self.has_lag:
             check = "Check that the command is that of this machine, or declare a longer one."
-            rows += flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
-            rows += lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
+            rows += verdict.flight_rules(words, (*LAGS, EFFECTIVE_LAG), stages, EFFECTIVE_LAG)
+            rows += verdict.lag_rules(LAG_LIMIT, self.quantities[EFFECTIVE_LAG])
             delay = "The delay ran into the longest that is declared ({:.3g} s)."
-            too_long = end_of_grid_rule(DELAY.name, (), lambda longest, _: delay.format(longest), check)
-            rows += [longest_lag_rule((), check), too_long, SLOW_SAMPLES]
+            too_long = verdict.end_of_grid_rule(
+                DELAY.name, (), lambda longest, _: delay.format(longest), check
+            )
+            rows += [verdict.longest_lag_rule((), check), too_long, SLOW_SAMPLES]
         longer = "Log for longer, or give several logs."
-        limit = Limit(*self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move)
+        limit = verdict.Limit(
+            *self.half_widths, zero=Status.REFUSED, narrower=longer, away_from_zero=self.move
+        )
         for term in self.terms:
-            rows += flight_rules(words, (term.name,), stages, "" if term.is_intercept else term.name)
+            rows += verdict.flight_rules(words, (term.name,), stages, "" if term.is_intercept else term.name)
             if not term.is_intercept:
                 following = [item.name for item in self.derived if term.name in item.parameters]
                 rows += limit.rules(term.name, self.quantities[term.name], *following)
         for item in self.derived:
-            rows += flight_rules(words, (item.name,), stages, item.name)
+            rows += verdict.flight_rules(words, (item.name,), stages, item.name)
         return tuple(rows)
 
     @property
-    def parts(self) -> tuple[SystematicPart, ...]:  # type: ignore[override]
+    def parts(self) -> tuple[verdict.SystematicPart, ...]:  # type: ignore[override]
         """Commands that may have been issued between those that are logged."""
-        return (clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
+        return (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
 
     def view(self, flight: PreparedFlight) -> FlightView:
         states = {
@@ -569,9 +562,9 @@ def _active_share(flights: Flights) -> float:
     return float(np.mean(np.concatenate(masks))) if masks else 1.0
 
 
-def _active_rule(activity: Activity) -> Rule:
+def _active_rule(activity: Activity) -> verdict.Rule:
     rule = activity.when or "movement"
-    return Rule(
+    return verdict.Rule(
         (),
         lambda inputs: _active_share(inputs.flights) < LEAST_ACTIVE,
         Status.REFUSED,
@@ -583,11 +576,11 @@ def _active_rule(activity: Activity) -> Rule:
     )
 
 
-def _step_s(inputs: VerdictInputs) -> float:
+def _step_s(inputs: verdict.VerdictInputs) -> float:
     return 1.0 / max(min(inputs.command_rate_hz, inputs.response_rate_hz), 1e-9)
 
 
-SLOW_SAMPLES = Rule(
+SLOW_SAMPLES = verdict.Rule(
     (*LAGS, EFFECTIVE_LAG),
     lambda inputs: inputs.value(EFFECTIVE_LAG) < 2.0 * _step_s(inputs),
     Status.WEAK,

@@ -10,35 +10,13 @@ import numpy as np
 
 from eivor.errors import EstimationError, InputError, MissingChannelError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, Refinement, Solver
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.quantity import (
-    Counts,
-    CoupledAxis,
-    PlotData,
-    QuantitySpec,
-    QuantityTable,
-    Words,
-    flight_card,
-)
 from eivor.flights.references import ReferenceSource
-from eivor.flights.verdict import (
-    FlightWords,
-    Limit,
-    Rule,
-    SystematicPart,
-    VerdictInputs,
-    below_zero_rule,
-    clock_part,
-    disagreement_part,
-    flight_rules,
-    lag_rules,
-    longest_lag_rule,
-    record_rules,
-)
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
@@ -121,7 +99,7 @@ EQUATIONS = tuple(_equation(axis) for axis in AXES)
 EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 
-def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
+def rate_panel(flight: PreparedFlight, axis: Axis) -> quantity.PlotData:
     """Rate about one axis, and its setpoint where the log has one."""
     label, wanted = f"{axis.name} rate\n[deg/s]", f"reference_{axis.rate}"
     return flight.plot_data(label, of=axis.rate, reference=wanted, scale=np.rad2deg(1.0))
@@ -218,7 +196,7 @@ def _imitated_s(lag_s: float) -> float:
     return IMITATED_SHARE * lag_s if lag_s > 0.0 else float(LAGS_S[0])
 
 
-def _second_stage(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
     """What a second stage of the actuator takes from the delay and adds to the lag, at most [s]."""
     if SECOND_LAG in inputs.quantities or inputs.order_given:
         return 0.0, 0.0
@@ -227,21 +205,21 @@ def _second_stage(inputs: VerdictInputs, name: str) -> tuple[float, float]:
 
 
 PARTS = (
-    disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
-    clock_part(LAGS),
-    SystematicPart(
+    verdict.disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
+    verdict.clock_part(LAGS),
+    verdict.SystematicPart(
         (ACTUATOR_LAG.name, DELAY.name),
-        Counts.ADDED,
+        quantity.Counts.ADDED,
         _second_stage,
         lambda inputs: (
             "A motor and its controller lag in two stages, which one lag and a delay imitate: of the delay "
             f"{1e3 * _second_stage(inputs, DELAY.name)[0]:.2g} ms may be lag."
         ),
     ),
-    SystematicPart(LAGS, Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
-    SystematicPart(
+    verdict.SystematicPart(LAGS, quantity.Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
+    verdict.SystematicPart(
         EFFECTS,
-        Counts.ADDED,
+        quantity.Counts.ADDED,
         lambda inputs, name: ROTOR_SHARE * abs(inputs.quantities[name].value),
         f"{ROTORS}effectiveness by 2 %.",
     ),
@@ -284,35 +262,39 @@ FLY = (
 TURN_LONGER = "Fly turns that last longer."
 QUICKER = "Fly quicker steps, and log setpoints and rates faster."
 COMMAND_RATE_HZ, LEAST_S = 45.0, 15.0
-FLIGHT_WORDS = FlightWords(
+FLIGHT_WORDS = verdict.FlightWords(
     fly=FLY,
     log_reference="Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more.",
     log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
     moves="turns",
     undisturbed="Fly slowly and away from walls and ground; keep the motors from their limits.",
 )
-EFFECTIVENESS = Limit(0.1, 0.25, zero=Status.REFUSED, narrower="Fly larger and quicker steps, or longer.")
-DAMPING = Limit(0.5, zero=Status.WEAK, narrower=TURN_LONGER)
-LAG = Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
+EFFECTIVENESS = verdict.Limit(
+    0.1, 0.25, zero=Status.REFUSED, narrower="Fly larger and quicker steps, or longer."
+)
+DAMPING = verdict.Limit(0.5, zero=Status.WEAK, narrower=TURN_LONGER)
+LAG = verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER)
 
 
-def axis_rules(axis: Axis) -> tuple[Rule, ...]:
+def axis_rules(axis: Axis) -> tuple[verdict.Rule, ...]:
     """Rows of the quantities of an axis."""
     damping, effect, *_ = names = [term.name for term in EQUATIONS[axis.number].terms]
     opposite = f"setpoint and rate of {axis.name} have opposite signs"
     check = f"Check the axes and signs of {axis.torque} and {axis.rate}."
     pushed = "a torque of the air moved with the references"
-    each = [flight_rules(FLIGHT_WORDS, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names]
+    each = [
+        verdict.flight_rules(FLIGHT_WORDS, (name,), (effect, name, ACTUATOR_LAG.name), name) for name in names
+    ]
     return (
         *chain.from_iterable(each),
-        below_zero_rule(effect, QUANTITIES[effect], Status.REFUSED, opposite, check),
-        below_zero_rule(damping, QUANTITIES[damping], Status.WEAK, pushed, "Fly in calm air."),
+        verdict.below_zero_rule(effect, QUANTITIES[effect], Status.REFUSED, opposite, check),
+        verdict.below_zero_rule(damping, QUANTITIES[damping], Status.WEAK, pushed, "Fly in calm air."),
         *EFFECTIVENESS.rules(effect, QUANTITIES[effect]),
         *DAMPING.rules(damping, QUANTITIES[damping]),
     )
 
 
-THRUST = CoupledAxis(
+THRUST = quantity.CoupledAxis(
     motion="vertical",
     quantity="input_gain",
     called="thrust_gain",
@@ -332,10 +314,10 @@ EQUATION = (
 )
 
 
-def _spec(term: Term) -> QuantitySpec:
+def _spec(term: Term) -> quantity.QuantitySpec:
     words, unit, of_yaw = term.name.replace("_", " "), term.unit, term.name.startswith("yaw")
     decides = term.name in EFFECTS and not of_yaw
-    return QuantitySpec(
+    return quantity.QuantitySpec(
         words,
         term.symbol,
         unit,
@@ -349,10 +331,10 @@ def _spec(term: Term) -> QuantitySpec:
 
 _SPECS = {term.name: _spec(term) for equation in EQUATIONS for term in equation.terms}
 #: Every quantity: effectiveness of each axis, what all axes share, damping.
-QUANTITIES = QuantityTable(
+QUANTITIES = quantity.QuantityTable(
     {
         **{name: _SPECS[name] for name in EFFECTS},
-        THRUST.called: QuantitySpec(
+        THRUST.called: quantity.QuantitySpec(
             "thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True, need="gain"
         ),
         EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
@@ -364,15 +346,15 @@ QUANTITIES = QuantityTable(
 )
 #: When a sentence speaks against quantities.
 RULES = (
-    *record_rules(
+    *verdict.record_rules(
         "torque setpoints",
         COMMAND_RATE_HZ,
         f"below {COMMAND_RATE_HZ:.0f} Hz the intervals do not hold",
         "Log them at 50 Hz or more.",
         LEAST_S,
     ),
-    *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
-    Rule(
+    *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+    verdict.Rule(
         (*LAGS, DELAY.name),
         lambda inputs: all(
             low <= 0.0 <= high
@@ -382,8 +364,10 @@ RULES = (
         "No effectiveness is distinguished from zero, so that nothing shows the lag.",
         EFFECTIVENESS.narrower,
     ),
-    longest_lag_rule((), "Check that the setpoints are those of this vehicle, and their time stamps."),
-    *lag_rules(LAG, QUANTITIES[EFFECTIVE_LAG]),
+    verdict.longest_lag_rule(
+        (), "Check that the setpoints are those of this vehicle, and their time stamps."
+    ),
+    *verdict.lag_rules(LAG, QUANTITIES[EFFECTIVE_LAG]),
     *(rule for axis in AXES for rule in axis_rules(axis)),
 )
 
@@ -396,12 +380,12 @@ _MANOEUVRES = (
 )
 
 _SETPOINTS = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
-WORDS = Words(
+WORDS = quantity.Words(
     title="Turning about the body axes",
     model="body_rates",
     fly=FLY,
     no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
-    advice=partial(flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),
+    advice=partial(quantity.flight_card, fly=_MANOEUVRES, setpoints=_SETPOINTS),
 )
 
 

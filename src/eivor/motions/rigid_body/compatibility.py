@@ -14,15 +14,7 @@ import numpy as np
 
 from eivor.flights.grid import common_grid, on_grid
 from eivor.inference.distributions import t_quantile
-from eivor.motions.rigid_body.dynamics import (
-    ATTITUDE,
-    POSITION,
-    VELOCITY,
-    continuous,
-    felt,
-    rotation,
-    vector_part,
-)
+from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import Channel, Recording
 from eivor.tools import Bool, Complex, Float
@@ -162,8 +154,8 @@ def comparisons(log: Recording, spans_s: Sequence[tuple[float, float]]) -> Itera
     """Gyroscope against attitude, and accelerometer against velocity, in the air; those that are logged."""
     known = log.channels
     for words, needed in (
-        (("gyroscope", "attitude", "rad/s"), (*RATES, *ATTITUDE)),
-        (("accelerometer", "velocity", "m/s²"), (*FORCES, *ATTITUDE, *VELOCITY)),
+        (("gyroscope", "attitude", "rad/s"), (*RATES, *dynamics.ATTITUDE)),
+        (("accelerometer", "velocity", "m/s²"), (*FORCES, *dynamics.ATTITUDE, *dynamics.VELOCITY)),
     ):
         if all(name in known and np.isfinite(known[name].values).any() for name in needed):
             made = _comparison(words, [known[name] for name in needed], spans_s)
@@ -181,14 +173,14 @@ def _comparison(
     pairs = [on_grid(channel, grid) for channel in channels]
     series, good = np.stack([values for values, _ in pairs]), np.all([mask for _, mask in pairs], axis=0)
     measured, attitude, others = series[:3], series[3:7], series[7:]
-    attitude = continuous(attitude)
+    attitude = dynamics.continuous(attitude)
     size = np.sqrt((attitude**2).sum(axis=0))
     attitude = attitude / np.where(size > 0.0, size, 1.0)
     if len(others):
-        derived = felt(rotation(*attitude), others, grid.step_s)
+        derived = dynamics.felt(dynamics.rotation(*attitude), others, grid.step_s)
     else:
         change = np.stack([time_derivative(part, grid.step_s) for part in attitude])
-        derived = 2.0 * vector_part(attitude, change)
+        derived = 2.0 * dynamics.vector_part(attitude, change)
     length = round(STRETCH_S / grid.step_s)
     taper = np.hanning(length)
     frequency = np.fft.rfftfreq(length, grid.step_s)
@@ -216,7 +208,7 @@ def with_one_clock(log: Recording, made: Iterable[Comparison]) -> tuple[Recordin
     if not offset:
         return log, ()
     behind = "ahead of" if offset > 0.0 else "behind"
-    names = (*ATTITUDE, *VELOCITY, *POSITION)
+    names = (*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION)
     channels = {
         name: replace(channel, time_s=channel.time_s + offset) if name in names else channel
         for name, channel in log.channels.items()

@@ -10,20 +10,9 @@ import numpy as np
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import motion
 from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import joint_quantities, lag_quantities
-from eivor.flights.motion import (
-    Abilities,
-    Flights,
-    FlightView,
-    LogChannels,
-    Motion,
-    OptionSupport,
-    Prediction,
-    Refinement,
-    Solver,
-    VehicleSupport,
-)
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.quantity import Implications, QuantityEstimate, Trace, Words, flight_card
@@ -32,6 +21,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
 from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
 from eivor.motions.rigid_body.output_error import refined_by_output_error
@@ -57,19 +47,6 @@ from eivor.motions.rigid_body.regression import (
 )
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
-from eivor.motions.rigid_body.verdict import (
-    FLY,
-    PARTS,
-    RigidBodyChecks,
-    all_rules,
-    filter_early_s,
-    filters_not_passed,
-    gyroscopic_moments,
-    lag_consistency_test,
-    observed_order,
-    refined_rotor_inertia,
-    steady_wind,
-)
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
 from eivor.signals.recording import Channel, Finding, Recording
@@ -308,7 +285,7 @@ def refined_band(
     problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
     """The problem in the whole band, and its estimate, where axes disagree about the lag."""
-    if lag_consistency_test(estimate) is None:
+    if verdict.lag_consistency_test(estimate) is None:
         return problem, estimate
     whole = in_full_band(problem)
     if whole is problem:
@@ -365,7 +342,7 @@ _NEEDED = (
 WORDS = Words(
     title="Rigid body",
     model="rigid_body",
-    fly=FLY,
+    fly=verdict.FLY,
     no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
     advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
@@ -383,7 +360,7 @@ def settled(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) ->
     return replace(result, mask=result.mask & converged)
 
 
-def excitation(flights: Flights) -> str:
+def excitation(flights: motion.Flights) -> str:
     """Standard deviations of the rates."""
     roll, pitch, yaw = rates_std(flights, AXES)
     turned = f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s"
@@ -391,14 +368,14 @@ def excitation(flights: Flights) -> str:
 
 
 def refined(
-    problem: LaggedRuns, solve: Solver[LaggedRuns], _options: FlightOptions, /
+    problem: LaggedRuns, solve: motion.Solver[LaggedRuns], _options: FlightOptions, /
 ) -> tuple[LaggedRuns, Estimate]:
     """With one inertia of the rotors about all axes where the flights identify it."""
-    return refined_band(*refined_rotor_inertia(problem, solve), solve)
+    return refined_band(*verdict.refined_rotor_inertia(problem, solve), solve)
 
 
 @dataclass(frozen=True)
-class RigidBody(Motion[LaggedRuns]):
+class RigidBody(motion.Motion[LaggedRuns]):
     """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None
@@ -408,24 +385,24 @@ class RigidBody(Motion[LaggedRuns]):
     words = WORDS
     equation = EQUATION
     quantities = QUANTITIES
-    rules = all_rules(QUANTITIES)
-    parts = PARTS
-    channels = LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
+    rules = verdict.all_rules(QUANTITIES)
+    parts = verdict.PARTS
+    channels = motion.LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
 
     @property
-    def abilities(self) -> Abilities:  # type: ignore[override]
-        return Abilities(
-            vehicle=VehicleSupport(
+    def abilities(self) -> motion.Abilities:  # type: ignore[override]
+        return motion.Abilities(
+            vehicle=motion.VehicleSupport(
                 lambda vehicle: replace(self, vehicle=load_vehicle(vehicle)),
                 None if self.vehicle is None else asdict(self.vehicle),
                 lambda record: replace(self, vehicle=vehicle_from_record(record)),
             ),
-            options=OptionSupport(
+            options=motion.OptionSupport(
                 lambda _options: self.known_vehicle,
                 lambda flights, _options: replace(self, pooled=len(flights) > 1),
             ),
-            refinement=Refinement(refined),
-            prediction=Prediction(
+            refinement=motion.Refinement(refined),
+            prediction=motion.Prediction(
                 simple_models,
                 multi_step=lambda flights, models, refused: rigid_body_prediction(
                     flights, self.known_vehicle, models, refused
@@ -454,7 +431,7 @@ class RigidBody(Motion[LaggedRuns]):
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return selected(log, options, self.known_vehicle)
 
-    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+    def problem(self, flights: motion.Flights, rule: InstrumentRule) -> LaggedRuns:
         problem = rigid_body_problem(flights, self.known_vehicle, rule)
         if not all(map(noises_known, flights)):
             return problem
@@ -466,7 +443,7 @@ class RigidBody(Motion[LaggedRuns]):
         ratio, names = _hover_over_usual(problem, joint), {item.name for item in (*DRAG, *DAMPING)}
         results = {
             **{name: item.times(ratio) if name in names else item for name, item in joint.items()},
-            **gyroscopic_moments(problem, joint),
+            **verdict.gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
         }
@@ -478,17 +455,24 @@ class RigidBody(Motion[LaggedRuns]):
         parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
         return Implications(tuple(parameters.numbers.values()), parameters.contradictions)
 
-    def checks(self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /) -> RigidBodyChecks:
+    def checks(
+        self, problem: LaggedRuns, estimate: Estimate, flights: motion.Flights, /
+    ) -> verdict.RigidBodyChecks:
         cutoff_hz = self.known_vehicle.gyro_cutoff_hz
-        early_s = max(filter_early_s(cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
-        order = observed_order(flights, self.known_vehicle)
+        early_s = max(verdict.filter_early_s(cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
+        order = verdict.observed_order(flights, self.known_vehicle)
         if order is not None:
-            return RigidBodyChecks(order, filter_early_s=early_s)
-        wind, lags = steady_wind(problem, estimate.nuisances, flights), lag_consistency_test(estimate)
+            return verdict.RigidBodyChecks(order, filter_early_s=early_s)
+        wind, lags = (
+            verdict.steady_wind(problem, estimate.nuisances, flights),
+            verdict.lag_consistency_test(estimate),
+        )
         # of a pool's flight the whole pool is asked about filters
         of_pool = self.pooled and len(flights) == 1
-        filters = None if of_pool else filters_not_passed(problem, estimate, flights, self.known_vehicle)
-        return RigidBodyChecks(None, wind, lags, filters, early_s)
+        filters = (
+            None if of_pool else verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
+        )
+        return verdict.RigidBodyChecks(None, wind, lags, filters, early_s)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
@@ -503,7 +487,7 @@ class RigidBody(Motion[LaggedRuns]):
             results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band_hz))
         return tuple(results)
 
-    def view(self, flight: PreparedFlight) -> FlightView:
+    def view(self, flight: PreparedFlight) -> motion.FlightView:
         how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
         symbols = f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
-        return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))
+        return motion.FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))

@@ -8,17 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from eivor.flights import motion
 from eivor.flights.grid import on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
-from eivor.flights.motion import (
-    UNCHANGED,
-    HorizonErrors,
-    MultiStepPrediction,
-    Starts,
-    multi_step_predictions,
-    starts_of,
-    trim,
-)
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import actuators
@@ -124,7 +116,7 @@ class StatePropagator:
     logged: LoggedState  # With the rotors' commands, or their speeds
     vehicle: KnownVehicle
     models: Sequence[Values]  # Parameters and nuisances of each
-    starts: Starts
+    starts: motion.Starts
     turns: tuple[bool, ...] = (True, True, True)  # Axes that the rotors turn
     lifts: bool = True
 
@@ -200,7 +192,7 @@ class StatePropagator:
         change = [time_derivative(entry, step_s) for entry in body[10:13]]
         if self.logged.moves:
             change.extend(felt(rows, body[3:6], step_s))
-        trims = [trim(flight, axis) for axis in change]
+        trims = [motion.trim(flight, axis) for axis in change]
         results = np.zeros((6, len(self.models), body.shape[1]))
         results[: len(trims)] = np.array(trims)[:, None]
         for node, rotors in enumerate(self._rotors):
@@ -211,7 +203,7 @@ class StatePropagator:
                 if values.any() and term.equation < len(trims):
                     column = term.column(of)
                     driven = self.starts.over_step(column) if term.driving else 0.0
-                    results[term.equation, models] += values * (driven - trim(flight, column))
+                    results[term.equation, models] += values * (driven - motion.trim(flight, column))
         return results
 
 
@@ -297,7 +289,7 @@ def rigid_body_prediction(
     vehicle: KnownVehicle,
     models: Mapping[str, SimpleModel],
     refused: frozenset[str],
-) -> MultiStepPrediction:
+) -> motion.MultiStepPrediction:
     """The state after each horizon, by each model and by rates and velocity at the start."""
     first, *_ = models
     models = with_gyroscopic_moments(models, first)
@@ -309,19 +301,19 @@ def rigid_body_prediction(
     by_model = {**models, first: SimpleModel(models[first].words, kept)}
     results, times = [], []
     for item in logged:
-        starts = starts_of(item.flight)
+        starts = motion.starts_of(item.flight)
         results.append(_of_flight(item, starts, vehicle, by_model, what))
         times.append(item.flight.grid.time_s[starts.samples])
-    return multi_step_predictions(results, times, what.sentences(refused))
+    return motion.multi_step_predictions(results, times, what.sentences(refused))
 
 
 def _of_flight(
     logged: LoggedState,
-    starts: Starts,
+    starts: motion.Starts,
     vehicle: KnownVehicle,
     models: Mapping[str, SimpleModel],
     what: Predictable,
-) -> tuple[HorizonErrors, ...]:
+) -> tuple[motion.HorizonErrors, ...]:
     if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
     started, values = logged.body[:, starts.samples], [model.values for model in models.values()]
@@ -330,7 +322,10 @@ def _of_flight(
     pairs = zip(models.items(), by_model, strict=True)
     states = {name: (model.words, predicted) for (name, model), predicted in pairs}
     still = np.zeros((3, starts.samples.size))
-    states[UNCHANGED] = STAYS, starts.propagate(started, lambda body, _: kinematics(body, still, still))
+    states[motion.UNCHANGED] = (
+        STAYS,
+        starts.propagate(started, lambda body, _: kinematics(body, still, still)),
+    )
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
     return tuple(
         _error(name, words, quantity, predicted, measured, started, what.placed)
@@ -348,7 +343,7 @@ def _error(
     measured: Float[np.ndarray, "horizons 13 starts"],
     started: Float[np.ndarray, "13 starts"],
     placed: tuple[int, ...],
-) -> HorizonErrors:
+) -> motion.HorizonErrors:
     """What is left of one quantity: of position along the axes on which it is logged."""
     series, of_attitude = None, quantity == "attitude"
     parts: tuple[int, ...] = placed
@@ -368,7 +363,7 @@ def _error(
 
     unit = "rad" if of_attitude else "rad/s" if series is not None else "m/s" if 3 in parts else "m"
     changes = [between(states[-1:], started[None])[0] for states in (measured, predicted)]
-    return HorizonErrors(
+    return motion.HorizonErrors(
         model, words, quantity, unit, between(predicted, measured).T, np.stack(changes, axis=1), series
     )
 

@@ -13,26 +13,8 @@ import numpy as np
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, QuantitySpec, QuantityTable
-from eivor.models.lagged_runs import (
-    ACTUATOR_LAG,
-    DELAY,
-    STAGES,
-    AxisColumns,
-    LaggedRuns,
-    actuators,
-    lag_and_delay,
-    measured_state,
-)
+from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
-from eivor.models.separable import (
-    DrivenSignals,
-    InstrumentRule,
-    LaggedReferences,
-    NoInstruments,
-    Nuisance,
-    Prior,
-    Values,
-)
 from eivor.models.signal_regression import cross_fitted
 from eivor.motions.rates.motion import AXES, PITCH, ROLL
 from eivor.motions.rigid_body.dynamics import ATTITUDE, VELOCITY, Triple, felt, into_body, rotation
@@ -279,9 +261,9 @@ _ORDER = (
     *(item.name for item in (THRUST, *GAIN)),
     EFFECTIVE_LAG,
     *(item.name for item in (*_PARAMETERS, *GYROSCOPIC_MOMENT, REACTION, *OFFSET)),
-    ACTUATOR_LAG.name,
-    DELAY.name,
-    *STAGES,
+    lagged_runs.ACTUATOR_LAG.name,
+    lagged_runs.DELAY.name,
+    *lagged_runs.STAGES,
 )
 QUANTITIES = QuantityTable({name: _SPECS[name] for name in _ORDER})
 
@@ -363,14 +345,14 @@ class Predictors:
     """Exogenous signals of one flight, with their lags."""
 
     flight: PreparedFlight
-    rule: LaggedReferences
+    rule: separable.LaggedReferences
 
     def of_axis(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
         """References of an axis with their lags; those of no axis of turning are of height."""
         turning = {source.channel: item.number for item in AXES for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
         signals = self.flight.signals
-        driven = DrivenSignals(signals, np.zeros(signals.sample_count))
+        driven = separable.DrivenSignals(signals, np.zeros(signals.sample_count))
         return replace(self.rule, channels=names, lags=lags).columns(driven)
 
     def predicted(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
@@ -399,7 +381,7 @@ INSTRUMENT_LAGS_S = (0.01, 0.03, 0.07, 0.15)
 INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
 
 #: The moving columns of an equation in some flight, at a lag and a delay.
-Columns = Callable[[Values], Float[np.ndarray, "n k"]]
+Columns = Callable[[separable.Values], Float[np.ndarray, "n k"]]
 
 
 @dataclass(frozen=True)
@@ -408,16 +390,16 @@ class AxisInstruments:
 
     flight: PreparedFlight
     vehicle: KnownVehicle
-    rule: InstrumentRule
+    rule: separable.InstrumentRule
 
     def of_axis(self, axis: int, columns_of: Callable[[PreparedFlight], Columns]) -> Float[np.ndarray, "n p"]:
         """Columns for one equation; none where the rule has none."""
         signals = self.flight.signals
-        if isinstance(self.rule, NoInstruments):
+        if isinstance(self.rule, separable.NoInstruments):
             return np.empty((signals.sample_count, 0))
-        if not isinstance(self.rule, LaggedReferences):
+        if not isinstance(self.rule, separable.LaggedReferences):
             level = signals.family(self.flight.input.name).mean(axis=1)
-            return self.rule.columns(DrivenSignals(signals, level))
+            return self.rule.columns(separable.DrivenSignals(signals, level))
         if axis < FORCE_X_EQUATION:
             return self._turning(axis, columns_of(self._predicted))
         says, velocity = Predictors(self.flight, self.rule), self._motion.velocity
@@ -430,7 +412,7 @@ class AxisInstruments:
 
     @cached_property
     def _predicted(self) -> PreparedFlight:
-        if not isinstance(self.rule, LaggedReferences):
+        if not isinstance(self.rule, separable.LaggedReferences):
             return self.flight
         # the same flight with predictions in place of its commands, rates and velocity
         signals, says = self.flight.signals, Predictors(self.flight, self.rule)
@@ -464,7 +446,10 @@ class AxisInstruments:
         nodes = [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
         if self.flight.input.measured:
             nodes = [(0.0, delay) for delay in INSTRUMENT_DELAYS_S]
-        columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
+        columns = [
+            moving({lagged_runs.ACTUATOR_LAG.name: lag, lagged_runs.DELAY.name: delay})
+            for lag, delay in nodes
+        ]
         of, known = self._motion, set(NEEDED) <= set(self._predicted.signals.channels)
         beside = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
         turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in beside]
@@ -534,14 +519,14 @@ SEARCH_DELAYS_S = np.linspace(0.0, 0.03, 4)
 TOLERANCE_S = 3e-7
 
 
-def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, Nuisance]:
+def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[separable.Nuisance, separable.Nuisance]:
     """Lag and delay of commands, both continuous; of a delay that is known, what is known of it [s]."""
-    lag, delay = lag_and_delay(SEARCH_LAGS_S, SEARCH_DELAYS_S)
+    lag, delay = lagged_runs.lag_and_delay(SEARCH_LAGS_S, SEARCH_DELAYS_S)
     lag = replace(lag, tolerance=TOLERANCE_S)
     if known is not None and not known.std:
         return lag, delay.known_at(known.value)
     if known is not None:
-        delay = replace(delay, prior=Prior(known.value, known.std))
+        delay = replace(delay, prior=separable.Prior(known.value, known.std))
     return lag, replace(delay, tolerance=TOLERANCE_S)
 
 
@@ -611,8 +596,8 @@ class RotorColumns:
     moving: tuple[Parameter, ...]  # Parameters of all moving columns
     common_rotor_inertia: tuple[float, float] | None = None
 
-    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
-        now, means = self.states.at(**actuators(nuisance_values))
+    def __call__(self, nuisance_values: separable.Values) -> Float[np.ndarray, "n k"]:
+        now, means = self.states.at(**lagged_runs.actuators(nuisance_values))
         of = means if self.axis < FORCE_X_EQUATION else now
         sensor = onboard_filter(self.states.flight, self.states.vehicle, self.axis)
         return np.stack([share * as_logged(term, of, sensor) for _, share, term in self._terms()]).T
@@ -635,8 +620,8 @@ class RotorColumns:
 
 
 def rigid_body_problem(
-    flights: tuple[PreparedFlight, ...], vehicle: KnownVehicle, rule: InstrumentRule
-) -> LaggedRuns:
+    flights: tuple[PreparedFlight, ...], vehicle: KnownVehicle, rule: separable.InstrumentRule
+) -> lagged_runs.LaggedRuns:
     """Regressions of the flights for each lag and delay."""
     known = set.intersection(*(set(flight.signals.channels) for flight in flights))
     usual = usual_state(flights)
@@ -652,14 +637,14 @@ def rigid_body_problem(
     made = [_flight(number, item, rule, terms) for number, item in enumerate(states)]
     columns = tuple(column for of_flight in made for column in of_flight)
     measured = all(flight.input.measured for flight in flights)
-    nuisances = measured_state() if measured else searched_lag_and_delay(vehicle.delay)
+    nuisances = lagged_runs.measured_state() if measured else searched_lag_and_delay(vehicle.delay)
     parameters = (term.parameter for moves in (False, True) for term in terms if term.moves is moves)
-    return LaggedRuns(columns, tuple(parameters), nuisances)
+    return lagged_runs.LaggedRuns(columns, tuple(parameters), nuisances)
 
 
 def _flight(
-    number: int, states: RotorStates, rule: InstrumentRule, terms: list[RigidTerm]
-) -> Iterator[AxisColumns]:
+    number: int, states: RotorStates, rule: separable.InstrumentRule, terms: list[RigidTerm]
+) -> Iterator[lagged_runs.AxisColumns]:
     flight, signals, vehicle = states.flight, states.flight.signals, states.vehicle
     instruments, still = AxisInstruments(flight, vehicle, rule), states.at()[0]
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
@@ -688,7 +673,7 @@ def _flight(
         def columns_of(other: PreparedFlight, columns: RotorColumns = columns) -> Columns:
             return replace(columns, states=replace(states, flight=other, _last=None), moving=lagged)
 
-        yield AxisColumns(
+        yield lagged_runs.AxisColumns(
             signals.step_s,
             flight.runs,
             np.column_stack(responses),

@@ -13,23 +13,10 @@ import numpy as np
 from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
+from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
-from eivor.flights.verdict import (
-    FlightWords,
-    Limit,
-    MotionChecks,
-    Rule,
-    SystematicPart,
-    VerdictInputs,
-    below_zero_rule,
-    clock_part,
-    disagreement_part,
-    flight_rules,
-    lag_rules,
-    record_rules,
-)
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.random_effects import homogeneity_p_value
 from eivor.inference.verdict import Cause, Status
@@ -82,7 +69,7 @@ _UNLOGGED = "The log holds but some of the commands, perhaps always those at one
 _FILTERED = "How often the gyroscope's filter runs is not known: "
 
 
-def _point(inputs: VerdictInputs) -> float:
+def _point(inputs: verdict.VerdictInputs) -> float:
     """How far from the middle of a tooth the logs' commands may lie throughout [s]."""
     return max(
         POINT_WITHIN * flight.unlogged_step_s if flight.command_slack_s else 0.5 * flight.unlogged_step_s
@@ -91,29 +78,29 @@ def _point(inputs: VerdictInputs) -> float:
 
 
 def _shift_parts(
-    shift: Callable[[VerdictInputs], float], counts: Counts, why: str
-) -> tuple[SystematicPart, SystematicPart]:
+    shift: Callable[[verdict.VerdictInputs], float], counts: Counts, why: str
+) -> tuple[verdict.SystematicPart, verdict.SystematicPart]:
     """What a lag that is wrong by a shift does to it and to the gains; one that is added, to one side."""
     both = counts is Counts.INDEPENDENT
     shorter, larger = (" or shorter", "larger or ") if both else ("", "")
 
-    def sizes(inputs: VerdictInputs) -> tuple[float, float]:
+    def sizes(inputs: verdict.VerdictInputs) -> tuple[float, float]:
         """Of the lag [s], and of the gains as a share."""
         shift_s, lag_s = shift(inputs), inputs.value(EFFECTIVE_LAG)
         return (shift_s, shift_s / lag_s) if lag_s > shift_s else (0.0, 0.0)
 
-    def of_gain(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+    def of_gain(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
         part = sizes(inputs)[1] * abs(inputs.value(name))
         return part, part if both else 0.0
 
     return (
-        SystematicPart(
+        verdict.SystematicPart(
             LAGS,
             counts,
             lambda inputs, _: (sizes(inputs)[0] if both else 0.0, sizes(inputs)[0]),
             lambda inputs: f"{why}the lag may be {1e3 * sizes(inputs)[0]:.2g} ms longer{shorter}.",
         ),
-        SystematicPart(
+        verdict.SystematicPart(
             tuple(item.name for item in GAIN),
             counts,
             of_gain,
@@ -532,7 +519,7 @@ def _of_flight(
 
 
 @dataclass(frozen=True, slots=True)
-class RigidBodyChecks(MotionChecks):
+class RigidBodyChecks(verdict.MotionChecks):
     """Where a flight contradicts the vehicle file, its own axes or calm air; None where it does not."""
 
     order: Contradiction | None = None
@@ -553,7 +540,7 @@ FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
-FLIGHT_WORDS = FlightWords(
+FLIGHT_WORDS = verdict.FlightWords(
     fly=FLY,
     log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
     log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
@@ -562,10 +549,12 @@ FLIGHT_WORDS = FlightWords(
 )
 COMMAND_RATE_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
-GAIN_LIMIT = Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY)
-SLOW_LIMIT = Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLY)
-COUPLING_LIMIT = Limit(identified_within=0.1, narrower=LONGER)
-LAG_LIMIT = Limit(0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster.")
+GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY)
+SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLY)
+COUPLING_LIMIT = verdict.Limit(identified_within=0.1, narrower=LONGER)
+LAG_LIMIT = verdict.Limit(
+    0.25, 0.5, 0.02, 0.02, narrower="Fly quicker steps, and log rotors and rates faster."
+)
 
 _GAINS = [item.name for item in (THRUST, *GAIN)]
 LIMITS = {
@@ -577,42 +566,42 @@ LIMITS = {
 ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
 
 PARTS = (
-    disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
-    clock_part(LAGS, Counts.INDEPENDENT),
+    verdict.disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
+    verdict.clock_part(LAGS, Counts.INDEPENDENT),
     *_shift_parts(_point, Counts.INDEPENDENT, _UNLOGGED),
     *_shift_parts(lambda inputs: inputs.checks.filter_early_s, Counts.ADDED, _FILTERED),
 )
 
 
-def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[Rule, ...]:
+def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
     """Rows of every quantity of the rigid body."""
     rotors = f"{COMMAND_RATE_HZ:.0f} Hz are needed"
     rules = [
-        *record_rules("rotors", COMMAND_RATE_HZ, rotors, "Log them at 100 Hz or more.", LEAST_S),
+        *verdict.record_rules("rotors", COMMAND_RATE_HZ, rotors, "Log them at 100 Hz or more.", LEAST_S),
         _check_rule("order", status=Status.REFUSED),
         _check_rule("lags"),
         _check_rule("filters"),
         _check_rule("wind", ACROSS),
-        *lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
-        *flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
+        *verdict.lag_rules(LAG_LIMIT, wording[EFFECTIVE_LAG]),
+        *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     ]
     for name in wording:
         if name in (*LAGS, DELAY.name, *STAGES):
             continue
         # what trades is reported together
         stage = THRUST.name if name == FRICTION.name else name
-        rules += flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
+        rules += verdict.flight_rules(FLIGHT_WORDS, (name,), (stage, ACTUATOR_LAG.name), stage)
         if name in _GAINS:
             plain, wrong = replace(wording[name], unit=""), _what_is_wrong(name)
-            rules.append(below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
+            rules.append(verdict.below_zero_rule(name, plain, Status.REFUSED, wrong, CORRECT_ROTORS))
         if name in LIMITS:
             rules += LIMITS[name].rules(name, wording[name])
     return tuple(rules)
 
 
-def _check_rule(check: str, quantities: tuple[str, ...] = (), status: Status = Status.WEAK) -> Rule:
+def _check_rule(check: str, quantities: tuple[str, ...] = (), status: Status = Status.WEAK) -> verdict.Rule:
     found = attrgetter(check)
-    return Rule(
+    return verdict.Rule(
         quantities,
         lambda inputs: found(inputs.checks) is not None,
         status,

@@ -11,14 +11,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import lag_prior
 from eivor.flights.grid import on_grid
-from eivor.flights.lag_prior import (
-    EFFECTIVE_LAG,
-    joint_quantities,
-    lag_quantities,
-    ratio_quantity,
-    reciprocal,
-)
 from eivor.flights.motion import (
     Abilities,
     Flights,
@@ -49,18 +43,8 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior
 from eivor.motions.rigid_body.vehicle import load_vehicle
+from eivor.motions.vertical import misspecification, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
-from eivor.motions.vertical.misspecification import (
-    CURVATURE,
-    LEAST_SENSOR_DIFFERENCE,
-    corrected,
-    difference_problem,
-    omitted_terms,
-    sensitivities,
-    sensor_agreement_sentence,
-    sideways_speed,
-    velocity_spectrum,
-)
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
@@ -92,21 +76,6 @@ from eivor.motions.vertical.select import (
     open_loop_findings,
     selected,
 )
-from eivor.motions.vertical.thrust_curve import (
-    curve_findings,
-    curve_quantities,
-    linear_quantity,
-    refined_curve,
-)
-from eivor.motions.vertical.verdict import (
-    CLEAR_INTERCEPT,
-    HOVER_PARAMETERS,
-    PARTS,
-    RULES,
-    VerticalChecks,
-    hover_findings,
-    near_ground,
-)
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
@@ -123,7 +92,7 @@ LEAST_HALF_WIDTH = 1e-9
 
 def beyond(value: float, half: float) -> float:
     """Squared distance of an intercept from what a fitting map leaves, in standard errors."""
-    away = max(abs(value) - CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH)
+    away = max(abs(value) - verdict.CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH)
     return chi_square_quantile(SET_LEVEL, 1) * away**2
 
 
@@ -142,7 +111,7 @@ def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     """Hover input, U_h through the input map's inverse; by the weight without a gain."""
     weight, chosen = of.weight if isinstance(of, Balance) else of, of.problem.motion.input_map
     if isinstance(of, Balance) and not of.by_weight:
-        item = linear_quantity(of.estimate, of.hover, "")
+        item = thrust_curve.linear_quantity(of.estimate, of.hover, "")
         value, std_error, (low, high) = item.value, item.std_error, item.interval
     else:
         value, std_error, half = weight.hover
@@ -154,14 +123,14 @@ def _hover(of: Balance | WeightBalance) -> QuantityEstimate:
     return QuantityEstimate(hover, "", error, (chosen.inverse(low), chosen.inverse(high)))
 
 
-def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate], VerticalChecks]:
+def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate], verdict.VerticalChecks]:
     """Hover input of flights that gave no estimate, and its drift; nothing of a constant input."""
     if all(flight.constant_input for flight in flights):
-        return {}, VerticalChecks()
+        return {}, verdict.VerticalChecks()
     cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
     # lags hardly move means
     of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
-    return {"hover_input": _hover(of)}, VerticalChecks(drift=of.drift)
+    return {"hover_input": _hover(of)}, verdict.VerticalChecks(drift=of.drift)
 
 
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
@@ -241,8 +210,8 @@ def excitation(flights: Flights) -> str:
 
 def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
     """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
-    listed = (*open_loop_findings(flights), *hover_findings(flights, quantities))
-    return (*listed, *supply_findings(flights), *curve_findings(flights, quantities))
+    listed = (*open_loop_findings(flights), *verdict.hover_findings(flights, quantities))
+    return (*listed, *supply_findings(flights), *thrust_curve.curve_findings(flights, quantities))
 
 
 def driven_signals(flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
@@ -267,7 +236,7 @@ def resampled(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
     if ACTUATOR_LAG.name in searched:
         results[ACTUATOR_LAG.name] = lag_s
     if {ACTUATOR_LAG.name, DELAY.name} & searched:
-        results[EFFECTIVE_LAG] = lag_s + delay_s
+        results[lag_prior.EFFECTIVE_LAG] = lag_s + delay_s
     return results
 
 
@@ -279,7 +248,7 @@ CHANNELS = LogChannels(
     REFERENCES,
     telemetry=TELEMETRY,
     parameters=(
-        *HOVER_PARAMETERS,
+        *verdict.HOVER_PARAMETERS,
         "HTE_THR_RANGE",
         "THR_MDL_FAC",
         "MOT_THST_EXPO",
@@ -307,7 +276,7 @@ CHANNELS = LogChannels(
 ABILITIES = Abilities(
     refinement=Refinement(
         lambda problem, solve, options: (
-            refined_curve(problem, solve, options.accelerometer_bias)
+            thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
             if options.input_map == FIT_MAP
             else (problem, solve(problem))
         ),
@@ -317,10 +286,10 @@ ABILITIES = Abilities(
     ),
     sensors=SensorComparison(
         lambda problem, flights: sensor_agreement(
-            difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
+            misspecification.difference_problem(problem, flights), misspecification.LEAST_SENSOR_DIFFERENCE
         ),
-        sensor_agreement_sentence,
-        corrected,
+        misspecification.sensor_agreement_sentence,
+        misspecification.corrected,
     ),
     resampling=Resampling(balance_sums, resampled),
     prediction=Prediction(simple_models, predictions),
@@ -346,8 +315,8 @@ class Vertical(Motion[VerticalFlights]):
     name = "vertical"
     words = WORDS
     quantities = QUANTITIES
-    rules = RULES
-    parts = PARTS
+    rules = verdict.RULES
+    parts = verdict.PARTS
     channels = CHANNELS
 
     @property
@@ -378,41 +347,45 @@ class Vertical(Motion[VerticalFlights]):
         return vertical_problem(cut, model, rule, terms=self.added)
 
     def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        of, joint = Balance(problem, estimate), joint_quantities(estimate)
+        of, joint = Balance(problem, estimate), lag_prior.joint_quantities(estimate)
         by_run = tuple(GRAVITY + float(run.mean(axis=0) @ of.coefficients) for run in of.weight.columns)
-        intercept = linear_quantity(estimate, of.intercept, "m/s^2")
+        intercept = thrust_curve.linear_quantity(estimate, of.intercept, "m/s^2")
         results = {
             **{name: joint[name] for name in ("viscous_friction", "input_gain")},
             "intercept": replace(intercept, by_run=by_run),
             **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
-            **lag_quantities(problem, estimate),
+            **lag_prior.lag_quantities(problem, estimate),
             "hover_input": _hover(of),
-            "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
+            "time_constant": lag_prior.ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
         }
         if problem.curve is None:
             return results
-        moved = curve_quantities(of, problem.curve)
+        moved = thrust_curve.curve_quantities(of, problem.curve)
         moved["intercept"] = replace(moved["intercept"], by_run=by_run)
-        return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
+        return {**results, **moved, "time_constant": lag_prior.reciprocal(moved["viscous_friction"], "s")}
 
-    def checks(self, problem: VerticalFlights, estimate: Estimate, flights: Flights) -> VerticalChecks:
-        omitted, of = omitted_terms(problem, estimate, flights), Balance(problem, estimate)
+    def checks(
+        self, problem: VerticalFlights, estimate: Estimate, flights: Flights
+    ) -> verdict.VerticalChecks:
+        omitted, of = misspecification.omitted_terms(problem, estimate, flights), Balance(problem, estimate)
         (value, gradient, variance), chosen = of.intercept, problem.motion.input_map
         half = estimate.joint_covariance.half_width(gradient, SET_LEVEL, variance)
         of_map, of_thrust = of.exponents
-        return VerticalChecks(
-            fitting_p_value(beyond(value, half), value, omitted.differences.get(CURVATURE)),
+        return verdict.VerticalChecks(
+            fitting_p_value(beyond(value, half), value, omitted.differences.get(misspecification.CURVATURE)),
             thrust_exponent=of_thrust,
             map_exponent=of_map,
             input_spread=float(np.concatenate(of.weight.columns)[:, 2].std()) / abs(of.hover[0]),
             thrust_command=isinstance(chosen, Mixed) or chosen.name == "linear",
             apparent_gravity=apparent_gravity(problem),
-            sideways_speed=sideways_speed(flights),
-            near_ground=near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
+            sideways_speed=misspecification.sideways_speed(flights),
+            near_ground=verdict.near_ground(
+                flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added
+            ),
             omitted=omitted,
             drift=of.drift,
-            sensitivities=sensitivities(problem, estimate, flights),
-            velocity=velocity_spectrum(problem),
+            sensitivities=misspecification.sensitivities(problem, estimate, flights),
+            velocity=misspecification.velocity_spectrum(problem),
         )
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:

@@ -17,25 +17,8 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.inference.covariance import COSINE_AVERAGES, long_run_mean_variance
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.distributions import normal_quantile, t_quantile
-from eivor.models.lagged_runs import (
-    BAND_HZ,
-    AxisColumns,
-    LaggedRuns,
-    RowNoise,
-    actuators,
-    lag_and_delay,
-    measured_state,
-)
+from eivor.models import lagged_runs, separable
 from eivor.models.regression import Parameter
-from eivor.models.separable import (
-    DrivenSignals,
-    InstrumentRule,
-    LaggedInputs,
-    NoInstruments,
-    Nuisance,
-    SampledState,
-    Values,
-)
 from eivor.models.spectral import LINE_S
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
 from eivor.motions.vertical.select import FittedCurve
@@ -59,9 +42,9 @@ def row_noise(
     level: InputMap,
     terms: int,
     instruments: int,
-    rule: InstrumentRule,
-    nuisance_values: Values,
-) -> RowNoise:
+    rule: separable.InstrumentRule,
+    nuisance_values: separable.Values,
+) -> lagged_runs.RowNoise:
     """Variances of the errors in z', U, so many terms and z'', and what past inputs share with U."""
     selected, shared = [], []
     for flight in flights:
@@ -74,13 +57,13 @@ def row_noise(
         selected.append([velocity, variance * float(response @ response), *[0.0] * terms, force])
         # covariance of the instruments' noises with those of [Phi y]
         covariance = np.zeros((instruments, terms + 3))
-        if isinstance(rule, LaggedInputs) and variance and response.any():
+        if isinstance(rule, separable.LaggedInputs) and variance and response.any():
             covariance[: rule.last - rule.first + 1, 1] = variance * response[rule.first : rule.last + 1]
         shared.append(covariance)
     weights = [float(flight.sample_count) for flight in flights]
     mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
-    return RowNoise(regressors, np.average(shared, axis=0, weights=weights))
+    return lagged_runs.RowNoise(regressors, np.average(shared, axis=0, weights=weights))
 
 
 def input_variance(flight: VerticalFlight, level: InputMap) -> float:
@@ -97,11 +80,11 @@ def input_variance(flight: VerticalFlight, level: InputMap) -> float:
     return float(each.mean(axis=0) @ variances)
 
 
-def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarray, " lags"]:
+def _response(flight: VerticalFlight, nuisance_values: separable.Values) -> Float[np.ndarray, " lags"]:
     """Samples after an impulse of the input, of the state that enters the equation."""
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
     impulse[BEFORE] = 1.0
-    return np.asarray(flight.state_of(impulse, **actuators(nuisance_values))[BEFORE:, 0])
+    return np.asarray(flight.state_of(impulse, **lagged_runs.actuators(nuisance_values))[BEFORE:, 0])
 
 
 # -- Terms --
@@ -201,7 +184,7 @@ class VerticalFlight:
     input: str  # Family of channels that drive the vehicle ("rotor_command")
     measured: bool
     runs: tuple[slice, ...]  # Stretches to use
-    band_hz: tuple[float, float] = BAND_HZ  # Band of spectral rows [Hz]
+    band_hz: tuple[float, float] = lagged_runs.BAND_HZ  # Band of spectral rows [Hz]
     radii: Float[np.ndarray, " n"] | None = None
     voltage: Float[np.ndarray, " n"] | None = None
     densities: Mapping[str, float] = field(default_factory=dict)
@@ -269,8 +252,8 @@ class MovingColumns:
     motion: VerticalMotion  # With the input map
     terms: tuple[OptionalTerm, ...] = ()
 
-    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-        mapped = self.flight.mapped_input(self.motion, **actuators(nuisance_values))
+    def __call__(self, nuisance_values: separable.Values) -> Float[np.ndarray, "n m"]:
+        mapped = self.flight.mapped_input(self.motion, **lagged_runs.actuators(nuisance_values))
         if not self.terms:
             return mapped[:, None]
         of = self._ingredients(mapped)
@@ -306,12 +289,12 @@ class MovingColumns:
 
 
 @dataclass(frozen=True)
-class VerticalFlights(LaggedRuns):
+class VerticalFlights(lagged_runs.LaggedRuns):
     """Regressions of vertical motion for each actuator lag and delay, made by `vertical_problem`."""
 
     flights: tuple[VerticalFlight, ...] = ()
     motion: VerticalMotion = field(default_factory=VerticalMotion)
-    rule: InstrumentRule = field(default_factory=NoInstruments)
+    rule: separable.InstrumentRule = field(default_factory=separable.NoInstruments)
     terms: tuple[OptionalTerm, ...] = ()
     curve: FittedCurve | None = None
 
@@ -320,7 +303,7 @@ class VerticalFlights(LaggedRuns):
         """Whether there are terms: voltage and height change slowly."""
         return bool(self.terms)
 
-    def sampled_state(self, _at: Values) -> SampledState | None:
+    def sampled_state(self, _at: separable.Values) -> separable.SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""
         if any(flight.acceleration is None for flight in self.flights):
             return None
@@ -334,29 +317,29 @@ class VerticalFlights(LaggedRuns):
         velocity, driving, response = np.sqrt(np.average(powers, axis=0, weights=lengths)).tolist()
         driven = np.zeros(len(self.parameters))
         driven[1] = driving
-        return SampledState(0, velocity, response, driven)
+        return separable.SampledState(0, velocity, response, driven)
 
 
 def vertical_problem(
     flights: tuple[VerticalFlight, ...],
     motion: VerticalMotion,
-    rule: InstrumentRule | None = None,
-    nuisances: tuple[Nuisance, ...] = (),
+    rule: separable.InstrumentRule | None = None,
+    nuisances: tuple[separable.Nuisance, ...] = (),
     terms: tuple[OptionalTerm, ...] = (),
 ) -> VerticalFlights:
     """Regressions of z'' = -K z' + K_u U + terms, for the usual lags and delays where none are given."""
-    rule = NoInstruments() if rule is None else rule
+    rule = separable.NoInstruments() if rule is None else rule
     if not nuisances:
         step_s = max((flight.signals.step_s for flight in flights), default=0.0)
         measured = all(flight.measured for flight in flights)
-        nuisances = measured_state() if measured else lag_and_delay(step_s=step_s)
+        nuisances = lagged_runs.measured_state() if measured else lagged_runs.lag_and_delay(step_s=step_s)
     columns = []
     for number, flight in enumerate(flights):
         moving = MovingColumns(flight, motion, terms)
         accelerations = (flight.acceleration, flight.velocity_derivative)
-        driven = DrivenSignals(flight.signals, flight.mapped_input(motion))
+        driven = separable.DrivenSignals(flight.signals, flight.mapped_input(motion))
         columns.append(
-            AxisColumns(
+            lagged_runs.AxisColumns(
                 flight.signals.step_s,
                 flight.runs,
                 np.column_stack([item for item in accelerations if item is not None]),
@@ -400,7 +383,7 @@ class WeightBalance:
     """Hover input and its drift by thrust that is the weight: neither a gain nor an instrument is needed."""
 
     problem: VerticalFlights
-    nuisances: Values
+    nuisances: separable.Values
 
     @cached_property
     def columns(self) -> list[Float[np.ndarray, "_ m"]]:
@@ -476,7 +459,7 @@ class Balance:
     def intercept(self) -> Linear:
         """B = g + mean z'' + K mean z' - K_u mean U less the terms; its variance is robust [m/s^2]."""
 
-        def mapped_mean(nuisance_values: Values) -> float:
+        def mapped_mean(nuisance_values: separable.Values) -> float:
             runs = WeightBalance(self.problem, nuisance_values).columns
             return float(np.concatenate(runs)[:, 2].mean())
 
@@ -596,7 +579,9 @@ class ThrustDrift:
         )
 
 
-def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[list[Float[np.ndarray, "_ m"]]]:
+def _columns(
+    problem: VerticalFlights, nuisance_values: separable.Values
+) -> list[list[Float[np.ndarray, "_ m"]]]:
     """z'', z', U and the columns of terms, of every run of each flight."""
     blocks = []
     for flight in problem.flights:
@@ -606,7 +591,7 @@ def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[list[Flo
 
 
 def balance_sums(
-    problem: VerticalFlights, nuisance_values: Values
+    problem: VerticalFlights, nuisance_values: separable.Values
 ) -> dict[str, Float[np.ndarray, " flights"]]:
     """Number of samples of each flight, and sums of z'', z', U and the columns of terms over them."""
     flights = map(np.concatenate, _columns(problem, nuisance_values))

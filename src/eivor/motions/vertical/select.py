@@ -11,18 +11,10 @@ import numpy as np
 
 from eivor.errors import ShapeError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import quantity
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
-from eivor.flights.quantity import (
-    AcrossFlights,
-    Covariate,
-    Kind,
-    QuantitySpec,
-    QuantityTable,
-    Words,
-    flight_card,
-)
 from eivor.flights.references import ReferenceSource
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.model import GRAVITY, CurveFamily
@@ -65,8 +57,8 @@ EQUATION = ("z'' + g = K_u U - K z' + b", "U = cos(tilt) * mean(map(w)); tau w' 
 #: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
 #: What hovers goes against both, by half as much where thrust goes with the square of the command.
 #: Forces that a payload leaves as they are accelerate a larger mass less.
-QUANTITIES = QuantityTable(
-    viscous_friction=QuantitySpec(
+QUANTITIES = quantity.QuantityTable(
+    viscous_friction=quantity.QuantitySpec(
         "viscous friction",
         "K",
         "1/s",
@@ -75,71 +67,71 @@ QUANTITIES = QuantityTable(
         in_rows=True,
         of_flight=True,
         need="friction",
-        across=AcrossFlights(
+        across=quantity.AcrossFlights(
             "viscous_friction",
-            covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
+            covariates=(quantity.Covariate("air_density"), quantity.Covariate("mass", -1.0, 0.3)),
             identified_by=("viscous_friction",),
         ),
     ),
-    time_constant=QuantitySpec(
+    time_constant=quantity.QuantitySpec(
         "time constant",
         "1/K",
         "s",
-        Kind.DERIVED,
+        quantity.Kind.DERIVED,
         shown_unit="s",
         lowest=0.0,
         reciprocal_of="viscous_friction",
     ),
-    input_gain=QuantitySpec(
+    input_gain=quantity.QuantitySpec(
         "input gain",
         "K_u",
         "m/s^2",
         shown_unit="m/s²",
         in_rows=True,
         need="gain",
-        across=AcrossFlights(
+        across=quantity.AcrossFlights(
             "input_gain",
             logarithm=True,
             covariates=(
-                Covariate("air_density", 1.0, 0.3),
-                Covariate("battery_voltage", 1.0, 1.0),
-                Covariate("mass", -1.0, 0.1),
+                quantity.Covariate("air_density", 1.0, 0.3),
+                quantity.Covariate("battery_voltage", 1.0, 1.0),
+                quantity.Covariate("mass", -1.0, 0.1),
             ),
             identified_by=("input_gain",),
         ),
     ),
-    hover_input=QuantitySpec(
+    hover_input=quantity.QuantitySpec(
         "hover input",
         "u_h",
         "",
-        Kind.DERIVED,
+        quantity.Kind.DERIVED,
         in_rows=True,
         need="hover",
-        across=AcrossFlights(
+        across=quantity.AcrossFlights(
             "hover_input",
             logarithm=True,
             largest=1.0,
             covariates=(
-                Covariate("air_density", -0.75, 0.3),
-                Covariate("battery_voltage", -0.75, 0.75),
-                Covariate("mass", 0.75, 0.25),
+                quantity.Covariate("air_density", -0.75, 0.3),
+                quantity.Covariate("battery_voltage", -0.75, 0.75),
+                quantity.Covariate("mass", 0.75, 0.25),
             ),
         ),
     ),
     **LAG_QUANTITIES,
-    intercept=QuantitySpec("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
-    quadratic_drag=QuantitySpec("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
-    ground_effect=QuantitySpec("ground effect", "k", "", optional=True),
-    voltage_exponent=QuantitySpec("voltage exponent", "n", "", optional=True),
-    thrust_curve=QuantitySpec("thrust curve", "c", "", optional=True),
+    intercept=quantity.QuantitySpec("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
+    quadratic_drag=quantity.QuantitySpec("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
+    ground_effect=quantity.QuantitySpec("ground effect", "k", "", optional=True),
+    voltage_exponent=quantity.QuantitySpec("voltage exponent", "n", "", optional=True),
+    thrust_curve=quantity.QuantitySpec("thrust curve", "c", "", optional=True),
 )
 QUANTITIES[EFFECTIVE_LAG] = replace(
     QUANTITIES[EFFECTIVE_LAG],
     in_rows=True,
-    across=AcrossFlights(
+    across=quantity.AcrossFlights(
         EFFECTIVE_LAG,
         logarithm=True,
-        covariates=(Covariate("battery_voltage", 0.0, 1.0),),
+        covariates=(quantity.Covariate("battery_voltage", 0.0, 1.0),),
         identified_by=(ACTUATOR_LAG.name,),
     ),
 )
@@ -151,7 +143,7 @@ _MANOEUVRES = (
     "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
 )
 
-WORDS = Words(
+WORDS = quantity.Words(
     title="Vertical motion",
     model="vertical_motion",
     fly=FLY,
@@ -160,7 +152,7 @@ WORDS = Words(
     loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
     no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
     no_lag="The rotor speeds were measured:\nthere is no lag to find.",
-    advice=partial(flight_card, fly=_MANOEUVRES),
+    advice=partial(quantity.flight_card, fly=_MANOEUVRES),
     planned=("viscous_friction", "input_gain", EFFECTIVE_LAG),
 )
 

@@ -16,16 +16,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.model import (
-    CURVE_PARAMETERS,
-    DECLARE,
-    CurveFamily,
-    curve_in_force,
-    family_of,
-    family_of_fitted,
-    proposed,
-    share_of,
-)
+from eivor.motions.vertical import model
 from eivor.motions.vertical.regression import Balance, Linear, VerticalFlights, vertical_problem
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import CurveSide, common_side
@@ -52,7 +43,7 @@ def refined_curve(
     problem: VerticalFlights, estimated: Estimated, bias_std: float
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
-    family = family_of(problem.motion.input_map)
+    family = model.family_of(problem.motion.input_map)
     curvature_error = math.inf
     if math.isinf(bias_std):
         value, curvature_error = _by_curvature(problem, estimated, family)
@@ -69,7 +60,7 @@ def refined_curve(
 
 
 def _by_intercept(
-    problem: VerticalFlights, estimated: Estimated, family: CurveFamily
+    problem: VerticalFlights, estimated: Estimated, family: model.CurveFamily
 ) -> tuple[float, VerticalFlights, Estimate]:
     """Parameter with which the intercept vanishes, or the nearest that is possible, NaN for none."""
     value, chosen, estimate = math.nan, problem, estimated(problem)
@@ -83,7 +74,7 @@ def _by_intercept(
 
 
 def _at_nuisances(
-    problem: VerticalFlights, estimated: Estimated, best: Estimate, family: CurveFamily
+    problem: VerticalFlights, estimated: Estimated, best: Estimate, family: model.CurveFamily
 ) -> float:
     """The same with lag and delay where they are: the map hardly moves them."""
     value, chosen = math.nan, problem
@@ -94,7 +85,7 @@ def _at_nuisances(
         hover, exponent = chosen.motion.input_map.inverse(of.hover[0]), of.exponents[1]
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
-        value = family.possible(share_of(exponent, hover) if family.of_share else exponent)
+        value = family.possible(model.share_of(exponent, hover) if family.of_share else exponent)
         if abs(value - before) < CONVERGED:
             break
         chosen = with_map(replace(problem, nuisances=known), family.map(value))
@@ -102,7 +93,9 @@ def _at_nuisances(
     return value
 
 
-def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveFamily) -> tuple[float, float]:
+def _by_curvature(
+    problem: VerticalFlights, estimated: Estimated, family: model.CurveFamily
+) -> tuple[float, float]:
     """Parameter with the least criterion, and its standard error; infinite where an end of the grid fits."""
     grid = family.grid
     problems = (with_map(problem, family.map(value)) for value in grid.tolist())
@@ -191,24 +184,26 @@ def curve_findings(
     if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
         return ()
     side = common_side(flight.curve_side for flight in flights)
-    in_force = curve_in_force([flight.recording.parameters for flight in flights])
+    in_force = model.curve_in_force([flight.recording.parameters for flight in flights])
     if Status.REFUSED in (curve.verdict, hover.verdict):
         return _overdone(side, in_force, curve)
     if side is CurveSide.UNKNOWN:
         sentence = (
             f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
-            f"thrust curve: no parameter is proposed. {DECLARE}"
+            f"thrust curve: no parameter is proposed. {model.DECLARE}"
         )
         return (Finding("thrust_curve", sentence),)
-    family = family_of_fitted(input_map(flights[0].input_map))
+    family = model.family_of_fitted(input_map(flights[0].input_map))
     before = side is CurveSide.BEFORE
     sentences = []
-    for parameter in [item for item in CURVE_PARAMETERS if item.name in in_force or not (in_force or before)]:
+    for parameter in [
+        item for item in model.CURVE_PARAMETERS if item.name in in_force or not (in_force or before)
+    ]:
         value, name = in_force.get(parameter.name), parameter.name
         if before and value is not None and not parameter.takes(value):
             continue
         intervals = (curve.value, curve.interval), (hover.value, hover.interval)
-        share, _ = proposed(parameter, family, *intervals, value if before else None)
+        share, _ = model.proposed(parameter, family, *intervals, value if before else None)
         (middle, (low, high)), beyond = share, parameter.beyond(share)
         words = (
             f"No {name} is proposed: {beyond}"
