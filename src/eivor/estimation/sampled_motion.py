@@ -20,6 +20,7 @@ from eivor.tools import Bool, Complex, Float, Int
 
 Pair = Complex[np.ndarray, "2 bins"]
 Pairs = Complex[np.ndarray, "*shape 2 bins"]
+Six = Float[np.ndarray, " 6"]
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
     origin, fitted = fit.vector(start), prior.fitted
     unit = np.linalg.inv(_information_root(fit, origin, fitted))
 
-    def at(steps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 6"]:
+    def at(steps: Float[np.ndarray, " n"]) -> Six:
         vector = origin.copy()
         vector[fitted] += unit.T @ steps
         return vector
@@ -234,9 +235,7 @@ def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Floa
     return x
 
 
-def _information_root(
-    fit: _Fit, vector: Float[np.ndarray, " 6"], fitted: Bool[np.ndarray, " 6"]
-) -> Float[np.ndarray, "m m"]:
+def _information_root(fit: _Fit, vector: Six, fitted: Bool[np.ndarray, " 6"]) -> Float[np.ndarray, "m m"]:
     with np.errstate(all="ignore"):
         information = fit.information(vector)[np.ix_(fitted, fitted)]
     if np.isfinite(information).all():
@@ -298,16 +297,16 @@ class _Fit:
         entries = zip(*((shape.first, shape.second, shape.cross) for shape in others), strict=True)
         self.shapes = PairSpectrum(*map(np.stack, entries))
 
-    def vector(self, model: NoiseModel) -> Float[np.ndarray, " 6"]:
+    def vector(self, model: NoiseModel) -> Six:
         """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
         within = np.clip(model.orders / LARGEST_ORDER, -MOST_OF_IT, MOST_OF_IT)
         return np.append(np.log(model.variances), np.arctanh(within))
 
-    def model(self, vector: Float[np.ndarray, " 6"]) -> NoiseModel:
+    def model(self, vector: Six) -> NoiseModel:
         """Noise model of such a vector."""
         return NoiseModel(self.known.input_variance, np.exp(vector[:3]), _orders(vector))
 
-    def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
+    def value_and_gradient(self, vector: Six) -> tuple[float, Six]:
         """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
         from_centre, slopes = self._prior(vector)
         C, moved = self._spectra(vector)
@@ -319,7 +318,7 @@ class _Fit:
         gradient = self._traces(left, moved) + slopes * from_centre
         return value + 0.5 * float(from_centre @ from_centre), gradient
 
-    def information(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "6 6"]:
+    def information(self, vector: Six) -> Float[np.ndarray, "6 6"]:
         """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
         C, moved = self._spectra(vector)
         _, slopes = self._prior(vector)
@@ -330,15 +329,13 @@ class _Fit:
         result = (left.first * self.bins) @ right.first.T + (left.second * self.bins) @ right.second.T
         return result + 2.0 * ((left.cross.conj() * self.bins) @ right.cross.T).real
 
-    def _prior(
-        self, vector: Float[np.ndarray, " 6"]
-    ) -> tuple[Float[np.ndarray, " 6"], Float[np.ndarray, " 6"]]:
+    def _prior(self, vector: Six) -> tuple[Six, Six]:
         """Distances from the centres over their standard deviations, and the slopes of these."""
         orders = _orders(vector)
         far = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
         return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
 
-    def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
+    def _spectra(self, vector: Six) -> tuple[PairSpectrum, PairSpectrum]:
         """C, and its derivatives by what is searched over."""
         powers = np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
         parts = self.shapes * powers
@@ -347,7 +344,7 @@ class _Fit:
         return C, parts.mapped(lambda part: np.concatenate([part, part * by_order]))
 
 
-def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
+def _orders(vector: Six) -> Float[np.ndarray, " 3"]:
     return LARGEST_ORDER * np.tanh(vector[3:])
 
 

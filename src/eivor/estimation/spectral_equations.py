@@ -22,6 +22,9 @@ from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import MeasurementNoise
 from eivor.tools import Complex, Float, Int
 
+Spectra = Complex[np.ndarray, "n 2 bins"]
+Matrix = Float[np.ndarray, "n m"]
+
 #: Method whose answer serves as start, and where spectra do not serve.
 GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
@@ -120,7 +123,7 @@ class SpectralSolution:
         return self.motion.nuisance_shapes(self.nuisances.size > 1)
 
     @cached_property
-    def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
+    def tests(self) -> Spectra:
         """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
         by_instrument = self.of_noise * self.instrument
         shapes = self.nuisance_shapes * self.factors
@@ -192,21 +195,17 @@ class SpectralSolution:
         return shares + _shares(self.of_noise, inverse[-1, self.noisy][:, None, None] * by_noise)
 
 
-def _products(
-    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
-) -> Float[np.ndarray, "n m"]:
+def _products(left: Spectra, right: Complex[np.ndarray, "m 2 bins"]) -> Matrix:
     """Re of x^H y, summed over bins."""
     return _flat(left) @ _flat(right).T
 
 
-def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
+def _flat(pairs: Spectra) -> Float[np.ndarray, "n numbers"]:
     """Real and imaginary parts in a row: Re of x^H y is the product of two such rows."""
     return np.ascontiguousarray(pairs).reshape(pairs.shape[0], -1).view(np.float64)
 
 
-def _shares(
-    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
-) -> Float[np.ndarray, " bins"]:
+def _shares(left: Spectra, right: Spectra) -> Float[np.ndarray, " bins"]:
     """Re of x^H y of each bin, summed over what stands first."""
     return (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
 
@@ -373,9 +372,7 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     return averages.T @ averages / averages.shape[0]
 
 
-def _meat(
-    solution: SpectralSolution, inverse: Float[np.ndarray, "n m"], answered: Complex[np.ndarray, "n 2 bins"]
-) -> Float[np.ndarray, "n n bins"]:
+def _meat(solution: SpectralSolution, inverse: Matrix, answered: Spectra) -> Float[np.ndarray, "n n bins"]:
     """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:

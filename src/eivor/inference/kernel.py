@@ -13,6 +13,9 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.tools import Float
 
+Block = Float[np.ndarray, "_ n"]
+Square = Float[np.ndarray, "n n"]
+
 #: Below this argument the quadratic spectral kernel is its series, 1 - z^2/10.
 SMALL_ARGUMENT = 1e-3
 
@@ -70,9 +73,7 @@ class QuadraticSpectral(Kernel):
         return np.where(z < SMALL_ARGUMENT, 1.0 - z**2 / 10.0, far)
 
 
-def kernel_sum_covariance(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], count: int, kernel: Kernel, bandwidth: float
-) -> Float[np.ndarray, "n n"]:
+def kernel_sum_covariance(blocks: Iterable[Block], count: int, kernel: Kernel, bandwidth: float) -> Square:
     """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'."""
     span = kernel.span(bandwidth)
     if kernel.ends:
@@ -85,9 +86,7 @@ def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Flo
     return kernel_sum_covariance([scores], len(scores), Bartlett(), float(bandwidth)) / len(scores)
 
 
-def _from_blocks(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], kernel: Kernel, lags: int, span: float
-) -> Float[np.ndarray, "n n"]:
+def _from_blocks(blocks: Iterable[Block], kernel: Kernel, lags: int, span: float) -> Square:
     weights = kernel.weights(np.arange(lags + 1) / span)
     total, before = np.zeros(()), None
     for block in blocks:
@@ -105,9 +104,7 @@ def _from_blocks(
     return total
 
 
-def _from_spectrum(
-    scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float
-) -> Float[np.ndarray, "n n"]:
+def _from_spectrum(scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float) -> Square:
     """Autocovariances of all lags by FFT, padded so that they do not wrap around."""
     from scipy import fft  # late: few ask for it
 
@@ -131,7 +128,7 @@ ANDREWS = {Bartlett: (1.1447, 1), Parzen: (2.6614, 2), QuadraticSpectral: (1.322
 #: Largest correlation of successive scores that Andrews' rule believes.
 LARGEST_CORRELATION = 0.97
 
-Blocks = Callable[[], Iterable[Float[np.ndarray, "_ n"]]]
+Blocks = Callable[[], Iterable[Block]]
 
 
 class Bandwidth(ABC):

@@ -25,11 +25,11 @@ Vector = Float[np.ndarray, " n"]
 Square = Float[np.ndarray, "n n"]
 Matrix = Float[np.ndarray, "m n"]
 Covariance = Float[np.ndarray, "n_plus_1 n_plus_1"]
+PerRow = Float[np.ndarray, " m"]
+Covariances = Float[np.ndarray, "m n_plus_1 n_plus_1"]
 
 
-def solve_augmented(
-    A: Matrix, b: Float[np.ndarray, " m"], upper: float, lower: float, below: Vector | None = None
-) -> Vector:
+def solve_augmented(A: Matrix, b: PerRow, upper: float, lower: float, below: Vector | None = None) -> Vector:
     """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c."""
     rows, unknowns = A.shape
     matrix = np.zeros((rows + unknowns, rows + unknowns))
@@ -110,7 +110,7 @@ def column_lengths(matrix: Matrix) -> Vector:
     return lengths
 
 
-def row_lengths(matrix: Matrix) -> Float[np.ndarray, " m"]:
+def row_lengths(matrix: Matrix) -> PerRow:
     """Euclidean lengths of the rows of a square matrix whose columns are given unit length."""
     if matrix.shape[0] != matrix.shape[1]:
         return np.ones(matrix.shape[0])
@@ -329,9 +329,7 @@ TOLERANCE = 1e-14
 ITERATIONS = 500
 
 
-def weighted_total_least_squares(
-    system: LinearSystem, row_covariances: Float[np.ndarray, "m n_plus_1 n_plus_1"]
-) -> Solution:
+def weighted_total_least_squares(system: LinearSystem, row_covariances: Covariances) -> Solution:
     """Minimise sum_t e_t^2 / w_t, w_t = [theta; -1]' S_t [theta; -1], e = b - A theta.
 
     At the minimum sum_t (e_t / w_t) x_t = 0 (York 1966 for a straight line). The regressors adjusted for
@@ -382,9 +380,7 @@ def weighted_total_least_squares(
     return Solution(theta / lengths[:-1], residual, float(np.sum(residual**2 / weight)), start.condition)
 
 
-def _adjusted(
-    A: Matrix, b: Float[np.ndarray, " m"], S: Float[np.ndarray, "m n_plus_1 n_plus_1"], theta: Vector
-) -> tuple[Float[np.ndarray, " m"], Matrix]:
+def _adjusted(A: Matrix, b: PerRow, S: Covariances, theta: Vector) -> tuple[PerRow, Matrix]:
     """Variance of each row's residual, and its regressors adjusted for their estimated errors."""
     pull = S @ np.append(theta, -1.0)
     weight = pull @ np.append(theta, -1.0)

@@ -13,6 +13,10 @@ from eivor.inference.products import block_edges
 from eivor.inference.verdict import Reason, Status
 from eivor.tools import Float
 
+PerBlock = Float[np.ndarray, " K"]
+PerRow = Float[np.ndarray, " rows"]
+Blocks = Float[np.ndarray, "K s"]
+
 #: Steps of frequency in one cycle of the record, cycles in the record and blocks in a cycle from which on.
 STEPS = 2
 LEAST_CYCLES = 3
@@ -111,18 +115,13 @@ class Periodicity(Diagnostic):
 class BlockSums:
     """Sums of series over successive blocks of time."""
 
-    sums: Float[np.ndarray, "K s"]
-    times: Float[np.ndarray, " K"]  # Mean time of each block
+    sums: Blocks
+    times: PerBlock  # Mean time of each block
     block: float
     span: float
 
 
-def block_sums(
-    sums: Float[np.ndarray, "K s"],
-    counts: Float[np.ndarray, " K"],
-    times: Float[np.ndarray, " rows"] | None,
-    step: float,
-) -> BlockSums:
+def block_sums(sums: Blocks, counts: PerBlock, times: PerRow | None, step: float) -> BlockSums:
     """Sums that are made, with the times that they are of."""
     first = np.concatenate([[0.0], np.cumsum(counts)[:-1]])
     if times is None:
@@ -134,9 +133,7 @@ def block_sums(
     return BlockSums(sums, middle, step * times.size / counts.size, step * distinct)
 
 
-def blocks_of(
-    series: Float[np.ndarray, " rows"], times: Float[np.ndarray, " rows"] | None, step: float, blocks: int
-) -> BlockSums:
+def blocks_of(series: PerRow, times: PerRow | None, step: float, blocks: int) -> BlockSums:
     """Sums of one series over blocks that differ by one row at most; see `block_sums`."""
     edges = block_edges(series.size, min(blocks, series.size))
     sums = np.add.reduceat(series, edges[:-1])[:, None]
@@ -258,7 +255,7 @@ class BandPower(Diagnostic):
                 )
 
 
-def largest(series: Float[np.ndarray, " rows"]) -> float:
+def largest(series: PerRow) -> float:
     """Largest absolute value, without an array of them."""
     return max(float(series.max()), -float(series.min()))
 
@@ -276,9 +273,9 @@ def information(products: EquationProducts, *, instrumental: bool) -> Informatio
 
 
 def band_power(
-    columns: Sequence[Float[np.ndarray, " rows"]],
+    columns: Sequence[PerRow],
     factors: Sequence[float],
-    residual: Float[np.ndarray, " rows"],
+    residual: PerRow,
     rate_hz: float,
     squares: Sequence[float],
 ) -> BandPower:

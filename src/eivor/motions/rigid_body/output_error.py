@@ -24,6 +24,12 @@ from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.signals.recording import Finding
 from eivor.tools import Float, Int
 
+Numbers = Float[np.ndarray, " k"]
+Vector = Float[np.ndarray, " n"]
+States = Float[np.ndarray, "... 13 starts"]
+Jacobian = Float[np.ndarray, "all n"]
+Square = Float[np.ndarray, "k k"]
+
 #: Windows begin so far apart, and are looked at so long after their begin [s].
 BETWEEN_WINDOWS_S = 0.2
 LOOKED_AT_S = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
@@ -47,9 +53,7 @@ CORE = (*GAIN, *OFFSET, THRUST, *DRAG)
 _POSITIVE = (*DAMPING, *DRAG, *QUADRATIC_DRAG)
 
 
-def difference(
-    states: Float[np.ndarray, "... 13 starts"], measured: Float[np.ndarray, "... 13 starts"]
-) -> Float[np.ndarray, "... 12 starts"]:
+def difference(states: States, measured: States) -> Float[np.ndarray, "... 12 starts"]:
     """States less measured ones: position, velocity, the small turn between them on body axes, rates."""
     after, before = (np.moveaxis(item[..., 6:10, :], -2, 0) for item in (states, measured))
     size = np.sqrt((after**2).sum(axis=0))
@@ -137,7 +141,7 @@ class OutputErrors:
     windows: tuple[Windows, ...]
     base: Values  # Parameters and nuisances that are not free have these values
     free: tuple[str, ...]
-    scale: Float[np.ndarray, " n"]  # Of free parameters and offsets
+    scale: Vector  # Of free parameters and offsets
 
     @property
     def offsets(self) -> int:
@@ -150,7 +154,7 @@ class OutputErrors:
         return all(item.logged.flight.input.measured for item in self.windows)
 
     @property
-    def bounds(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def bounds(self) -> tuple[Vector, Vector]:
         """Least and largest values."""
         known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
         known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
@@ -158,7 +162,7 @@ class OutputErrors:
         low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.offsets]).T
         return low, high
 
-    def models(self, points: Sequence[Float[np.ndarray, " n"]], flight: int) -> list[Values]:
+    def models(self, points: Sequence[Vector], flight: int) -> list[Values]:
         """Every number of the equations at points, in one flight."""
         models = {}
         for number, point in enumerate(points):
@@ -169,20 +173,16 @@ class OutputErrors:
             models[str(number)] = SimpleModel("", values)
         return [item.values for item in with_gyroscopic_moments(models, "0").values()]
 
-    def left(
-        self, points: Sequence[Float[np.ndarray, " n"]]
-    ) -> list[Float[np.ndarray, "points rows starts"]]:
+    def left(self, points: Sequence[Vector]) -> list[Float[np.ndarray, "points rows starts"]]:
         """What each flight's windows leave."""
         return [windows.left(self.models(points, number)) for number, windows in enumerate(self.windows)]
 
-    def moved(self, point: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, " n"]]:
+    def moved(self, point: Vector) -> list[Vector]:
         """The point, and it with each entry moved by a small share of its scale, inside of the bounds."""
         away = np.where(point + 2e-4 * self.scale > self.bounds[1], -1e-4, 1e-4) * self.scale
         return [point, *(point + np.diag(away))]
 
-    def derivatives(
-        self, points: Sequence[Float[np.ndarray, " n"]], values: Float[np.ndarray, "points all"]
-    ) -> Float[np.ndarray, "all n"]:
+    def derivatives(self, points: Sequence[Vector], values: Float[np.ndarray, "points all"]) -> Jacobian:
         """Slopes of values between `moved` points; parameters enter the equations linearly."""
         away = np.array([(point - points[0]).sum() for point in points[1:]])
         return ((values[1:] - values[0]) / away[:, None]).T
@@ -194,9 +194,9 @@ class Minimum:
 
     errors: OutputErrors
     weights: tuple[Weights, ...]
-    point: Float[np.ndarray, " n"]
+    point: Vector
 
-    def whitened(self, points: Sequence[Float[np.ndarray, " n"]]) -> Float[np.ndarray, "points all"]:
+    def whitened(self, points: Sequence[Vector]) -> Float[np.ndarray, "points all"]:
         """Residuals of variance 1 at points."""
         pairs = zip(self.weights, self.errors.left(points), strict=True)
         whitened = [np.einsum("sij,...js->...si", roots, left) for roots, left in pairs]
@@ -240,11 +240,9 @@ class Linearised:
 
     scores: Float[np.ndarray, "clusters n"]
     slopes: Float[np.ndarray, "clusters n n"]
-    scale: Float[np.ndarray, " n"]  # A parameter is its scaled value times this
+    scale: Vector  # A parameter is its scaled value times this
 
-    def of(
-        self, kept: Int[np.ndarray, " k"], *, jackknife: bool = False
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    def of(self, kept: Int[np.ndarray, " k"], *, jackknife: bool = False) -> tuple[Numbers, Square]:
         """Changes of the parameters that are kept, and their covariance clustered by windows."""
         # the jackknife leaves out a cluster at a time, in one Newton step: there are few of them
         slopes = self.slopes[:, kept[:, None], kept]
@@ -261,7 +259,7 @@ class Linearised:
         return change * scale, share * steps.T @ steps * np.outer(scale, scale)
 
 
-def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: int = PASSES) -> Minimum:
+def minimised(errors: OutputErrors, point: Vector, *, passes: int = PASSES) -> Minimum:
     """The nearest minimum of the whitened errors, with weights from the errors themselves."""
     low, high = errors.bounds
     margin = 1e-3 * errors.scale
@@ -275,14 +273,14 @@ def minimised(errors: OutputErrors, point: Float[np.ndarray, " n"], *, passes: i
             made.append(roots)
         best = Minimum(errors, tuple(made), point)
 
-        def together(point: Float[np.ndarray, " n"]) -> Float[np.ndarray, " clocks"]:
+        def together(point: Vector) -> Float[np.ndarray, " clocks"]:
             offsets = point[len(errors.free) :]
             return np.array([1e4 * offsets.sum()]) if errors.offsets else np.empty(0)
 
-        def residual(point: Float[np.ndarray, " n"], best: Minimum = best) -> Float[np.ndarray, " all"]:
+        def residual(point: Vector, best: Minimum = best) -> Float[np.ndarray, " all"]:
             return np.append(best.whitened([point])[0], together(point))
 
-        def jacobian(point: Float[np.ndarray, " n"], best: Minimum = best) -> Float[np.ndarray, "all n"]:
+        def jacobian(point: Vector, best: Minimum = best) -> Jacobian:
             points = errors.moved(point)
             clocks = np.stack([together(item) for item in points])
             return errors.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
@@ -329,7 +327,7 @@ class Structure:
         scale = np.array([*(self.scales[name] for name in free), *[CLOCK_S] * self.clocks.size])
         return OutputErrors(self.windows, self.values, tuple(free), scale)
 
-    def point(self, free: Sequence[str]) -> Float[np.ndarray, " n"]:
+    def point(self, free: Sequence[str]) -> Vector:
         """Values of free parameters and clocks."""
         return np.array([*(self.values[name] for name in free), *self.clocks])
 
@@ -344,9 +342,7 @@ class Structure:
         """Scores of all that is seen at a minimum of what is kept."""
         return replace(minimum, errors=self.errors(self.seen), point=self.point(self.seen)).linearised()
 
-    def alone(
-        self, at: Linearised, name: str = "", *, jackknife: bool = False
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    def alone(self, at: Linearised, name: str = "", *, jackknife: bool = False) -> tuple[Numbers, Square]:
         """Changes of what is kept with a name last, before the clocks; and their covariance."""
         free = [*self.kept, *([name] if name else [])]
         clocks = range(len(self.seen), at.scale.size)
