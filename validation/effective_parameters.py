@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eivor.errors import CollinearError, ShapeError, TooFewSamplesError
 from eivor.simulation.vertical import STEP_S, VerticalFlight, VerticalFlightSpec
 from eivor.tools import Bool, Float
 
@@ -32,29 +31,17 @@ class FlightTruth:
 def truth_of(spec: VerticalFlightSpec, flight: VerticalFlight) -> FlightTruth:
     """Truth of a flight of the own simulator."""
     met, motion = flight.truth
-    return FlightTruth(
-        STEP_S * np.arange(spec.count),
-        motion.specific_force,
-        motion.velocity - met.gust,
-        motion.rotor_state[:, None],
-        met.cos_tilt,
-        spec.actuator_lag,
-        spec.delay,
-        spec.viscous_friction,
-        spec.input_gain,
-        spec.hover_input,
-    )
+    moves = motion.specific_force, motion.velocity - met.gust, motion.rotor_state[:, None], met.cos_tilt
+    numbers = spec.actuator_lag, spec.delay, spec.viscous_friction, spec.input_gain, spec.hover_input
+    return FlightTruth(STEP_S * np.arange(spec.count), *moves, *numbers)
 
 
 class BestFittingParameters(NamedTuple):
     """Parameters of the vertical model that fit one flight's noise-free data best."""
 
-    viscous_friction: float
-    """K [1/s]."""
-    input_gain: float
-    """K_u [m/s^2 per unit of the mean mapped rotor state]."""
-    intercept: float
-    """b [m/s^2]."""
+    viscous_friction: float  # K [1/s]
+    input_gain: float  # K_u [m/s^2 per unit of the mean mapped rotor state]
+    intercept: float  # b [m/s^2]
 
 
 def effective_parameters(
@@ -63,30 +50,10 @@ def effective_parameters(
     input_map: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]],
 ) -> BestFittingParameters:
     """Least squares of the true specific force on (-air velocity, U, 1) over the given rows."""
-    if rows.shape != truth.time_s.shape:
-        raise ShapeError(
-            f"a mask of {truth.time_s.size} rows",
-            f"a mask of shape {rows.shape}",
-            "Give one truth value for each row of the flight.",
-        )
-    if int(rows.sum()) < 4:
-        raise TooFewSamplesError(
-            "at least four rows", f"{int(rows.sum())} rows", "Choose a longer part of the flight."
-        )
     columns = np.column_stack(
         [-truth.air_velocity_z[rows], truth.cos_tilt[rows] * input_map(truth.rotor_state[rows]).mean(axis=1)]
     )
     response = truth.specific_force_z[rows]
     means, response_mean = columns.mean(axis=0), float(response.mean())
-    centred = columns - means
-    norms = np.linalg.norm(centred, axis=0)
-    floor = 1e-12 * np.sqrt(rows.sum()) * np.maximum(np.abs(means), 1.0)
-    if np.any(norms <= floor) or np.linalg.cond(centred / norms) > 1e10:
-        raise CollinearError(
-            "a velocity and an input that vary, each in its own way",
-            "rows over which at least one of them is constant or follows the other",
-            "Choose rows with vertical motion.",
-        )
-    scaled = np.linalg.lstsq(centred / norms, response - response_mean)[0]
-    friction, gain = (scaled / norms).tolist()
-    return BestFittingParameters(friction, gain, response_mean - float(means @ (scaled / norms)))
+    friction, gain = np.linalg.lstsq(columns - means, response - response_mean)[0].tolist()
+    return BestFittingParameters(friction, gain, response_mean - float(means @ [friction, gain]))
