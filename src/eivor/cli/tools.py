@@ -333,7 +333,7 @@ def plan(
     )
     if not made.is_informative:
         complain(
-            "the planned flight is not identified in most of its simulations",
+            "The planned flight is not identified in most of its simulations.",
             "Give it more time, height or speed, or wait for calmer air.",
         )
     return ExitCode.IDENTIFIED if made.is_informative else ExitCode.NOT_IDENTIFIED

@@ -68,7 +68,7 @@ def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
     if fitted.input_measured or value >= 1.0:
         raise UsageError(
             "a command that is a share of the largest, from 0 to 1",
-            f"'{fitted.input}', with {value:.4g} at hover",
+            f"'{fitted.input}'{f', with {value:.4g} at hover' if value >= 1.0 else ', which was measured'}",
             "Identify with the log's thrust setpoint, --input input, or with its motor outputs, "
             "--input actuator_output, where parameters determine their range.",
         )

@@ -261,11 +261,12 @@ def chosen_input(
             return family, members
     if logged:
         return logged[0]
-    looked = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
+    sources = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
+    looked = f" (looked for: {', '.join(sources)})" if sources else ""
     names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
     raise MissingChannelError(
         f"an input in {log.name}: {', or '.join([', '.join(names[:-1]), names[-1]] if names[1:] else names)}",
-        f"a log without one (looked for: {', '.join(looked) or 'those names'})",
+        f"a log without one{looked}",
         f"{remedy}, or name a channel with --input.",
     )
 

@@ -148,7 +148,7 @@ def response_of_axis(
         if not flight.runs:
             raise TooFewSamplesError(
                 f"flight in {flight.recording.name} that can be used",
-                f"none: {flight.active.rule}",
+                f"none by {flight.active.rule}",
                 "Use a log of a flight, or another window.",
             )
         if output not in flight.signals.channels:
