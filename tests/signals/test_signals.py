@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from functools import partial
 from itertools import pairwise
 from statistics import NormalDist
 
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import binom
 
 import eivor as ev
+import refusal_rows as refusals
 from eivor.errors import (
     ChannelMapError,
     EivorError,
@@ -71,27 +73,6 @@ def test_growth_across_the_border_of_real_blocks():
     whole = np.cumsum(weights[: border + 20] * weights[lag : border + 20 + lag])
     stretch = GrowthTable(order, lag).stretch(border - 10, 25)
     np.testing.assert_allclose(stretch, whole[border - 10 : border + 15], rtol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: ev.WhiteNoise(-0.1), "std=-0.1"),
-        (lambda: ev.WhiteNoise(float("nan")), "std=nan"),
-        (lambda: ev.FractionalNoise(float("inf"), 0.1), "std=inf"),
-        (lambda: ev.FractionalNoise(1.0, 0.51), "order=0.51"),
-        (lambda: ev.FractionalNoise(1.0, float("nan")), "order=nan"),
-        (lambda: ev.AutoregressiveNoise(1.0, 1.0), "coefficient"),
-        (lambda: ev.AutoregressiveNoise(1.0, -1.2), "coefficient"),
-        (lambda: ev.AutoregressiveNoise(1.0, np.nan), "coefficient"),
-        (lambda: ev.HeavyTailedNoise(1.0, 2.0), "degrees"),
-        (lambda: ev.HeavyTailedNoise(1.0, -3.0), "degrees"),
-        (lambda: ev.HeavyTailedNoise(1.0, np.inf), "degrees"),
-    ],
-)
-def test_impossible_noises_are_refused(make, said):
-    with pytest.raises((ParameterError, NonFiniteError), match=f"Expected .*; received {said}"):
-        make()
 
 
 def test_published_weights_and_differences():
@@ -163,14 +144,6 @@ def test_density_over_a_bandwidth_and_the_rounding_of_a_step_add_up():
     assert DataSheet(step=0.12).std(1.0) == pytest.approx(0.12 / 12.0**0.5)
 
 
-@pytest.mark.parametrize(
-    "stated", [{}, {"density": -1.0}, {"step": float("inf")}, {"density": 1.0, "bandwidth_hz": -1.0}]
-)
-def test_sheets_that_say_nothing(stated):
-    with pytest.raises(UsageError):
-        DataSheet(**stated)
-
-
 RUNS = 500
 
 
@@ -218,24 +191,6 @@ def test_a_million_samples_take_as_long_as_a_few_transforms():
     memory = ev.estimate_long_memory(values)
     assert in_transforms(lambda: ev.estimate_long_memory(values), values.size) < 20.0
     assert abs(memory.order + 0.5) < 5.0 * memory.order_error
-
-
-@pytest.mark.parametrize(
-    ("values", "options", "error", "said"),
-    [
-        (np.arange(10.0), {}, TooFewSamplesError, "Expected 17 samples or more; received 10"),
-        (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
-        (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
-        (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
-        (np.arange(100.0), {"bandwidth": 50}, ParameterError, "8 to 49 frequencies; received bandwidth=50"),
-        (np.arange(100.0), {"bandwidth": 3}, ParameterError, "8 to 49 frequencies; received bandwidth=3"),
-    ],
-)
-def test_records_that_tell_nothing(values, options, error, said):
-    with pytest.raises(error, match=said):
-        ev.estimate_long_memory(values, **options)
-    with pytest.raises(ParameterError, match=r"a level between 0 and 1; received level=95"):
-        ev.estimate_long_memory(np.arange(100.0) % 7).order_interval(95.0)
 
 
 # Fractional differences against direct summation and against their own inverse.
@@ -370,12 +325,6 @@ def test_a_family_beside_one_of_its_members(table):
         canonical.declare_channels(*(canonical.CanonicalChannel(f"track_{end}", "") for end in "1*"))
 
 
-@pytest.mark.parametrize("name", ["", "Speed", "time", "a b", "a-b", "*"])
-def test_names_that_cannot_be(name):
-    with pytest.raises(UsageError, match="small letters, digits"):
-        canonical.CanonicalChannel(name, "")
-
-
 MAPS = st.one_of(
     st.floats(0.2, 5.0).map(Power),
     st.sampled_from([Power(1.0), Power(2.0), Power(1.5), Mixed(0.0), Mixed(1.0)]),
@@ -407,14 +356,6 @@ def test_the_words_are_the_maps():
     np.testing.assert_allclose(input_map("mixed:0.3")(state), 0.7 * state + 0.3 * state * np.abs(state))
     assert np.isnan(Mixed(0.3).inverse(-0.1))
     assert Power(2.0).inverse(-4.0) == -2.0
-
-
-@pytest.mark.parametrize(
-    "name", ["", "cubic", "square:2", "power", "power:", "power:0", "mixed", "mixed:1.01"]
-)
-def test_names_of_no_map_are_refused(name):
-    with pytest.raises(UsageError, match=r"Expected an? .*; received"):
-        input_map(name)
 
 
 # Channels, recordings and signals: what they accept, what they count, what they leave alone.
@@ -455,19 +396,6 @@ def test_cleaning_is_the_naive_walk_through_the_samples(stamps, seed):
     assert (result.quality.overflowed, result.quality.saturated) == (2, 3)
     np.testing.assert_array_equal(time, before[0])
     np.testing.assert_array_equal(values, before[1])
-
-
-@pytest.mark.parametrize("stamps", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, np.nan], [0.0, np.inf]])
-def test_channels_refuse_stamps_that_do_not_increase(stamps):
-    with pytest.raises(NonFiniteError, match=r"finite, strictly increasing time stamps.*clean_channel"):
-        channel(stamps)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("make", [Channel, clean_channel])
-def test_channels_refuse_unequal_lengths(make):
-    with pytest.raises(ShapeError, match=r"Expected one stamp for each value of channel 'velocity_z'"):
-        make("velocity_z", np.arange(3.0), np.arange(4.0), "m/s")
 
 
 @pytest.mark.parametrize(
@@ -522,32 +450,6 @@ def test_windows_are_cut_to_the_span_or_refused(window):
             interval_within(window, span)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
-def test_signals_refuse_rates_that_are_none(rate):
-    with pytest.raises(NonFiniteError, match=r"Expected a positive rate in Hz; received rate_hz="):
-        ev.Signals(rate, {"input": np.zeros(3)})
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("counts", "valid"), [({}, None), ({"input": 3, "velocity_z": 4}, None), ({"input": 3}, np.ones(2, bool))]
-)
-def test_signals_refuse_shapes_that_do_not_fit(counts, valid):
-    with pytest.raises(ShapeError, match="Expected at least one channel"):
-        ev.Signals(1.0, {name: np.zeros(count) for name, count in counts.items()}, valid=valid)
-
-
-def test_signals_refuse_values_that_are_not_finite_where_they_count():
-    values = np.array([0.0, np.nan, 1.0, np.inf])
-    with pytest.raises(NonFiniteError, match=r"'input' at every valid sample; received 2 .* sample 1"):
-        ev.Signals(1.0, {"input": values})
-    with pytest.raises(NonFiniteError, match=r"received 1 .* sample 3"):
-        ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, True]))
-    ev.Signals(1.0, {"input": values}, valid=np.array([True, False, True, False]))
-    with pytest.raises(MissingChannelError, match="a channel called 'speed'; received channels input"):
-        ev.Signals(1.0, {"input": np.zeros(2)}).channel("speed")
-
-
 def test_a_record_without_a_mask_is_one_run_unless_it_is_too_short():
     signals = ev.Signals(2.0, {"input": np.zeros(5)})
     assert signals.runs() == [slice(0, 5)]
@@ -562,11 +464,6 @@ def test_errors_survive_other_processes_and_copies():
         assert str(again) == "Expected the channel 'a'; received a log without it. Log it."
         assert vars(again) == vars(error)
     assert issubclass(MissingChannelError, EivorError)
-
-
-def test_noise_of_a_channel_that_is_not_there_is_refused():
-    with pytest.raises(UsageError, match="noise of the channels input; received noise of 'inptu'"):
-        ev.Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": ev.WhiteNoise(0.1)})
 
 
 def erring(step_s, error_s, seconds=40.0):
@@ -689,3 +586,82 @@ def test_what_is_missing_stays_missing():
     quaternions = np.tile(np.array([[1.0], [0.0], [0.0], [0.0]]), 3)
     quaternions[2, 1] = np.nan
     np.testing.assert_array_equal(np.isnan(canonical.roll_pitch_yaw(quaternions)), [[False, True, False]] * 3)
+
+
+OF_NOISES = refusals.calls("noise", (ParameterError, NonFiniteError), *(
+    (make, f"Expected .*; received {said}") for make, said in (
+        (lambda: ev.WhiteNoise(-0.1), "std=-0.1"),
+        (lambda: ev.WhiteNoise(float("nan")), "std=nan"),
+        (lambda: ev.FractionalNoise(float("inf"), 0.1), "std=inf"),
+        (lambda: ev.FractionalNoise(1.0, 0.51), "order=0.51"),
+        (lambda: ev.FractionalNoise(1.0, float("nan")), "order=nan"),
+        (lambda: ev.AutoregressiveNoise(1.0, 1.0), "coefficient"),
+        (lambda: ev.AutoregressiveNoise(1.0, -1.2), "coefficient"),
+        (lambda: ev.AutoregressiveNoise(1.0, np.nan), "coefficient"),
+        (lambda: ev.HeavyTailedNoise(1.0, 2.0), "degrees"),
+        (lambda: ev.HeavyTailedNoise(1.0, -3.0), "degrees"),
+        (lambda: ev.HeavyTailedNoise(1.0, np.inf), "degrees"),
+)))  # fmt: skip
+OF_RECORDS = refusals.rows("record", None, lambda values, options: ev.estimate_long_memory(values, **options),
+        (np.arange(10.0), {}, TooFewSamplesError, "Expected 17 samples or more; received 10"),
+        (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
+        (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
+        (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
+        (np.arange(100.0), {"bandwidth": 50}, ParameterError, "8 to 49 frequencies; received bandwidth=50"),
+        (np.arange(100.0), {"bandwidth": 3}, ParameterError, "8 to 49 frequencies; received bandwidth=3"),
+)  # fmt: skip
+
+
+def signals(*counts, valid=None):
+    ev.Signals(1.0, dict(zip(("input", "velocity_z"), map(np.zeros, counts), strict=False)), valid=valid)
+
+
+HOLED = {"input": np.array([0.0, np.nan, 1.0, np.inf])}
+FIRST_THREE = np.array([True, False, True, True])
+OF_CALLS = refusals.calls("call", None,
+    (lambda: ev.estimate_long_memory(np.arange(100.0) % 7).order_interval(95.0), ParameterError,
+        r"a level between 0 and 1; received level=95"),
+    *((partial(DataSheet, **stated), UsageError, "Expected")
+        for stated in ({}, {"density": -1.0}, {"step": float("inf")},
+            {"density": 1.0, "bandwidth_hz": -1.0})),
+    (signals, ShapeError, "Expected at least one channel"),
+    (lambda: signals(3, 4), ShapeError, "Expected at least one channel"),
+    (lambda: signals(3, valid=np.ones(2, bool)), ShapeError, "Expected at least one channel"),
+    (lambda: ev.Signals(1.0, HOLED), NonFiniteError,
+        r"'input' at every valid sample; received 2 .* sample 1"),
+    (lambda: ev.Signals(1.0, HOLED, valid=FIRST_THREE), NonFiniteError, r"received 1 .* sample 3"),
+    (lambda: ev.Signals(1.0, {"input": np.zeros(2)}).channel("speed"), MissingChannelError,
+        "a channel called 'speed'; received channels input"),
+    (lambda: ev.Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": ev.WhiteNoise(0.1)}), UsageError,
+        "noise of the channels input; received noise of 'inptu'"),
+)  # fmt: skip
+OF_RATES = refusals.rows("rate", NonFiniteError, lambda rate: ev.Signals(rate, {"input": np.zeros(3)}),
+    *((rate, r"Expected a positive rate in Hz; received rate_hz=") for rate in (0.0, -1.0, np.nan, np.inf)),
+)  # fmt: skip
+OF_STAMPS = refusals.rows("stamps", NonFiniteError, channel,
+    *((stamps, r"finite, strictly increasing time stamps.*clean_channel")
+        for stamps in ([0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, np.nan], [0.0, np.inf])),
+)  # fmt: skip
+OF_LENGTHS = refusals.rows("lengths", ShapeError,
+    lambda make: make("velocity_z", np.arange(3.0), np.arange(4.0), "m/s"),
+    (Channel, r"Expected one stamp for each value of channel 'velocity_z'"),
+    (clean_channel, r"Expected one stamp for each value of channel 'velocity_z'"),
+)  # fmt: skip
+OF_NAMES = refusals.rows("name", UsageError, lambda name: canonical.CanonicalChannel(name, ""),
+    *((name, "small letters, digits") for name in ("", "Speed", "time", "a b", "a-b", "*")),
+)  # fmt: skip
+OF_MAPS = refusals.rows("input map", UsageError, input_map,
+    *((name, r"Expected an? .*; received")
+        for name in ("", "cubic", "square:2", "power", "power:", "power:0", "mixed", "mixed:1.01")),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@refusals.table(OF_NOISES, OF_RECORDS, OF_CALLS, OF_RATES, OF_STAMPS, OF_LENGTHS, OF_NAMES, OF_MAPS)
+def test_refused(call, error, text):
+    with pytest.raises(error, match=text):
+        call()
+
+
+def test_signals_may_hold_what_is_not_valid():
+    ev.Signals(1.0, HOLED, valid=np.array([True, False, True, False]))
