@@ -39,20 +39,20 @@ GRIDS = rows("grid", InputError, lambda *parts: common_grid(parts, []),
     (channel([0.0, 6e7], [0.0, 0.0]), MICROSECONDS),
 )  # fmt: skip
 OPTIONS = rows("option", UsageError, lambda options: FlightOptions(**options),
-        ({"window": (5.0, 5.0)}, "a window START:END with START before END; received 5:5"),
-        ({"window": (float("nan"), 5.0)}, "a window START:END"),
-        ({"max_tilt_deg": 0.0}, "a largest tilt between 0 and 90 degrees; received 0"),
-        ({"max_tilt_deg": float("nan")}, "a largest tilt"),
-        ({"max_tilt_deg": 90.0}, "a largest tilt"),
+    ({"window": (5.0, 5.0)}, "a window START:END with START before END; received 5:5"),
+    ({"window": (float("nan"), 5.0)}, "a window START:END"),
+    ({"max_tilt_deg": 0.0}, "a largest tilt between 0 and 90 degrees; received 0"),
+    ({"max_tilt_deg": float("nan")}, "a largest tilt"),
+    ({"max_tilt_deg": 90.0}, "a largest tilt"),
 )  # fmt: skip
 LAGS = calls("lag", None,
-        (lambda: FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
-        (lambda: FlightOptions(lag=ev.Bounds(50.0, 90.0)), UsageError, "between 0 and 1 s"),
-        (lambda: FlightOptions(lag=ev.Bounds(-0.01, 0.05)), UsageError, "between 0 and 1 s"),
-        (lambda: ev.Bounds(0.09, 0.05), ParameterError, "the lower one first"),
-        (lambda: FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
-        (lambda: FlightOptions(accelerometer_bias=-0.1), UsageError, "bias above zero"),
-        (lambda: FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
+    (lambda: FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
+    (lambda: FlightOptions(lag=ev.Bounds(50.0, 90.0)), UsageError, "between 0 and 1 s"),
+    (lambda: FlightOptions(lag=ev.Bounds(-0.01, 0.05)), UsageError, "between 0 and 1 s"),
+    (lambda: ev.Bounds(0.09, 0.05), ParameterError, "the lower one first"),
+    (lambda: FlightOptions(accelerometer_bias=0.0), UsageError, "bias above zero"),
+    (lambda: FlightOptions(accelerometer_bias=-0.1), UsageError, "bias above zero"),
+    (lambda: FlightOptions(accelerometer_bias=math.nan), UsageError, "bias above zero"),
 )  # fmt: skip
 
 
@@ -61,11 +61,11 @@ def prepared(change, options):
 
 
 CHANNELS = rows("channel", None, prepared,
-        (("velocity_z",), {}, MissingChannelError, "the channel 'velocity_z' in flight 0"),
-        (("rotor_command_1",), {}, MissingChannelError, "an input in flight 0: rotor_command_1"),
-        ((), {"input": "throttle"}, UsageError, r"an input out of the channels .*; received 'throttle'"),
-        ((), {"input": "attitude"}, UsageError, "an input out of the channels"),
-        ((), {"instruments": ("pilot_throttle",)}, MissingChannelError, "'pilot_throttle'"),
+    (("velocity_z",), {}, MissingChannelError, "the channel 'velocity_z' in flight 0"),
+    (("rotor_command_1",), {}, MissingChannelError, "an input in flight 0: rotor_command_1"),
+    ((), {"input": "throttle"}, UsageError, r"an input out of the channels .*; received 'throttle'"),
+    ((), {"input": "attitude"}, UsageError, "an input out of the channels"),
+    ((), {"instruments": ("pilot_throttle",)}, MissingChannelError, "'pilot_throttle'"),
 )  # fmt: skip
 WINDOW = r"a window START:END inside the log, .* 0\.00 to 19\.99 s"
 WINDOWS = rows("window", UsageError, lambda *window: prepared((), {"window": window}),
@@ -73,10 +73,10 @@ WINDOWS = rows("window", UsageError, lambda *window: prepared((), {"window": win
     (-5.0, 0.0, WINDOW),
 )  # fmt: skip
 NOISES = rows("noise", UsageError, lambda noise: prepared((), {"noise": noise}),
-        ({"speed_z": 0.1}, "'speed_z'"),
-        ({"velocity_z": -0.1}, "zero or more"),
-        ({"velocity_z": float("nan")}, "zero or more"),
-        ("guess", "estimate"),
+    ({"speed_z": 0.1}, "'speed_z'"),
+    ({"velocity_z": -0.1}, "zero or more"),
+    ({"velocity_z": float("nan")}, "zero or more"),
+    ("guess", "estimate"),
 )  # fmt: skip
 EMPTY = rows("empty channel", MissingChannelError,
     lambda name, kept: prepare_vertical(changed(still(), **{name: empty(name, kept)}), FlightOptions()),

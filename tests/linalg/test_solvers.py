@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eivor as ev
+import refusal_rows as refusals
 from eivor.errors import (
     CollinearError,
     CovarianceError,
@@ -176,72 +177,6 @@ def test_score_correction_makes_the_derivative_of_the_objective(solver):
     direction = np.append(solution.theta, -1.0)
     sensitivity = (A.T @ A + correction.sensitivity) / (direction @ S @ direction)
     np.testing.assert_allclose(curvature, sensitivity, rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.parametrize("solver", [*LEAST, *TOTAL])
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_collinear_columns_are_refused_in_any_units(solver, scale):
-    A, b = noisy(7)
-    A[:, 2] = scale * (A[:, 0] - 2.0 * A[:, 1])
-    with pytest.raises(CollinearError, match="Expected linearly independent regressors; received columns"):
-        solver.solve(LinearSystem(A, b))
-    A[:, 2] = 0.0
-    with pytest.raises(CollinearError, match="received column 2 is zero"):
-        solver.solve(LinearSystem(A, b))
-
-
-@pytest.mark.parametrize("solver", TOTAL)
-def test_total_least_squares_refuses_what_has_no_unique_solution(solver):
-    A, b = noisy(8, rows=3)
-    with pytest.raises(TooFewSamplesError, match="4 equations for total least squares with 3 unknowns"):
-        solver.solve(LinearSystem(A, b))
-    # A response that no regressor explains, larger than every regressor: the minimum is at infinity.
-    orthogonal = np.linalg.qr(np.random.default_rng(9).standard_normal((10, 3)))[0]
-    with pytest.raises(NoUniqueSolutionError, match=r"Expected sigma_min\(\[A b\]\) below sigma_min\(A\)"):
-        solver.solve(LinearSystem(orthogonal[:, :2], 5.0 * orthogonal[:, 2]))
-
-
-@pytest.mark.parametrize("solver", TOTAL)
-@pytest.mark.parametrize(
-    ("S", "error", "said"),
-    [
-        (np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), CovarianceError, "positive definite"),
-        (np.ones((3, 3)), CovarianceError, "positive definite"),
-        (np.diag([1.0, -1.0, 1.0]), CovarianceError, "variances of zero or more"),
-        (np.diag([1.0, np.nan, 1.0]), CovarianceError, "variances of zero or more"),
-        (np.diag([1.0, 1.0, 0.0]), NoUniqueSolutionError, "a response with noise"),
-    ],
-)
-def test_covariances_that_are_none_are_refused(solver, S, error, said):
-    A, b = noisy(10, unknowns=2)
-    with pytest.raises(error, match=f"Expected .*{said}"):
-        solver.solve(LinearSystem(A, b, S))
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("given", "error", "said"),
-    [
-        (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0, 3.0]), ShapeError, "2 right-hand sides"),
-        (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0], np.eye(2)), ShapeError, "error covariance of 3 columns"),
-        (([[1.0, 2.0]], [1.0]), TooFewSamplesError, "at least 2 equations"),
-        (([[1.0], [np.nan]], [1.0, 2.0]), NonFiniteError, "finite equations"),
-        (([[1.0], [2.0]], [1.0, np.inf]), NonFiniteError, "finite equations"),
-    ],
-)
-def test_systems_that_do_not_fit_are_refused(given, error, said):
-    with pytest.raises(error, match=f"Expected .*{said}"):
-        LinearSystem(*(np.asarray(part) for part in given))
-
-
-def test_row_covariances_that_do_not_fit_are_refused():
-    A, b = noisy(11)
-    with pytest.raises(ShapeError, match=r"covariances of shape \(40, 4, 4\)"):
-        weighted_total_least_squares(LinearSystem(A, b), np.tile(np.eye(3), (40, 1, 1)))
-    nothing = np.tile(np.eye(4), (40, 1, 1))
-    nothing[7] = 0.0
-    with pytest.raises(CovarianceError, match="variance of every row's residual; received 0 in row 7"):
-        weighted_total_least_squares(LinearSystem(A, b), nothing)
 
 
 def test_roots_in_blocks_are_the_root(monkeypatch):
@@ -415,24 +350,6 @@ def test_an_ill_posed_problem_is_regularised():
     assert np.linalg.norm(RegularisedLeastSquares().solve(system).theta - truth) < 0.1
 
 
-def test_cross_validation_needs_an_equation_left_over():
-    A, b = noisy_in_units(7, rows=3)
-    with pytest.raises(EstimationError, match=r"more equations than the 3 unknowns .*; received 3"):
-        RegularisedLeastSquares().solve(LinearSystem(A, b))
-    RegularisedLeastSquares(Tikhonov(0.1)).solve(LinearSystem(A, b))
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_cannot_be_used_is_refused():
-    system = LinearSystem(*noisy_in_units(8))
-    with pytest.raises(ShapeError, match="3 numbers to be shrunk towards"):
-        RegularisedLeastSquares(Tikhonov(towards=np.ones(2))).solve(system)
-    with pytest.raises(NonFiniteError, match="a vector of finite numbers"):
-        Tikhonov(towards=np.array([1.0, np.nan]))
-    with pytest.raises(UsageError, match="a parameter of zero or more; received -1"):
-        Tikhonov(-1.0)
-
-
 def test_rows_are_the_equations_of_a_direct_method():
     """The root of three rows stands for all: as many as the whole matrix has."""
     A, b = noisy(1, rows=400, noise=1.0)
@@ -474,3 +391,76 @@ def test_yorks_line_to_its_printed_digits():
     theta = weighted_total_least_squares(LinearSystem(A, truth.PEARSON_Y), S).theta
     assert f"{theta[0]:.5f}" == f"{truth.YORK_LINE[0]:.5f}"
     assert f"{theta[1]:.6f}" == f"{truth.YORK_LINE[1]:.6f}"
+
+
+def solved(solver, A, b, *covariance):
+    solver.solve(LinearSystem(A, b, *covariance))
+
+
+def collinear(solver, scale):
+    A, b = noisy(7)
+    A[:, 2] = scale * (A[:, 0] - 2.0 * A[:, 1])
+    return solver, A, b, "Expected linearly independent regressors; received columns"
+
+
+def by_rows(row=None):
+    """Covariances of three columns, or of all but one row."""
+    covariances = np.tile(np.eye(3 if row is None else 4), (40, 1, 1))
+    covariances[row or 0] *= row is None
+    weighted_total_least_squares(LinearSystem(*noisy(11)), covariances)
+
+
+ZERO = noisy(7)[0] * [1.0, 1.0, 0.0]
+ORTHOGONAL = np.linalg.qr(np.random.default_rng(9).standard_normal((10, 3)))[0]
+COLLINEAR = refusals.rows("collinear", CollinearError, solved,
+    *(collinear(solver, scale) for solver in (*LEAST, *TOTAL) for scale in (1e-9, 1.0, 1e9)),
+    *((solver, ZERO, noisy(7)[1], "received column 2 is zero") for solver in (*LEAST, *TOTAL)),
+)  # fmt: skip
+INFINITE = r"Expected sigma_min\(\[A b\]\) below sigma_min\(A\)"
+# A response that no regressor explains, larger than every regressor: the minimum is at infinity.
+NOT_UNIQUE = refusals.rows("not unique", NoUniqueSolutionError, solved,
+    *((solver, ORTHOGONAL[:, :2], 5.0 * ORTHOGONAL[:, 2], INFINITE) for solver in TOTAL),
+)  # fmt: skip
+FEW = refusals.rows("few equations", TooFewSamplesError, solved,
+    *((solver, *noisy(8, rows=3), "4 equations for total least squares with 3 unknowns") for solver in TOTAL),
+)  # fmt: skip
+COVARIANCES = refusals.rows("covariance", None, solved, *(
+    (solver, *noisy(10, unknowns=2), S, error, f"Expected .*{text}")
+    for solver in TOTAL
+    for S, error, text in (
+        (np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), CovarianceError, "positive definite"),
+        (np.ones((3, 3)), CovarianceError, "positive definite"),
+        (np.diag([1.0, -1.0, 1.0]), CovarianceError, "variances of zero or more"),
+        (np.diag([1.0, np.nan, 1.0]), CovarianceError, "variances of zero or more"),
+        (np.diag([1.0, 1.0, 0.0]), NoUniqueSolutionError, "a response with noise"),
+    )
+))  # fmt: skip
+SYSTEMS = refusals.rows("system", None, lambda given: LinearSystem(*(np.asarray(part) for part in given)),
+    (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0, 3.0]), ShapeError, "Expected .*2 right-hand sides"),
+    (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0], np.eye(2)), ShapeError,
+        "Expected .*error covariance of 3 columns"),
+    (([[1.0, 2.0]], [1.0]), TooFewSamplesError, "Expected .*at least 2 equations"),
+    (([[1.0], [np.nan]], [1.0, 2.0]), NonFiniteError, "Expected .*finite equations"),
+    (([[1.0], [2.0]], [1.0, np.inf]), NonFiniteError, "Expected .*finite equations"),
+)  # fmt: skip
+SHRUNK = RegularisedLeastSquares(Tikhonov(towards=np.ones(2)))
+CALLS = refusals.calls("call", None,
+    (by_rows, ShapeError, r"covariances of shape \(40, 4, 4\)"),
+    (lambda: by_rows(7), CovarianceError, "variance of every row's residual; received 0 in row 7"),
+    (lambda: solved(RegularisedLeastSquares(), *noisy_in_units(7, rows=3)), EstimationError,
+        r"more equations than the 3 unknowns .*; received 3"),
+    (lambda: solved(SHRUNK, *noisy_in_units(8)), ShapeError, "3 numbers to be shrunk towards"),
+    (lambda: Tikhonov(towards=np.array([1.0, np.nan])), NonFiniteError, "a vector of finite numbers"),
+    (lambda: Tikhonov(-1.0), UsageError, "a parameter of zero or more; received -1"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@refusals.table(COLLINEAR, NOT_UNIQUE, FEW, COVARIANCES, SYSTEMS, CALLS)
+def test_refused(call, error, text):
+    with pytest.raises(error, match=text):
+        call()
+
+
+def test_a_given_parameter_needs_no_equation_left_over():
+    solved(RegularisedLeastSquares(Tikhonov(0.1)), *noisy_in_units(7, rows=3))

@@ -603,12 +603,12 @@ OF_NOISES = refusals.calls("noise", (ParameterError, NonFiniteError), *(
         (lambda: ev.HeavyTailedNoise(1.0, np.inf), "degrees"),
 )))  # fmt: skip
 OF_RECORDS = refusals.rows("record", None, lambda values, options: ev.estimate_long_memory(values, **options),
-        (np.arange(10.0), {}, TooFewSamplesError, "Expected 17 samples or more; received 10"),
-        (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
-        (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
-        (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
-        (np.arange(100.0), {"bandwidth": 50}, ParameterError, "8 to 49 frequencies; received bandwidth=50"),
-        (np.arange(100.0), {"bandwidth": 3}, ParameterError, "8 to 49 frequencies; received bandwidth=3"),
+    (np.arange(10.0), {}, TooFewSamplesError, "Expected 17 samples or more; received 10"),
+    (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
+    (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
+    (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
+    (np.arange(100.0), {"bandwidth": 50}, ParameterError, "8 to 49 frequencies; received bandwidth=50"),
+    (np.arange(100.0), {"bandwidth": 3}, ParameterError, "8 to 49 frequencies; received bandwidth=3"),
 )  # fmt: skip
 
 
