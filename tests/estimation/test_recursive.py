@@ -328,16 +328,18 @@ class TestParquet:
         (chunk,) = ev.read_chunks(path, rate_hz=5.0, channels={"velocity_z": "input"})
         assert set(chunk.channels) == {"velocity_z"}
 
-    def test_a_column_that_is_not_there(self, table):
-        path, _ = table
-        with pytest.raises(ChannelMapError, match="Expected columns out of"):
-            list(ev.read_chunks(path, rate_hz=5.0, channels={"velocity_z": "speed"}))
-
-    def test_not_a_table(self, tmp_path):
-        path = tmp_path / "no.parquet"
-        path.write_bytes(b"not a table")
-        with pytest.raises(InputError, match="Parquet"):
-            list(ev.read_chunks(path, rate_hz=5.0))
+    def test_tables_that_are_refused(self, table, tmp_path):
+        (tmp_path / "no.parquet").write_bytes(b"not a table")
+        pytest.importorskip("polars").DataFrame({"velocity_z": ["up"]}).write_parquet(
+            tmp_path / "words.parquet"
+        )
+        for path, channels, error, said in (
+            (table[0], {"velocity_z": "speed"}, ChannelMapError, "Expected columns out of"),
+            (tmp_path / "no.parquet", None, InputError, "Parquet"),
+            (tmp_path / "words.parquet", None, InputError, "whose columns are numbers"),
+        ):
+            with pytest.raises(error, match=said):
+                list(ev.read_chunks(path, rate_hz=5.0, channels=channels))
 
     @pytest.mark.parametrize("stage", ["collect_schema", "collect"])
     def test_a_decoders_panic_is_told(self, table, monkeypatch, stage):
@@ -354,13 +356,6 @@ class TestParquet:
         monkeypatch.setattr(polars.LazyFrame, stage, panic)
         with pytest.raises(InputError, match=r"record\.parquet: index out of bounds"):
             next(chunks)
-
-    def test_a_column_of_words_is_told(self, tmp_path):
-        polars = pytest.importorskip("polars")
-        path = tmp_path / "words.parquet"
-        polars.DataFrame({"velocity_z": ["up", "down"]}).write_parquet(path)
-        with pytest.raises(InputError, match="whose columns are numbers"):
-            next(ev.read_chunks(path, rate_hz=5.0))
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")

@@ -200,6 +200,11 @@ def test_what_cannot_be_tested_is_refused():
         (partial(ConfidenceSet, ((math.nan, 1.0),)), ParameterError, "ascending order"),
         (partial(ConfidenceSet, ((inf, inf),)), ParameterError, "ascending order"),
         (partial(Ellipse, np.arange(3.0), np.eye(3)), ShapeError, "Expected"),
+        *((partial(Ellipse, CENTRE, COVARIANCE, *x), UsageError, "Expected") for x in LEVELS_AND_DEGREES),
+        *(
+            (partial(Ellipse, CENTRE, np.array(x)), UsageError, "positive semidefinite")
+            for x in NO_COVARIANCES
+        ),
     ):
         with pytest.raises(error, match=said):
             refused()
@@ -350,18 +355,8 @@ def test_quantile_of_a_conditional_ratio_is_that_of_its_draws(degrees, strength)
         assert ends == pytest.approx(chi_square_quantile(0.95, left), rel=0.002)
 
 
-@pytest.mark.parametrize(("level", "degrees"), [(0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan)])
-def test_impossible_levels_and_degrees_are_refused(level: float, degrees: float) -> None:
-    with pytest.raises(UsageError):
-        Ellipse(CENTRE, COVARIANCE, level, degrees)
-
-
-@pytest.mark.parametrize(
-    "matrix", [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]]
-)
-def test_what_is_no_covariance_is_refused(matrix: list[list[float]]) -> None:
-    with pytest.raises(UsageError, match="positive semidefinite"):
-        Ellipse(CENTRE, np.array(matrix))
+LEVELS_AND_DEGREES = [(0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan)]
+NO_COVARIANCES = [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]]
 
 
 def test_bounds_area_and_axes_agree_with_the_outline() -> None:
