@@ -144,13 +144,13 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is named, then the options that repeat."""
-        found = super().resolve_command(ctx, args)
+        resolved = super().resolve_command(ctx, args)
         if not ctx.resilient_parsing:
             try:
                 read_repeated_options(ctx, ctx.params["config"], _targets())
             except InputError as error:
                 raise typer.Exit(int(reported(error))) from None
-        return found
+        return resolved
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:

@@ -450,8 +450,8 @@ class WhittleLikelihood(Method):
         # spectral equations at the likelihood's numbers, whose covariance is its own where the model holds
         bins, variance = sampled.record.input, sampled.input_variance
         weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
-        found = motion, np.array([transient]), noise.spectrum(motion), bins, variance, weights, factors
-        return SpectralSolution(*found, False, 0.0 if refined else np.inf, noises)
+        numbers = motion, np.array([transient]), noise.spectrum(motion), bins, variance, weights, factors
+        return SpectralSolution(*numbers, False, 0.0 if refined else np.inf, noises)
 
 
 def _not_held(solution: SpectralSolution) -> tuple[Reason, ...]:

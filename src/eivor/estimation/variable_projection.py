@@ -147,9 +147,9 @@ def minimised(
         objective = left + scale * misfits
         lowest = _lowest(objective.reshape([grid.size for grid in grids]), 1 if coarse else STARTS)
         starts = [points[number] for number in lowest]
-        if begun is not None and len(unknown) > 1 and trial(begun).objective <= objective.min():
-            elsewhere = [] if coarse else [item for item in starts if _apart(item, begun, grids)]
-            starts = [begun, *elsewhere]
+        if initial is not None and len(unknown) > 1 and trial(initial).objective <= objective.min():
+            elsewhere = [] if coarse else [item for item in starts if _apart(item, initial, grids)]
+            starts = [initial, *elsewhere]
         unit_of_grid = abs(float(objective.min()))
         search = partial(bounded_search, trial, unknown=unknown, unit=unit_of_grid, costly=costly)
         tried = (_refined(trial, item, unknown, grids, coarse, search) for item in starts)
@@ -159,7 +159,7 @@ def minimised(
             best = search(best, steps=steps, tolerance=1.0)
         return best, objective
 
-    begun = None if start is None else tuple(start[name] for name in names)
+    initial = None if start is None else tuple(start[name] for name in names)
     scale = 0.0
     if any(nuisance.prior for nuisance in unknown):
         # In units of the best fit to the data alone, and then of where that has led.

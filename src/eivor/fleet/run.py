@@ -245,9 +245,9 @@ class _Run:
         for rows in self._mapped(self.shard, work.identify, self.shard_logs):
             done += rows
             self.progress(done, total)
-            if (begun := time.monotonic()) > due:
+            if (start_s := time.monotonic()) > due:
                 folder.merge(motion)
-                due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - begun))
+                due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
         self._write_copies(work.copies)
         folder.merge(motion)
         there = folder.there(options.motion)

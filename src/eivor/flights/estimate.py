@@ -595,10 +595,10 @@ def lags_from_rates(
     motions: tuple[Motion[Any], ...],
     log: Recording,
     window: tuple[float, float] | None,
-    begun: dict[str, FlightState],
+    prepared_states: dict[str, FlightState],
 ) -> tuple[LagPrior, ...]:
     """Lags that other motions identify, each where its own verdict on the lag is identified."""
-    results = (_lag_by(motion, log, FlightOptions(window=window), begun) for motion in motions)
+    results = (_lag_by(motion, log, FlightOptions(window=window), prepared_states) for motion in motions)
     return tuple(result for result in results if result is not None)
 
 
@@ -616,7 +616,7 @@ def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagPrior | None:
 
 
 def _lag_by(
-    motion: Motion[Any], log: Recording, options: FlightOptions, begun: dict[str, FlightState]
+    motion: Motion[Any], log: Recording, options: FlightOptions, prepared_states: dict[str, FlightState]
 ) -> LagPrior | None:
     """Lag by one motion; None where it cannot be identified, or not be trusted."""
     try:
@@ -628,7 +628,7 @@ def _lag_by(
     except InputError:
         return None
     clean = any(reference.usable and reference.exogenous for reference in flight.references)
-    state = begun[motion.name] = FlightState(motion, (flight,), options)
+    state = prepared_states[motion.name] = FlightState(motion, (flight,), options)
     if not flight.runs or not clean:
         return None
     first_stage, least = _coarse_first_stage(state), LEAST_SHARE * STRONG_FIRST_STAGE
@@ -641,14 +641,14 @@ def _lag_by(
                 f"The instruments are too weak for an estimate: their first-stage F is at most {needed}. "
                 f"With --model {motion.name} it is made all the same."
             )
-            begun[motion.name] = replace(state, hopeless=sentence)
+            prepared_states[motion.name] = replace(state, hopeless=sentence)
         return None
     try:
         for stage in STAGES[: STAGES.index(diagnose_fit) + 1]:
             state = stage(state)
     except (EstimationError, TooFewSamplesError):
         return None
-    begun[motion.name] = state
+    prepared_states[motion.name] = state
     return lag_measured_by(motion, judge(state).result.quantities[EFFECTIVE_LAG])
 
 

@@ -33,10 +33,10 @@ def identified(
     others: tuple[Motion[Any], ...] = (),
     lag_measurements: tuple[LagPrior, ...] = (),
     progress: Progress = no_stage_callback,
-    begun: dict[str, FlightState] | None = None,
+    prepared_states: dict[str, FlightState] | None = None,
 ) -> FlightEstimate:
     """Identify a motion from logs of one vehicle; `begun`, what was done of others, is used and added to."""
-    begun = {} if begun is None else begun
+    prepared_states = {} if prepared_states is None else prepared_states
     by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)
     if len(windows) != len(logs):
@@ -45,7 +45,7 @@ def identified(
         )
     progress(Stage.PREPARING)
     kept, dropped = without_duplicates(logs, windows)
-    state = begun.get(motion.name)
+    state = prepared_states.get(motion.name)
     if state is not None and (len(kept) > 1 or state.options != options or kept[0][1] is not None):
         state = None
     own = [(log, options if window is None else replace(options, window=window)) for log, window in kept]
@@ -54,7 +54,7 @@ def identified(
     neighbours: LagMeasurements = partial(tuple, lag_measurements)
     if not lag_measurements and len(kept) == 1 and others:
         ((log, window),) = kept
-        neighbours = cache(partial(lags_from_rates, others, log, window or options.window, begun))
+        neighbours = cache(partial(lags_from_rates, others, log, window or options.window, prepared_states))
     state = state or FlightState(for_flights(motion, prepared, options), prepared, options, neighbours)
     progress(Stage.IDENTIFYING)
     if len(prepared) == 1:

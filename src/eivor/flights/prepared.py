@@ -381,8 +381,8 @@ class PreparedFlight:
     def plot_data(self, label: str, *, of: str, reference: str = "", scale: float = 1.0) -> PlotData:
         """A channel of the signals to look at, and its reference where the log has one."""
         wanted = self.reference_on_grid(reference) if reference else None
-        asked = None if wanted is None else scale * self.where_logged(wanted, reference)
-        return PlotData(label, scale * self.where_logged(self.signals.channel(of), of), asked)
+        reference_values = None if wanted is None else scale * self.where_logged(wanted, reference)
+        return PlotData(label, scale * self.where_logged(self.signals.channel(of), of), reference_values)
 
     @property
     def logged_input(self) -> Float[np.ndarray, " n"]:

@@ -264,8 +264,8 @@ def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, 
     if measured is None:
         return reference
     values = reference.values
-    found = measured_resets(values, on_grid(measured, grid)[0], grid.step_s)
-    resets = [reset for reset in found if used[reset].any()]
+    coincidences = measured_resets(values, on_grid(measured, grid)[0], grid.step_s)
+    resets = [reset for reset in coincidences if used[reset].any()]
     if not resets:
         return reference
     # it stands still in those parts, and goes on from there
@@ -283,17 +283,17 @@ def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, 
 def measured_resets(reference: Series, measured: Series, step_s: float) -> list[slice]:
     """Where a reference is set to what it asks for: by a jump onto it, or for as long as both are equal."""
     reach, away = max(round(RESET_S / step_s), 1), np.abs(reference - measured)
-    found = np.zeros(reference.size, dtype=np.bool_)
+    coincidences = np.zeros(reference.size, dtype=np.bool_)
     if reference.size > 4 * reach:
         before, after = reference[reach : -3 * reach], reference[3 * reach : -reach]
         jump = np.abs(2.0 * (after - before) - reference[4 * reach :] + reference[: -4 * reach])
         gap, left = away[reach : -3 * reach], away[3 * reach : -reach]
         whole = -_largest_around(-jump, reach + 1) > JUMP_SHARE * gap
-        found[2 * reach : -2 * reach] = whole & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
+        coincidences[2 * reach : -2 * reach] = whole & (left < ONTO_SHARE * gap) & (gap > LEAST_RESET)
     width = max(round(EQUAL_S / step_s), 2)
     moved = _largest_around(measured, width) + _largest_around(-measured, width)
     equal = (_largest_around(away, width) < EQUAL_SHARE * moved) & (moved > LEAST_RESET)
-    return stretches(_largest_around(found, 2 * reach + 1) | _largest_around(equal, width + 3))
+    return stretches(_largest_around(coincidences, 2 * reach + 1) | _largest_around(equal, width + 3))
 
 
 def _largest_around(values: np.ndarray, width: int) -> np.ndarray:

@@ -104,8 +104,8 @@ class VerdictInputs:
     def swing(self) -> Swing | None:
         """What the model leaves over that varies periodically; None where nothing does."""
         left_over = () if self.periodicity is None else self.periodicity.left_over
-        found = [item for item in left_over if item.p_value < SIGNIFICANT]
-        return min(found, key=lambda item: item.p_value, default=None)
+        significant = [item for item in left_over if item.p_value < SIGNIFICANT]
+        return min(significant, key=lambda item: item.p_value, default=None)
 
     def factor(self, times: float, name: str) -> tuple[float, float]:
         """What so many times the errors of the flights are to an interval: what was given stays as it is."""

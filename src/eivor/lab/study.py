@@ -646,9 +646,9 @@ def study_executor(study: Study, workers: int | None) -> Executor:
     """Executor with that many workers, or with as many as the trials are worth."""
     if workers is None:
         for numbers in (range(1), range(min(study.runs, SHARD_TRIALS))):  # the first loads what they need
-            begun = time.perf_counter()
+            start_s = time.perf_counter()
             side_by_side(study, numbers)
-            each = (time.perf_counter() - begun) / len(numbers)
+            each = (time.perf_counter() - start_s) / len(numbers)
             if each * SHARD_TRIALS > WORTH_PROCESSES_S:
                 break
         if each * study.runs < WORTH_PROCESSES_S:

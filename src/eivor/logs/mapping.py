@@ -102,7 +102,7 @@ def canonical_map(
 
 def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> list[str]:
     """Lines of a channel map for columns that are called as people call them; none for too few."""
-    found: dict[str, tuple[str, str | None]] = {}
+    columns_by_channel: dict[str, tuple[str, str | None]] = {}
     for column in names:
         name, unit = _named(column, units)
         word, _, suffix = name.rpartition("_")
@@ -110,10 +110,10 @@ def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> 
             name, unit = word, suffix
         channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
         if channel in _CALLED.values() or canonical_channel(channel) is not None:
-            found.setdefault(channel, (column, unit))
-    if "time" not in found or len(found) < LEAST_SUGGESTED:
+            columns_by_channel.setdefault(channel, (column, unit))
+    if "time" not in columns_by_channel or len(columns_by_channel) < LEAST_SUGGESTED:
         return []
-    column, unit = found.pop("time")
+    column, unit = columns_by_channel.pop("time")
     lines = [
         'name = "own"',
         'frame = "z_up"',
@@ -121,8 +121,8 @@ def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> 
         f"column = {_toml(column)}",
         f'unit = "{unit or "s"}"',
     ]
-    angles = [found.pop(name) for name in ("roll", "pitch") if name in found]
-    for channel, (column, unit) in found.items():
+    angles = [columns_by_channel.pop(name) for name in ("roll", "pitch") if name in columns_by_channel]
+    for channel, (column, unit) in columns_by_channel.items():
         of_channel = unit_of(channel) if unit is None else unit
         lines += [f"[channels.{channel}]", f"column = {_toml(column)}", f'unit = "{of_channel}"']
     if len(angles) == len(("roll", "pitch")):

@@ -505,11 +505,11 @@ def _stretches(reference: Arrays, u: Arrays, y: Arrays) -> list[Float[np.ndarray
     if lengths[0] != lengths[1] or lengths[0] != lengths[2]:
         received = ", ".join(f"{name} {sizes}" for name, sizes in zip(NAMES, lengths, strict=True))
         raise DataError("arrays of the same lengths", received, "Cut them to the same samples.")
-    found = []
+    runs = []
     for arrays in zip(*columns, strict=True):
         values = np.column_stack(arrays)
-        found += [values[part] for part in stretches(np.isfinite(values).all(axis=1))]
-    return found
+        runs += [values[part] for part in stretches(np.isfinite(values).all(axis=1))]
+    return runs
 
 
 def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
@@ -543,20 +543,20 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
 
 
 def _runs(
-    found: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float | None
+    runs: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float | None
 ) -> tuple[Spectra, ...]:
     """Spectra of the stretches."""
-    longest = max((len(values) for values in found), default=0) / rate_hz
+    longest = max((len(values) for values in runs), default=0) / rate_hz
     if longest < LEAST_S:
         expected = f"a run of {LEAST_S:g} s or more without NaN"
         raise TooFewSamplesError(expected, f"{longest:.3g} s at most", "Use a longer record.")
-    for name, column in zip(NAMES, np.concatenate(found).T, strict=True):
+    for name, column in zip(NAMES, np.concatenate(runs).T, strict=True):
         if np.ptp(column) == 0.0:
             raise DataError(f"a {name} that changes", f"{column[0]:g} throughout", "Use a record that moves.")
     if period_s is None:
-        kept = [values[: fast_length(len(values))] for values in found if len(values) >= SHORTEST_S * rate_hz]
+        kept = [values[: fast_length(len(values))] for values in runs if len(values) >= SHORTEST_S * rate_hz]
     else:
-        kept = _whole_periods(found, rate_hz, period_s)
+        kept = _whole_periods(runs, rate_hz, period_s)
     spectra = (np.fft.rfft(values - values.mean(axis=0), axis=0) / np.sqrt(len(values)) for values in kept)
     return tuple(
         Spectra(len(values) / rate_hz, spectrum) for values, spectrum in zip(kept, spectra, strict=True)
@@ -564,7 +564,7 @@ def _runs(
 
 
 def _whole_periods(
-    found: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float
+    runs: Sequence[Float[np.ndarray, "n 3"]], rate_hz: float, period_s: float
 ) -> list[Float[np.ndarray, "m 3"]]:
     """The last samples of each run, as many whole periods of each."""
     checks.number("period_s", period_s)
@@ -572,9 +572,9 @@ def _whole_periods(
     samples = round(period_s * rate_hz)
     whole = samples > 1 and abs(samples - period_s * rate_hz) < 1e-6 * samples
     checks.require(whole, "a period of a whole number of samples", f"{period_s * rate_hz:g} of them")
-    found = [values for values in found if len(values) >= 2 * samples]
-    if not found:
+    runs = [values for values in runs if len(values) >= 2 * samples]
+    if not runs:
         expected = f"a run of two periods ({2 * period_s:g} s) or more"
         raise TooFewSamplesError(expected, "shorter ones", "Use a longer record, or leave period_s out.")
-    periods = min(len(values) for values in found) // samples
-    return [values[-periods * samples :] for values in found]
+    periods = min(len(values) for values in runs) // samples
+    return [values[-periods * samples :] for values in runs]

@@ -306,12 +306,12 @@ class LaggedRuns(SeparableProblem):
         combination: Float[np.ndarray, "m k"],
         *,
         noisier: LaggedRuns | None = None,
-        begun: WarmStart | None = None,
+        warm_start: WarmStart | None = None,
     ) -> LaggedRuns:
         """The same runs, their moving columns combined by a matrix; no spectrum is made twice."""
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
         parameters = (*fixed, *moving)
-        result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
+        result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=warm_start)
         parts = [
             combination[np.ix_(self._positions(before), result._positions(after))]
             for (before, _), (after, _) in zip(self._cut(), result._cut(), strict=True)

@@ -540,7 +540,7 @@ def _search(
 ) -> tuple[Vector, float]:
     """Best of several starts, that of the next lower order among them."""
     p = criterion.points
-    found = []
+    fits = []
     starts = []
     if simpler is not None:
         old = dict(simpler.parameters)
@@ -559,8 +559,8 @@ def _search(
             theta[0] = float(
                 np.sum(weight * (model.conj() * p.output).real) / np.sum(weight * np.abs(model) ** 2)
             )
-        found.append(criterion.fitted(names, theta))
-    return min(found, key=lambda pair: pair[1])
+        fits.append(criterion.fitted(names, theta))
+    return min(fits, key=lambda pair: pair[1])
 
 
 # -- Loops --
@@ -799,15 +799,15 @@ def proposed_controllers(
     if late <= 0.0:
         return ()
     gain, integral = 0.5 / (model.parameters["gain"] * late), 8.0 * late
-    found = [("SIMC", gain)]
+    gains = [("SIMC", gain)]
     f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
     loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
     over = _phase(loop[None])[0] + np.pi - math.radians(phase_margin_deg)
     if (over > 0.0).any():  # the highest frequency that leaves so much
         last = int(np.flatnonzero(over > 0.0)[-1])
-        found.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
+        gains.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
     made = []
-    for name, size in found:
+    for name, size in gains:
         tried = Controller(name, size, integral, Margins(*[math.nan] * 7), {})
 
         def whole(s: Spectrum, tried: Controller = tried) -> Spectrum:

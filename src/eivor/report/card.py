@@ -69,9 +69,9 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
 def _damaged(result: FlightEstimate) -> Iterator[CardLine]:
     """A line for each damage of a log; the last says what to do."""
     logs = [flight.recording for flight in result.prepared]
-    found = [(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
-    for place, (name, message) in enumerate(found):
-        yield CardLine(name, message, remark=LEFT_OUT if place + 1 == len(found) else "")
+    damage = [(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
+    for place, (name, message) in enumerate(damage):
+        yield CardLine(name, message, remark=LEFT_OUT if place + 1 == len(damage) else "")
 
 
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:

@@ -104,9 +104,9 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
         made.append(
             record(4, struct.pack("<HH", number, 1), text(f"/{topic}"), text("json"), struct.pack("<I", 0))
         )
-    begun = table["time"][0]
+    first_s = table["time"][0]
     for row in table.iter_rows(named=True):
-        stamp = round(1e9 * (row["time"] - begun))
+        stamp = round(1e9 * (row["time"] - first_s))
         for number, topic in enumerate(topics):
             values = {name: row[f"{topic}/{name}"] for name in SERIES}
             if None not in values.values():

@@ -323,7 +323,7 @@ def hdf5_variables(
     h5py: Any, file: Any, most: int, objects: int, depth: int
 ) -> tuple[dict[str, tuple[int, ...]], set[str]]:
     """Shapes of variables by path, and those beyond so many numbers, small ones and whole chunks first."""
-    found: dict[str, tuple[int, ...]] = {}
+    sizes: dict[str, tuple[int, ...]] = {}
     cells: dict[str, int] = {}
     waiting, seen = [("", file, 1)], 0
     while waiting:
@@ -341,14 +341,14 @@ def hdf5_variables(
             # other files are none of this one's business, and one without a space has no shape
             plain = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
             if plain and item.dtype.kind in "iufb" and item.size and len(item.shape) in (1, 2):
-                found[prefix + name] = tuple(int(size) for size in item.shape)
+                sizes[prefix + name] = tuple(int(size) for size in item.shape)
                 cells[prefix + name] = max(math.prod(item.shape), math.prod(item.chunks or ()))
     large, total = set(), 0
     for path in sorted(cells, key=lambda path: cells[path]):
         total += cells[path]
         if total > most:
             large.add(path)
-    return found, large
+    return sizes, large
 
 
 _HDF5_CODE = f"""from __future__ import annotations
@@ -381,23 +381,23 @@ def open_hdf5(file: Path, max_bytes: int) -> TableSource:
     )
     try:
         with h5py.File(file, "r") as content:
-            found, large = hdf5_variables(h5py, content, *limits)
-            kinds = {path: content[path].attrs.get("MATLAB_class") for path in found}
+            sizes, large = hdf5_variables(h5py, content, *limits)
+            kinds = {path: content[path].attrs.get("MATLAB_class") for path in sizes}
     except DECODER_ERRORS as error:
         raise corrupt_table(
             file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
         ) from error
-    positions = {path.replace("/", "."): path for path in found if kinds[path] not in _NO_NUMBERS}
+    positions = {path.replace("/", "."): path for path in sizes if kinds[path] not in _NO_NUMBERS}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
         if any(positions[name] in large for name in names):
             _check_cells(
-                file, max(most + 1, sum(math.prod(found[positions[name]]) for name in names)), max_bytes
+                file, max(most + 1, sum(math.prod(sizes[positions[name]]) for name in names)), max_bytes
             )
         with h5py.File(file, "r") as content:
             return {name: np.asarray(content[positions[name]][()]) for name in names}
 
-    return variables_source(file.name, {name: found[path] for name, path in positions.items()}, values)
+    return variables_source(file.name, {name: sizes[path] for name, path in positions.items()}, values)
 
 
 # -- MATLAB --

@@ -334,9 +334,9 @@ class Structure:
     def minimised(self, *, passes: int = PASSES) -> tuple[Structure, Minimum]:
         """The same where errors are least."""
         minimum = minimised(self.errors(self.kept), self.point(self.kept), passes=passes)
-        found = dict(zip(self.kept, minimum.point.tolist(), strict=False))
+        refined_values = dict(zip(self.kept, minimum.point.tolist(), strict=False))
         clocks = minimum.point[len(self.kept) :]
-        return replace(self, values={**self.values, **found}, clocks=clocks), minimum
+        return replace(self, values={**self.values, **refined_values}, clocks=clocks), minimum
 
     def linearised(self, minimum: Minimum) -> Linearised:
         """Scores of all that is seen at a minimum of what is kept."""

@@ -141,8 +141,8 @@ class StatePropagator:
         self, body: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models horizons 13 starts"]:
         """States of each model at the horizons, from its own or common states at the starts."""
-        begun = np.broadcast_to(body, (BODY, len(self.models), body.shape[2]))
-        states = self.starts.propagate(begun.reshape(BODY, -1), self)
+        initial_states = np.broadcast_to(body, (BODY, len(self.models), body.shape[2]))
+        states = self.starts.propagate(initial_states.reshape(BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
     def _motion(

@@ -179,7 +179,7 @@ def with_common_rotor_inertia(
     noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
     stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
     started = None if free is None else WarmStart(free.theta[stays], free.nuisances)
-    return problem.combined(tuple(columns), kept, combination, noisier=noisier, begun=started)
+    return problem.combined(tuple(columns), kept, combination, noisier=noisier, warm_start=started)
 
 
 def rotor_inertia_ratios(problem: LaggedRuns) -> tuple[float, float] | None:
@@ -600,13 +600,13 @@ def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
 
 
 def _check_rule(check: str, quantities: tuple[str, ...] = (), status: Status = Status.WEAK) -> verdict.Rule:
-    found = attrgetter(check)
+    check_of = attrgetter(check)
     return verdict.Rule(
         quantities,
-        lambda inputs: found(inputs.checks) is not None,
+        lambda inputs: check_of(inputs.checks) is not None,
         status,
-        lambda inputs: str(found(inputs.checks).sentence),
-        lambda inputs: str(found(inputs.checks).remedy),
+        lambda inputs: str(check_of(inputs.checks).sentence),
+        lambda inputs: str(check_of(inputs.checks).remedy),
         Cause.CONTRADICTION if status is Status.REFUSED else Cause.OTHER,
     )
 

@@ -119,11 +119,11 @@ def omitted_variable_tests(
         runs = tuple(_still(item, np.column_stack([x, linear]), z) for item, x, linear, z in parts)
         others = (Parameter(f"of the model {index}", "") for index in range(1, runs[0].fixed.shape[1]))
         try:
-            found = estimated(LaggedRuns(runs, (Parameter(name, ""), *others), ()), {})[0].differences[name]
+            shift = estimated(LaggedRuns(runs, (Parameter(name, ""), *others), ()), {})[0].differences[name]
         except (EstimationError, InstrumentError, TooFewSamplesError):
             continue
         size = gain if name in SHARES else 1.0
-        differences[name] = replace(found, value=found.value / size, std_error=found.std_error / size)
+        differences[name] = replace(shift, value=shift.value / size, std_error=shift.std_error / size)
     return differences
 
 

@@ -180,11 +180,11 @@ def tracked_gain(
     if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
         friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
         source = by_flight
-    bias, found, intercept = options.accelerometer_bias, quantities["intercept"], None
+    bias, pooled, intercept = options.accelerometer_bias, quantities["intercept"], None
     level = "Nothing is known of the intercept: only movement identifies the gain."
-    if quantities["input_gain"].verdict is not Status.REFUSED and 0.0 < found.half_width < math.inf:
-        intercept = Prior(found.value - GRAVITY, 0.5 * found.half_width)
-        level = f"Intercept {found.value:.2g} ± {found.half_width:.2g} m/s², {by_flight}."
+    if quantities["input_gain"].verdict is not Status.REFUSED and 0.0 < pooled.half_width < math.inf:
+        intercept = Prior(pooled.value - GRAVITY, 0.5 * pooled.half_width)
+        level = f"Intercept {pooled.value:.2g} ± {pooled.half_width:.2g} m/s², {by_flight}."
     elif math.isfinite(bias):
         intercept = Prior(-GRAVITY, bias)
         level = (
@@ -407,8 +407,8 @@ class Vertical(Motion[VerticalFlights]):
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             wanted = flight.reference_on_grid("reference_position_z")
-            asked = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
-            panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), asked))
+            target = None if wanted is None else flight.where_logged(wanted, "reference_position_z")
+            panels.insert(0, PlotData("height [m]", flight.where_logged(height, "position_z"), target))
         return FlightView(symbols, tuple(panels))
 
     def _check(self, options: FlightOptions) -> None:

@@ -214,12 +214,12 @@ def controller_gains(
 def _tracking_errors(flight: PreparedFlight) -> Float[np.ndarray, "n 2"] | None:
     """Errors of velocity and height on the grid; None unless the height and its reference are logged."""
     channels, signals = flight.recording.channels, flight.signals.channels
-    asked = flight.reference_on_grid("reference_position_z")
-    if "position_z" not in channels or "reference_position_z" not in signals or asked is None:
+    reference_height = flight.reference_on_grid("reference_position_z")
+    if "position_z" not in channels or "reference_position_z" not in signals or reference_height is None:
         return None
     height = on_grid(channels["position_z"], flight.grid)[0]
     wanted = signals.get("reference_velocity_z", np.zeros(height.size))
-    return np.column_stack([wanted - signals["velocity_z"], asked - height])
+    return np.column_stack([wanted - signals["velocity_z"], reference_height - height])
 
 
 def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, SimpleModel]:
