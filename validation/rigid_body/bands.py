@@ -19,7 +19,7 @@ from eivor.simulation.rigid_body_spec import STILL, runge_kutta
 from validation.flight_recipe.rotorpy_flight import Vehicle
 from validation.rigid_body.trials import flight_of, known_vehicle, published_grid
 
-STARTS, DRAWS, STEPS, NOMINAL = 20, 300, 100, published_grid().scenario("nominal noise")
+FLIGHTS, STARTS, DRAWS, STEPS, NOMINAL = 20, 3, 300, 100, published_grid().scenario("nominal noise")
 #: Kind, places of the rotors forward of the centre of mass [m], quadratic drag [N/(m/s)^2].
 VEHICLES: dict[str, tuple[Vehicle, float, tuple[float, float, float]]] = {
     "Crazyflie": (Vehicle.CRAZYFLIE, 0.0, (0.0, 0.0, 0.0)),
@@ -36,10 +36,10 @@ def held(kind: Vehicle, forward: float, quadratic: tuple[float, float, float], s
         known_vehicle(kind, NOMINAL),
         np.random.default_rng(seed),
     )
-    (xx, yy, zz), rotors = spec.vehicle.inertia, spec.vehicle.rotors
+    (xx, yy, zz, *products), rotors = spec.vehicle.inertia, spec.vehicle.rotors
     true = replace(
         spec.vehicle,
-        inertia=(xx, yy, min(zz, 0.9 * (xx + yy))),  # that of RotorPy's Crazyflie is of no body
+        inertia=(xx, yy, min(zz, 0.9 * (xx + yy)), *products),  # that of RotorPy's Crazyflie is of no body
         rotors=replace(rotors, positions=tuple((x + forward, y, z) for x, y, z in rotors.positions)),
         drag=replace(spec.vehicle.drag, quadratic=quadratic),
     )
@@ -70,5 +70,5 @@ def held(kind: Vehicle, forward: float, quadratic: tuple[float, float, float], s
 
 if __name__ == "__main__":
     for name, changed in VEHICLES.items():
-        shares = np.concatenate([held(*changed, seed) for seed in range(1, 6)]).mean(axis=0)
+        shares = np.concatenate([held(*changed, seed) for seed in range(FLIGHTS)]).mean(axis=0)
         print(f"{name:30} all {shares.mean():.3f}, least {shares.min():.2f}", np.round(shares, 2), flush=True)
