@@ -115,7 +115,7 @@ def test_documented_order_is_the_contract():
         assert f"`{room}/`" in page, f"the room {room} is not described"
 
 
-@pytest.mark.parametrize("room", ["flights", "report", "cli", "asked", "estimation", "inference"])
+@pytest.mark.parametrize("room", ["flights", "report", "cli", "estimation", "inference"])
 def test_rooms_name_no_parameter_of_a_motion(room):
     """Only a motion knows what its parameters are called; others ask it."""
     of_actuators = {"actuator_lag", "delay", "effective_lag", "second_lag", "second_stage"}
