@@ -31,16 +31,16 @@ BOUNDS = {
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
     "files": 210,
-    "lines": 69_188,  # To be 64,000 again
-    "lines of code without docstrings and imports": 45_385,  # And 41,000
+    "lines": 68_421,  # To be 64,000 again
+    "lines of code without docstrings and imports": 45_245,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
-    "the words told and tells": 30,
+    "the words told and tells": 0,
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 8_955, "lines of tests": 35_171}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_097}
 
 
 def lint_imports(source):
