@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor.errors import NotIdentifiedError
 from eivor.exports.fitted import Supplied
-from eivor.exports.vehicle import BODY, REPLAY_STEP_S, coefficients, describe
+from eivor.exports.vehicle import BODY, DRAGS, REPLAY_STEP_S, coefficients, describe
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.dynamics import coefficients_of
 from eivor.motions.rigid_body.motion import RigidBody
@@ -48,7 +48,7 @@ def held(kind: Vehicle, forward: float, quadratic: tuple[float, float, float], s
     motion = RigidBody(replace(known, mass=KnownNumber(true.mass), arm_scale=KnownNumber(1.0)))
     fit = saved_of(identify_flight(flight.recording, model=motion), "", "", preferred=("rigid_body",))
     try:
-        made = describe(fit.fitted, Supplied(), "a study", BODY, fit.sample(DRAWS, seed), seed)
+        made = describe(fit.fitted, Supplied(), "a study", (*BODY, *DRAGS), fit.sample(DRAWS, seed), seed)
     except NotIdentifiedError:
         return np.empty((0, 13))
     moving = np.repeat([1.0, 0.5], 3) * rng.standard_normal((STARTS, 6))
