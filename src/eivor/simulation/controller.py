@@ -58,7 +58,7 @@ class FlightController:
     derivative_cutoff_hz: Annotated[float, (0.1, 1e4)] = 30.0
     # Gain of the climb rate's loop times T and half a period of the height loop
     climb_quickness: Annotated[float, (0.01, 1.0)] = 0.35
-    # Gain of the height loop over that of the climb rate's, and of its integrator over the square of that
+    # Gain of the height loop over that of the climb rate's. Of its integrator over the square of that
     height_share: Annotated[float, (0.01, 0.6)] = 0.3
     climb_integral_share: Annotated[float, (0.0, 0.25)] = 0.05
     # Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and drifts
@@ -316,7 +316,7 @@ class Sensor:
     # By which readings are late [s], rounded to steps of the simulation
     delay_s: Annotated[float, (0.0, 1.0)] = 0.0
     offset_s: Annotated[float, (0.0, 1.0)] = 0.0  # Time of the first one that is logged [s], rounded likewise
-    # What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
+    # What is logged are means over so much time that ends with their stamps [s], rounded likewise. The
     # controller gets readings as they are
     averaged_s: Annotated[float, (0.0, 1.0)] = 0.0
     jitter_s: Annotated[float, (0.0, 1.0)] = 0.0  # Standard deviation of the stamps' error [s]

@@ -206,8 +206,7 @@ class VerticalFlightSpec:
     vigour: Annotated[float, (0.01, 2.0)] = 1.0
     # Gain of the velocity loop times the sum of lag, delay and half a control step
     quickness: Annotated[float, (0.01, 0.6)] = 0.35
-    # Gain of the position loop over that of the velocity loop, and of the integrator over the square of the
-    # latter
+    # Gain of the position loop over that of the velocity loop. Of the integrator over its square
     position_share: Annotated[float, (0.01, 0.6)] = 0.3
     integral_share: Annotated[float, (0.0, 0.25)] = 0.05
     seed: int = 0  # Of the random streams
