@@ -269,6 +269,5 @@ def _requested_command(arguments: list[str]) -> typer.Typer:
         return application(loaded=False)
     given = arguments if not arguments[0].startswith("--config") else arguments[2 - ("=" in arguments[0]) :]
     named = [name for name in given[:1] if name in _targets()]
-    return application(
-        *named, loaded=bool(named)
-    )  # a misspelt one is answered without the packages of others
+    # a misspelt one is answered without the packages of others
+    return application(*named, loaded=bool(named))

@@ -168,12 +168,12 @@ class LagsAndDelays(Interpolation):
             np.array([point[name] for point in points]) for name in (ACTUATOR_LAG.name, DELAY.name)
         )
         stages = np.array([point.get(SECOND_STAGE.name, 0.0) for point in points])
+        steps = delays / self.step_s
         if not stages.any():
-            return self._of_one_stage(lags, delays / self.step_s)
+            return self._of_one_stage(lags, steps)
         apart = np.sqrt(1.0 - 4.0 * stages)
         longer, shorter = (
-            part[:, None]
-            * self._of_one_stage(np.maximum(part * lags, np.exp(self.ends[0])), delays / self.step_s)
+            part[:, None] * self._of_one_stage(np.maximum(part * lags, np.exp(self.ends[0])), steps)
             for part in (0.5 + 0.5 * apart, 0.5 - 0.5 * apart)
         )
         return (longer - shorter) / apart[:, None]
