@@ -51,8 +51,13 @@ def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
             worker("sleep")
         with pytest.raises(LimitError, match=r"It took more than 1 GB of memory"):
             worker("memory")
+        alone, turn = [], process_pool._TURNS.turn
+        monkeypatch.setattr(
+            process_pool._TURNS, "turn", lambda *a, **b: alone.append(b["alone"]) or turn(*a, **b)
+        )
         with pytest.raises(LimitError, match=r"died \(exit code 7\)\.$"):
             worker("die")
+        assert alone == [False, True]  # once more by itself
         with pytest.raises(LimitError, match=r"died \(exit code 0\)\.$"):
             worker("end")
         with pytest.raises(LimitError, match=r"said last: memory allocation of 9 bytes failed\.$"):

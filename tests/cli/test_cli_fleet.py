@@ -22,7 +22,13 @@ from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
 def test_query_prints_and_writes(eivor, tmp_path):
-    fleet = write_fleet(tmp_path / "fleet", [row("a"), row("b", verdict="failed", reason="It is empty.")])
+    name, reason = "a_log_of_a_vehicle_in_a_hall.ulg", f"It is empty{', and so is another' * 4}."
+    fleet = write_fleet(tmp_path / "fleet", [row("a"), row(name, verdict="failed", reason=reason)])
+    failed = eivor("fleet", "query", fleet, "failed").out
+    assert [text in failed for text in (name, reason)] == [
+        True,
+        False,
+    ]  # words stay whole, sentences are folded
     run = eivor("fleet", "query", fleet)
     assert run.code == 0
     assert [line.split() for line in run.out.splitlines()] == [

@@ -72,11 +72,12 @@ def test_tilt_method_map_and_input_are_passed_on(eivor, log):
 
 @pytest.mark.thorough
 def test_instruments_can_be_chosen(eivor, log):
-    by_name, by_lags = (
+    by_name, by_family, by_lags = (
         json.loads(eivor("identify", log, "--instruments", word, "--json", "-").out)["motions"]["vertical"]
-        for word in ("reference_position_z", "lags")
+        for word in ("reference_position_z", "rotor_command", "lags")
     )
     assert by_name["instruments"] == "reference_position_z"
+    assert by_family["instruments"].startswith("rotor_command_1")
     assert "lagged" in by_lags["instruments"]
     assert by_lags["verdict"] != "identified"
 
@@ -318,6 +319,13 @@ def test_another_flight_is_predicted(eivor, log, tmp_path):
 
     document = json.loads(fit.read_text())
     vertical = document["motions"]["vertical"]
+    vertical["parameters"]["input_gain"]["value"] *= 0.85
+    fit.write_text(json.dumps(document))
+    against = eivor("validate", fit, log)
+    assert against.code == 3
+    sentence = " ".join(against.out.split())
+    assert "The flight contradicts the input gain." in sentence
+    assert "leaves less than the simpler models" in sentence
     vertical["covariance"]["values"] = [9.0, 1.0, 0.2, 0.0]
     fit.write_text(json.dumps(document))
     assert eivor("validate", fit, log).code == 3

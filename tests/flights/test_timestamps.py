@@ -166,6 +166,7 @@ def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
     assert given.for_the_log.std == pytest.approx(np.hypot(0.003, 0.006 / np.sqrt(3.0)))
     assert LagPrior(Bounds(0.04, 0.05), lag, 0.006).for_the_log == Bounds(0.034, 0.056)
     assert LagPrior(Prior(0.060, 0.003), lag).for_the_log == Prior(0.060, 0.003)
+    assert LagPrior(Bounds(0.05, 0.09), lag, strong=True).for_the_log == Bounds(0.05, 0.054)
     # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
     assert given.p_value > 5.0 * LagPrior(Prior(0.060, 0.003), lag).p_value
     assert "[40, 60] ms" in given.sentence

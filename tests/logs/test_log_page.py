@@ -29,6 +29,7 @@ def test_tables_are_fresh():
     assert page_with(PAGE, parts) == PAGE, "run python -m docs.log_tables"
     assert "| `velocity_z` | `vehicle_local_position.vz` |" in PAGE
     assert "| `km/h` | 0.277778 m/s |" in PAGE
+    assert " to`" not in PAGE
 
 
 @pytest.mark.parametrize(

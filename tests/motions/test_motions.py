@@ -292,6 +292,7 @@ def test_a_motor_s_controller_is_a_second_stage_and_no_delay():
     log = turned(1, vehicle=vehicle, size=0.5, disturbance=1.0, **quick)
     fit = ev.identify_flight(log, model="rates")
     assert "second_stage" in fit.quantities
+    assert fit.prepared[0].band_hz == (0.3, 8.0)  # of what such setpoints excite
     for name, true in {
         "delay": 0.005,
         "second_lag": 0.02,

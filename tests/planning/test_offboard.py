@@ -6,6 +6,7 @@ A flight is a process of its own. Messages that were in a socket when the mode m
 from __future__ import annotations
 
 import ast
+import asyncio
 import math
 import os
 import runpy
@@ -153,6 +154,16 @@ def test_limits_on_the_way(program, changes, code, words):
     assert program.breach(telemetry(program), start, True) is None
     result, sentence = program.breach(telemetry(program, **changes), start, True)
     assert (result, words in sentence) == (code, True), sentence
+
+
+def test_an_error_of_mavsdk_ends_the_flight_in_a_sentence(program):
+    async def fails():
+        raise RuntimeError("the channel is closed")
+
+    flight = program.Flight("")
+    flight.seen, flight.enter, flight.server = telemetry(program), fails, SimpleNamespace(end=list)
+    code, sentence = asyncio.run(flight.fly())
+    assert (code, sentence.partition(";")[0]) == (22, "A call to mavsdk failed: the channel is closed")
 
 
 def test_only_numbers_enter_the_program():

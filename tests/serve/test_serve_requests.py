@@ -236,6 +236,7 @@ def test_a_body_says_how_long_it_is(page, length):
         (400, "GET / HTTP/1.1", f"X: {'a' * 700_000}\r\n"),
         (400, "GET /choices HTTP/1.1", "Host: 127.0.0.1:80\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nContent-Length: 2\r\n"),
+        (400, "POST /logs HTTP/1.1", "Content-Length: 0\r\nContent-Length: 0\r\n"),
         (400, "POST /logs HTTP/1.1", "Content-Length: 1\r\nX-Y: z\r\ncontent-length : 1\r\n"),
         (404, "CONNECT evil.example:80 HTTP/1.1", ""),
         (404, "OPTIONS * HTTP/1.1", ""),
@@ -344,14 +345,14 @@ def test_connections_are_bounded(page, monkeypatch):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="files in use stay there")
-def test_a_server_deletes_what_a_killed_one_left(tmp_path, monkeypatch):
+def test_a_server_deletes_what_a_killed_one_left(opening, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     left, lives = tmp_path / f"{app.PREFIX}left", tmp_path / f"{app.PREFIX}lives"
     for folder in (left, lives):
         (folder / "logs").mkdir(parents=True)
         (folder / LOCK).touch()
     with folder_lock(lives):
-        app.remove_abandoned()
+        opening()
     assert (left.exists(), lives.exists()) == (False, True)
     (tmp_path / f"{app.PREFIX}link").symlink_to(lives)
     (lives / LOCK).unlink()

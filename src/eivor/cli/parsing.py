@@ -33,7 +33,7 @@ from eivor.motions.identify import identify_log, motions_of
 from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
-from eivor.signals.channels import canonical_channel
+from eivor.signals.channels import canonical_channel, family_members
 from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, no_stage_callback
 
@@ -161,7 +161,7 @@ def identified(
     """Results of the logs."""
     for recording in recordings:
         known = {"references", "lags", *recording.channels}
-        absent = ", ".join(f"'{name}'" for name in options.instruments if name not in known)
+        absent = ", ".join(f"'{name}'" for name in options.instruments if not family_members(name, known))
         if absent:
             expected = f"channels of {recording.name} as instruments"
             remedy = did_you_mean(

@@ -62,6 +62,8 @@ if TYPE_CHECKING:
 
 #: Letters of a cell on the terminal; in a CSV cells are whole.
 LONGEST_CELL = 160
+#: Shorter words are not broken.
+LONGEST_WORD = 40
 
 app = group("fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle.")
 
@@ -279,16 +281,18 @@ def _table(answer: pl.DataFrame) -> Table:
     if answer["motion"].n_unique() < 2:
         answer = answer.drop("motion")
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for name, kind in answer.schema.items():
+    cells = [[printable(_cell(value)) for value in column] for column in answer]
+    for name, kind, texts in zip(answer.columns, answer.dtypes, cells, strict=True):
         is_number = kind.is_numeric()
+        is_word = all(len(text) <= LONGEST_WORD and " " not in text for text in texts)
         table.add_column(
             name.replace("_", " "),
             justify="right" if is_number else "left",
-            no_wrap=is_number or kind.is_temporal(),
+            no_wrap=is_number or kind.is_temporal() or is_word,
             overflow="fold",
         )
-    for row in answer.iter_rows():
-        table.add_row(*(Text(printable(_cell(value))) for value in row))
+    for row in zip(*cells, strict=True):
+        table.add_row(*map(Text, row))
     return table
 
 

@@ -16,7 +16,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
 from eivor.flights.timestamps import Clock, as_issued, command_clock, known_clock
-from eivor.signals.channels import common_side
+from eivor.signals.channels import common_side, family_members
 from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import CONTROLLER_RATE, Channel, Finding, Recording, interval_within
@@ -57,7 +57,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     runs = _runs(standing, usable, grid.step_s)
     used = mask_of(runs, grid.count) & usable
     candidates = references(log, motion.channels.references, grid, used)
-    named = [name for name in options.instruments if name not in {"references", "lags"}]
+    words = [word for word in options.instruments if word not in {"references", "lags"}]
+    named = [name for word in words for name in family_members(word, log.channels) or [word]]
     if named:  # by a user, who may mean one that serves by itself
         clean = {item.name: item for item in candidates if item.usable and item.exogenous}
         candidates = tuple(clean.get(name) or named_reference(log, name, grid) for name in named)

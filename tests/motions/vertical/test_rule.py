@@ -169,6 +169,7 @@ def test_each_rule(name, found, changed, status, said):
         (GAIN, {}, strength((50.0, 2.0, 50.0), input_gain=((39.0, 41.0),))),
         (LAG, {}, strength((50.0, 50.0, 2.0), effective_lag=((0.04, 0.06),))),
         (FRICTION, {}, {"sensors": SensorAgreement({"tilt_x": Difference(0.04, 1e-3)}, AGREE)}),
+        (FRICTION, {}, {"sensors": SensorAgreement({"scale": Difference(-0.815, 1e-3)}, AGREE)}),
     ],
 )
 def test_bounds_themselves_are_accepted_and_what_widens_is_no_veto(name, found, changed):
