@@ -482,8 +482,7 @@ WORDS = calls("words and numbers", UsageError,
 )  # fmt: skip
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@table(
+test_refused = table(
     *(FEW_ROWS, INSTRUMENTS, NOISES, NUISANCES, SEARCHES, ESTIMATES, WORDS),
     rows("not finite", NonFiniteError, not_finite, *(
         (name, made, value, f"Expected finite {name}; received 1 NaN or infinite")
@@ -503,6 +502,3 @@ WORDS = calls("words and numbers", UsageError,
     rows("too noisy in chunks", CovarianceError, too_noisy_in_chunks, *((*x, EXCEED) for x in TOO_NOISY)),
     rows("level", UsageError, level_of_a_flight, *((level, LEVEL) for level in (0.0, 1.0, 95.0))),
 )  # fmt: skip
-def test_refused(call, error, text):
-    with pytest.raises(error, match=text):
-        call()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
-import pytest
 from flight_logs import changed, flown, prepare_vertical
 from flight_logs import channel as logged
 from test_grid import channel, empty
@@ -144,8 +143,6 @@ POOLS = rows("pool", PoolingError, of_two_vehicles,
 )  # fmt: skip
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@table(GRIDS, OPTIONS, LAGS, CHANNELS, WINDOWS, NOISES, EMPTY, LOGS, CALLS, POOLS)
-def test_refused(call, error, text):
-    with pytest.raises(error, match=text):
-        call()
+test_refused = table(
+    GRIDS, OPTIONS, LAGS, CHANNELS, WINDOWS, NOISES, EMPTY, LOGS, CALLS, POOLS, fixtures=("coarse_search",)
+)

