@@ -151,6 +151,9 @@ arm = {{ value = 0.043, std = 0.0004 }}
 torque_ratio = 0.034
 """
 
+#: The same vehicle with rotors ahead, behind and on its sides.
+PLUS = VEHICLE.format(numbering="px4").replace("quad-x", "quad-plus")
+
 #: With them a vertical flight is enough.
 PRIORS = {
     "inertia_xx": (1.43e-5, 1e-6),

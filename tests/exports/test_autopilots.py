@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.errors import UsageError
 from exports.documents import refused, vehicle_file, written
 from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
 
@@ -192,30 +191,6 @@ def test_a_result_that_does_not_know_the_side_is_read_and_says_so(missing, motor
     )
     assert "Identify the log again." in text
     assert "actuator" in exported(reported, tmp_path, "statespace")
-
-
-def test_rotor_speeds_and_other_motions_are_refused(setpoint, tmp_path):
-    speeds = setpoint()
-    speeds["derived"]["hover_input"]["value"] = 1788.0
-    with pytest.raises(UsageError, match=r"a share of the largest.*--input actuator_output"):
-        exported(speeds, tmp_path)
-    rates = setpoint()
-    rates["model"]["name"] = "angular_rates"
-    with pytest.raises(UsageError, match="the vertical motion for PX4"):
-        exported(rates, tmp_path)
-    with pytest.raises(UsageError, match="each autopilot counts shares"):
-        exported(setpoint(), tmp_path, "ardupilot")
-    kept = setpoint()
-    kept["logs"][0]["format"] = "parquet"
-    with pytest.raises(UsageError, match="a vehicle with THR_MDL_FAC"):
-        exported(kept, tmp_path, "ardupilot")
-    with pytest.raises(UsageError, match="Did you mean 'px4'"):
-        exported(setpoint(), tmp_path, "px5")
-    fit = ev.load_fit(written(setpoint(), tmp_path))
-    with pytest.raises(UsageError, match="no mass for px4"):
-        fit.export("px4", mass=(1.5, 0.1))
-    with pytest.raises(UsageError, match="priors that px4 uses"):
-        fit.export("px4", priors={"hover_input": (0.4, 0.1)})
 
 
 @pytest.mark.parametrize(("to", "format_name"), [("px4", "ulog"), ("ardupilot", "dataflash")])

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import runpy
+import sys
 
 import numpy as np
 import pytest
 from scipy import stats
 
 import eivor as ev
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EstimationError, MissingReaderError, NotIdentifiedError, ParameterError, UsageError
 from exports import documents
 from exports.test_simulators import WORSE
+from refusal_rows import calls, rows, table
 
 LAW_DRAWS = 100_000
 
@@ -67,22 +69,6 @@ def test_a_delay_is_drawn_within_what_lag_and_delay_are_together(tmp_path):
     assert (draws["delay"] >= 0.0).all()
     assert np.mean(draws["delay"] == 0.0) == pytest.approx(0.5, abs=0.02)
     assert np.std(draws["delay"] + draws["actuator_lag"]) == pytest.approx(0.0028, rel=0.2)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_cannot_be_drawn_is_told(tmp_path):
-    with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
-        drawn("gazebo", tmp_path)
-    fit = ev.load_fit(documents.written(documents.document(degrees=2.0), tmp_path))
-    with pytest.raises(EstimationError, match="degrees of freedom"):
-        fit.sample(10)
-    for n, seed in ((0, 1), (10**8, 1), (5, -1)):
-        with pytest.raises(UsageError, match="10,000,000 draws"):
-            fit.sample(n, seed)
-    nothing = documents.document()
-    nothing["covariance"] = None
-    with pytest.raises(EstimationError, match="with an estimate"):
-        ev.load_fit(documents.written(nothing, tmp_path)).sample(10)
 
 
 COUNT = 2000
@@ -173,3 +159,68 @@ def test_no_name_breaks_out_of_draws(to, tmp_path):
         assert not np.any(json.loads(text)["fields"]["actuator_biasprm"])
     else:
         assert "linear_damping" not in python_file(to, tmp_path, record=reported).get("draws", {})
+
+
+def written(record, to, options, tmp_path):
+    """A text of a vehicle is put into a file."""
+    (tmp_path / "mine.toml").write_text(options.get("vehicle", ""), encoding="utf-8")
+    options = options | ({"vehicle": tmp_path / "mine.toml"} if "vehicle" in options else {})
+    ev.load_fit(documents.written(record, tmp_path)).export(to, **options)
+
+
+def sampled(record, n, seed, tmp_path):
+    ev.load_fit(documents.written(record, tmp_path)).sample(n, seed)
+
+
+def without_control(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    ev.load_fit(documents.written(SETPOINT, tmp_path)).to_statespace().to_control()
+
+
+def with_model(record, **model):
+    return {**record, "model": {**record["model"], **model}}
+
+
+SETPOINT, SPEEDS = documents.document(), documents.of_speeds()
+KEPT = with_model(SETPOINT, autopilot_curve={"in_force": {"THR_MDL_FAC": 0.65}})
+KEPT["logs"] = [{"name": "flight.parquet", "format": "parquet"}]
+KNOWN = {"vehicle": documents.VEHICLE.format(numbering="crazyflie")}
+SHORT = {"vehicle": '[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n'}
+PLUS = {"vehicle": documents.PLUS, "priors": documents.PRIORS}
+TURNING = (with_model(item, name="angular_rates") for item in (SETPOINT, SPEEDS))
+OF_PRIORS = " ".join(f"--prior {name}=VALUE:STD" for name in documents.PRIORS)
+EXPORTS = rows("export", None, written,
+    (documents.document(hover_input=(1788.0, 2.0)), "px4", {}, UsageError,
+        r"a share of the largest.*--input actuator_output"),
+    (next(TURNING), "px4", {}, UsageError, "the vertical motion for PX4"),
+    (SETPOINT, "ardupilot", {}, UsageError, "each autopilot counts shares"),
+    (KEPT, "ardupilot", {}, UsageError, "a vehicle with THR_MDL_FAC"),
+    (SETPOINT, "px5", {}, UsageError, "Did you mean 'px4'"),
+    (SETPOINT, "px4", {"mass": (1.5, 0.1)}, UsageError, "no mass for px4"),
+    (SETPOINT, "px4", {"priors": {"hover_input": (0.4, 0.1)}}, UsageError, "priors that px4 uses"),
+    (SETPOINT, "statespace", {"priors": {"drag": (0.2, 0.01)}}, UsageError, "priors that statespace uses"),
+    (SETPOINT, "statespace", {"priors": {"delay": (0.2, -0.01)}}, UsageError, "not below zero"),
+    (SETPOINT, "statespace", {"mass": (0.0, 0.01)}, UsageError, "a mass above zero"),
+    (SPEEDS, "gazebo", {"draws": 9}, UsageError, "draws for rotorpy, mujoco, isaaclab"),
+    (next(TURNING), "mujoco", {}, UsageError, "the vertical motion or the rigid body"),
+    (SPEEDS, "rotorpy", {}, NotIdentifiedError, r"--mass 1.53:0.02.* and .*--vehicle FILE.toml"),
+    (SPEEDS, "rotorpy", KNOWN, NotIdentifiedError, OF_PRIORS),
+    (SPEEDS, "rotorpy", SHORT | {"mass": (0.03, 0.0)}, NotIdentifiedError, "the arm's length"),
+    (SPEEDS, "px4", SHORT, UsageError, "no vehicle for px4"),
+    (SPEEDS, "mujoco", KNOWN | {"priors": {"thrust": (1.0, 0.0)}}, UsageError, "priors that MuJoCo uses"),
+    (SPEEDS, "mujoco", {"accept": "wek"}, UsageError, "weak"),
+    (SPEEDS, "pybullet", PLUS, UsageError, "one in each quarter"),
+)  # fmt: skip
+PRIORS = rows("prior", None,
+    lambda name, prior, tmp_path: documents.exported("mujoco", tmp_path, **{name: prior}),
+    *((name, (-1.0, 0.0), UsageError, f"a {name} above zero")
+        for name in ("inertia_xx", "largest_command", "speed_scale")),
+    ("inertia_zz", (3.5e-5, 0.0), ParameterError, "none of which is larger"),
+)  # fmt: skip
+SAMPLES = rows("draws", None, sampled,
+    (documents.document(degrees=2.0), 10, 0, EstimationError, "degrees of freedom"),
+    *((SETPOINT, *given, UsageError, "10,000,000 draws") for given in ((0, 1), (10**8, 1), (5, -1))),
+    ({**SETPOINT, "covariance": None}, 10, 0, EstimationError, "with an estimate"),
+)  # fmt: skip
+PACKAGE = calls("package", MissingReaderError, (without_control, "pip install control"))
+test_refused = table(EXPORTS, PRIORS, SAMPLES, PACKAGE)
