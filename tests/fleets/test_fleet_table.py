@@ -6,6 +6,7 @@ import io
 import os
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from polars.testing import assert_frame_equal
 
 import eivor as ev
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import here, logs_found, place
+from eivor.fleet.logs import PathPattern, given_covariates, here, logs_found, place, with_covariates
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
+from refusal_rows import calls, rows, table
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
@@ -35,15 +37,6 @@ def test_parts_of_several_motions_are_put_together_by_name(tmp_path):
         ("vertical", "a", "gain", 1.0),
         ("vertical", "b", "gain", 1.0),
     ]
-
-
-def test_what_is_no_fleet_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"the folder of a fleet.*eivor fleet run"):
-        ev.fleet.open(tmp_path)
-    write_fleet(tmp_path / "fleet", [row("a")])
-    (tmp_path / "fleet" / "flights" / "part-9.parquet").write_bytes(b"PAR1 and nothing else")
-    with pytest.raises(InputError, match=r"can be read.*sets damaged parts aside"):
-        ev.fleet.open(tmp_path / "fleet")
 
 
 def test_queries(tmp_path, command_line):
@@ -158,9 +151,50 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
         logs_found("s3://no-such-bucket/logs")
 
 
-def test_addresses_need_their_packages(monkeypatch):
-    with pytest.raises(UsageError, match="a scheme that fsspec knows"):
-        pytest.importorskip("upath") and place("nowhere://a")
+def of_list(text, tmp_path, name="list.csv"):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    logs_found(str(tmp_path / name))
+
+
+def of_covariates(text, tmp_path):
+    (tmp_path / "masses.csv").write_text(text)
+    with_covariates(fleet_rows(FleetSpec(vehicles=1, flights=2)), given_covariates(tmp_path / "masses.csv"))
+
+
+def of_a_damaged_part(tmp_path):
+    (write_fleet(tmp_path, [row("a")]) / "flights" / "part-9.parquet").write_bytes(b"PAR1 and nothing else")
+    ev.fleet.open(tmp_path)
+
+
+def without_packages(monkeypatch):
     monkeypatch.setitem(sys.modules, "upath", None)
-    with pytest.raises(UsageError, match=r"packages for addresses s3://.*eivor\[cloud\]"):
-        logs_found("s3://bucket/logs")
+    logs_found("s3://bucket/logs")
+
+
+test_refused = table(
+    rows("list", None, of_list,
+        ("path,tail\na.csv,N1\nb.csv\n", InputError, r"2 columns in each line .*; received 1 in line 3"),
+        ('path,tail\n"a"b.csv,N1\n', InputError, r"that can be read; received line 2: .*expected after"),
+        ("path,path\na.csv,b.csv\n", UsageError, "a list whose columns have different names"),
+        ("path,tail\n", UsageError, "which names none"),
+    ),
+    rows("covariates", InputError, of_covariates,
+        ("", "a CSV of covariates"),
+        ("flight,mass\na,1\n", "a column sha256 or name"),
+        ("name,mass\na,heavy\n", "columns of numbers"),
+        ("name,mass\na,1\na,2\n", "every flight once"),
+        ("name,mass\nnone,1\n", "covariates of flights of the fleet"),
+        ("name,input_gain.value\nv0000-0000.ulg,1\n", "names of covariates"),
+    ),
+    rows("pattern", UsageError, PathPattern,
+        *((text, r"a pattern with \{vehicle\}") for text in ("{}", "{serial}/*", "{vehicle}/{vehicle}")),
+    ),
+    calls("call", None,
+        (lambda tmp_path: ev.fleet.open(tmp_path / ""), InputError, "the folder of a fleet.*eivor fleet run"),
+        (partial(of_list, "# nothing\n", name="list.txt"), UsageError, "which names none"),
+        (of_a_damaged_part, InputError, "can be read.*sets damaged parts aside"),
+        (lambda: logs_found("nowhere"), InputError, "received '.*nowhere', which does not exist"),
+        (lambda: pytest.importorskip("upath") and place("s4://a"), UsageError, "a scheme that fsspec knows"),
+        (without_packages, UsageError, r"packages for addresses s3://.*eivor\[cloud\]"),
+    ),
+)  # fmt: skip
