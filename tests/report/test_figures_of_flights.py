@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 import eivor as ev
 import shape_checks
-from eivor.errors import EstimationError, NonFiniteError, TooFewSamplesError, UsageError
+from eivor.errors import EstimationError, InputError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.methods import least_squares
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
@@ -26,6 +26,7 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, save_figure, signals_figure
 from eivor.report.flight_figures import flight_figure
+from refusal_rows import calls, rows, table
 
 
 def _titles(figure):
@@ -207,10 +208,6 @@ def test_without_an_estimate_the_flight_is_drawn_by_its_names(still):
     assert axes[0].get_ylabel() == "climb rate\n[m/s]"
     assert "The input is constant" in " ".join(axes[1].texts[0].get_text().split())
     assert inside(figure)
-    with pytest.raises(UsageError, match="height, climb rate, input, reasons"):
-        flight_figure(still, {"zzz": axes[0]})
-    with pytest.raises(EstimationError):
-        still.plot(axes=axes)
 
 
 # Figures of intervals, ellipses, residuals, signals, noises and studies.
@@ -358,24 +355,6 @@ def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
 def test_no_estimate_is_said():
     figure = nrmse_figure({"a": {"together": np.full(4, np.nan)}})
     assert "no estimate" in figure.axes[0].texts[0].get_text()
-    with pytest.raises(UsageError, match="scores to draw"):
-        nrmse_figure({})
-
-
-@pytest.mark.parametrize(
-    ("draw", "error", "message"),
-    [
-        (lambda: estimates_figure({}), UsageError, "intervals to draw"),
-        (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
-        (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
-        (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
-        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
-        (lambda: study_coverage_figure(finished(Path(), "one", intervals=False)), UsageError, "one without"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(draw, error, message):
-    with pytest.raises(error, match=message):
-        draw()
 
 
 def test_long_residuals_are_drawn_by_their_range():
@@ -389,3 +368,48 @@ def test_a_long_tail_is_logarithmic_and_loses_no_trial():
     axes = nrmse_figure({"a": {"together": values}}).axes[0]
     assert axes.get_xscale() == "log"
     assert sum(patch.get_height() for patch in axes.patches) == 52
+
+
+def saved(result, tmp_path):
+    (tmp_path / "fit.json").write_text(result if isinstance(result, str) else result.to_json())
+    return ev.load_fit(tmp_path / "fit.json")
+
+
+def without_commands(log):
+    return replace(log, channels={name: x for name, x in log.channels.items() if "command" not in name})
+
+
+NO_FITS = "", "[1]", "{}", '{"schema": "eivor.inspect/1"}', '{"schema": "eivor.identify/1"}', "[" * 100_000
+test_refused = table(
+    rows("file", InputError, saved,
+        *((text, r"of schema eivor\.identify/1 or eivor\.identify/2 in fit\.json") for text in NO_FITS)),
+    rows("choices", UsageError, lambda choices, recording: ev.identify_flight(recording, **choices),
+        ({"options": ev.FlightOptions(method="least_squares"), "method": "reference_iv"},
+            "each choice once; received method in options= and by name"),
+        ({"windw": (1.0, 2.0)}, "Did you mean 'window'"),
+        ({"window": (1.0, 2.0), "windows": [None]}, "Give either window= or windows="),
+    ),
+    rows("interval", UsageError, lambda words, fit, tmp_path: saved(fit, tmp_path).interval(*words),
+        (("friction",), "a quantity out of viscous_friction"),
+        (("hover_input", 0.9), "or of the joint vector"),
+    ),
+    calls("call", None,
+        (lambda: estimates_figure({}), UsageError, "intervals to draw"),
+        (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
+        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
+        (lambda: study_coverage_figure(finished(Path(), "one", intervals=False)), UsageError, "one without"),
+        (lambda: nrmse_figure({}), UsageError, "scores to draw"),
+        (lambda still: flight_figure(still, {"zzz": None}), UsageError, "height, climb rate, input, reasons"),
+        (lambda still: still.plot(axes=Figure().subplots(2)), EstimationError, ""),
+        (lambda: ev.load_fit("absent.json"), InputError, "a result that can be read"),
+        (lambda: ev.load_fit(3), UsageError, "the path of a JSON file"),
+        (lambda still, tmp_path: saved(still, tmp_path).covariance, EstimationError, "one without"),
+        (lambda still, recording: ev.validate(still, recording=recording), UsageError, "a result with an estimate"),
+        (lambda fit, recording: ev.validate(fit, recording, window=(10.0, 11.0)), InputError,
+            "three seconds in the air"),
+        (lambda fit, recording: ev.validate(fit, without_commands(recording)), InputError,
+            "the input of the fit.*; received a log without it"),
+    ),
+)  # fmt: skip

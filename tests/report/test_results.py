@@ -25,7 +25,7 @@ from scipy.io import loadmat
 
 import eivor as ev
 from coarse_search import coarse
-from eivor.errors import EivorError, EstimationError, InputError, MissingReaderError, UsageError
+from eivor.errors import EivorError, InputError, MissingReaderError, UsageError
 
 
 def travelled(result):
@@ -170,10 +170,6 @@ def test_a_fit_is_read_back(fit, tmp_path):
     assert saved.interval("hover_input") == fit.interval("hover_input")
     assert saved.document.prediction.input_map == fit.prepared[0].input_map
     assert saved.document.prediction.by_run["intercept"] == list(fit.quantities["intercept"].by_run)
-    with pytest.raises(UsageError, match="a quantity out of viscous_friction"):
-        saved.interval("friction")
-    with pytest.raises(UsageError, match="or of the joint vector"):
-        saved.interval("hover_input", 0.9)
 
 
 def test_a_refusal_is_read_back(still, tmp_path):
@@ -183,21 +179,6 @@ def test_a_refusal_is_read_back(still, tmp_path):
     assert saved.verdict is still.verdict.status
     assert saved.reasons == still.verdict.sentences
     assert saved.names == ()
-    with pytest.raises(EstimationError, match="one without"):
-        saved.covariance  # noqa: B018 - reading it raises
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_what_is_no_fit_is_refused(tmp_path):
-    file, other = tmp_path / "x.json", '{"schema": "eivor.inspect/1"}'
-    for text in ("", "[1]", "{}", other, '{"schema": "eivor.identify/1"}', "[" * 100_000):
-        file.write_text(text)
-        with pytest.raises(InputError, match=r"of schema eivor\.identify/1 or eivor\.identify/2 in x\.json"):
-            ev.load_fit(file)
-    with pytest.raises(InputError, match="a result that can be read"):
-        ev.load_fit(tmp_path / "absent.json")
-    with pytest.raises(UsageError, match="the path of a JSON file"):
-        ev.load_fit(3)
 
 
 def places(value, place=()):
@@ -261,12 +242,6 @@ def test_choices_are_named_one_by_one(fit):
     given = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 50.0), max_tilt_deg=20.0))
     assert named.parameters == given.parameters
     assert named.parameters != fit.parameters
-    with pytest.raises(UsageError, match="each choice once; received method in options= and by name"):
-        ev.identify_flight(log, ev.FlightOptions(method="least_squares"), method="reference_iv")
-    with pytest.raises(UsageError, match="Did you mean 'window'"):
-        ev.identify_flight(log, windw=(1.0, 2.0))  # type: ignore[call-arg]
-    with pytest.raises(UsageError, match="Give either window= or windows="):
-        ev.identify_flight(log, window=(1.0, 2.0), windows=[None])
 
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -374,14 +349,7 @@ def test_a_quantity_that_the_flight_contradicts(fit, recording, tmp_path, name, 
     assert f"The flight contradicts the {words}." in validation.sentence
 
 
-def test_what_cannot_be_validated_is_told(fit, still, recording, tmp_path, monkeypatch):
-    with pytest.raises(UsageError, match="a result with an estimate"):
-        ev.validate(still, recording)
-    with pytest.raises(InputError, match="three seconds in the air"):
-        ev.validate(fit, recording, window=(10.0, 11.0))
-    silent = {name: item for name, item in recording.channels.items() if "command" not in name}
-    with pytest.raises(InputError, match=r"the input of the fit.*; received a log without it"):
-        ev.validate(fit, replace(recording, channels=silent))
+def test_motions_that_do_not_predict_are_told(fit, recording, tmp_path, monkeypatch):
     (tmp_path / "fit.json").write_text(fit.to_json())
     other = ev.load_fit(tmp_path / "fit.json")
     other.document.model = msgspec.structs.replace(other.document.model, name="submarine")
