@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from functools import partial
 
 import pytest
@@ -19,6 +20,16 @@ def rows(name, error, call, *cases, marks=()):
 def calls(name, error, *cases, marks=()):
     """A row for each case: what is called, and the text."""
     return rows(name, error, None, *cases, marks=marks)
+
+
+def without(package, call):
+    """What is called, where a package is not installed."""
+
+    def called(tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, package, None)
+        call(tmp_path)
+
+    return called
 
 
 def table(*parts, fixtures=(), begins=""):

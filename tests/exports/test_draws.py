@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import runpy
-import sys
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ import eivor as ev
 from eivor.errors import EstimationError, MissingReaderError, NotIdentifiedError, ParameterError, UsageError
 from exports import documents
 from exports.test_simulators import WORSE
-from refusal_rows import calls, rows, table
+from refusal_rows import calls, rows, table, without
 
 LAW_DRAWS = 100_000
 
@@ -172,8 +171,7 @@ def sampled(record, n, seed, tmp_path):
     ev.load_fit(documents.written(record, tmp_path)).sample(n, seed)
 
 
-def without_control(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "control", None)
+def to_control(tmp_path):
     ev.load_fit(documents.written(SETPOINT, tmp_path)).to_statespace().to_control()
 
 
@@ -222,5 +220,5 @@ SAMPLES = rows("draws", None, sampled,
     *((SETPOINT, *given, UsageError, "10,000,000 draws") for given in ((0, 1), (10**8, 1), (5, -1))),
     ({**SETPOINT, "covariance": None}, 10, 0, EstimationError, "with an estimate"),
 )  # fmt: skip
-PACKAGE = calls("package", MissingReaderError, (without_control, "pip install control"))
+PACKAGE = calls("package", MissingReaderError, (without("control", to_control), "pip install control"))
 test_refused = table(EXPORTS, PRIORS, SAMPLES, PACKAGE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from eivor.fleet.logs import PathPattern, given_covariates, here, logs_found, pl
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
-from refusal_rows import calls, rows, table
+from refusal_rows import calls, rows, table, without
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
@@ -166,11 +165,6 @@ def of_a_damaged_part(tmp_path):
     ev.fleet.open(tmp_path)
 
 
-def without_packages(monkeypatch):
-    monkeypatch.setitem(sys.modules, "upath", None)
-    logs_found("s3://bucket/logs")
-
-
 test_refused = table(
     rows("list", None, of_list,
         ("path,tail\na.csv,N1\nb.csv\n", InputError, r"2 columns in each line .*; received 1 in line 3"),
@@ -195,6 +189,7 @@ test_refused = table(
         (of_a_damaged_part, InputError, "can be read.*sets damaged parts aside"),
         (lambda: logs_found("nowhere"), InputError, "received '.*nowhere', which does not exist"),
         (lambda: pytest.importorskip("upath") and place("s4://a"), UsageError, "a scheme that fsspec knows"),
-        (without_packages, UsageError, r"packages for addresses s3://.*eivor\[cloud\]"),
+        (without("upath", lambda _: logs_found("s3://bucket/logs")), UsageError,
+            r"packages for addresses s3://.*eivor\[cloud\]"),
     ),
 )  # fmt: skip

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
-from eivor.errors import ParameterError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
 from eivor.lab import paper
@@ -153,14 +152,10 @@ def test_nrmse_is_the_papers():
     assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
 
 
-def test_names_and_runs_are_checked():
+def test_names_are_different():
     names = [item.name for item in paper.READINGS]
     assert len(set(names)) == len(names)
     assert paper.named_readings(()) == paper.READINGS
-    with pytest.raises(UsageError, match="readings out of ratios-of-std"):
-        paper.named_readings(("nothing",))
-    with pytest.raises(UsageError, match="two runs or more"):
-        next(paper.run_paper(paper.READINGS, runs=1))
 
 
 def test_too_few_instruments_for_total_least_squares_are_no_estimate():
@@ -372,17 +367,6 @@ def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares():
     white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
     separated = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
     assert np.abs(np.log(separated)).max() > 1.0
-
-
-def test_what_has_no_bound_is_refused():
-    with pytest.raises(ParameterError, match="in open loop"):
-        ev.bounds.cramer_rao(shipped_scenario("closed-loop"))
-    with pytest.raises(ParameterError, match="noise of input"):
-        ev.bounds.cramer_rao(ev.Scenario(0.3, 0.02))
-    with pytest.raises(ParameterError, match="1 to 10000 records"):
-        ev.bounds.cramer_rao(shipped_scenario("rich"), runs=0)
-    with pytest.raises(ParameterError, match="a seed of zero or more"):
-        ev.bounds.cramer_rao(shipped_scenario("rich"), seed=-1)
 
 
 def test_readings_are_listed():

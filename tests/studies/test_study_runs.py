@@ -21,10 +21,11 @@ import eivor as ev
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
+from eivor.lab import paper
 from eivor.lab import study as lab_study
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
 from eivor.lab.records import Scenario
-from eivor.lab.scenario_files import method_choice, read_study
+from eivor.lab.scenario_files import method_choice, read_study, shipped_scenario
 from eivor.lab.study import MethodChoice, Regularisation, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
@@ -38,6 +39,7 @@ from eivor.process_pool import (
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance, WhiteExcitation
 from eivor.strict_toml import read_toml
+from refusal_rows import calls, rows, table, without
 from studies.study_parts import EQUATION, METHODS, Coin, Patient, content, small_study
 from worker_answers import PATIENCE_S, SOURCES, Arriving, answered, refusing, text_of, wait_until
 
@@ -322,43 +324,6 @@ def choosing(*given, **options):
     return lambda: MethodChoice(*given, **options)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
-        (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
-        (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
-        (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
-        (choosing("generalized_iv"), r"lags = \[first, last\] for .* received 'generalized_iv' with none"),
-        (choosing("extended_iv", (3, 1)), "Expected first <= last"),
-        (choosing("extended_iv", (-1, 1)), "a lag of zero or more samples"),
-        (choosing("extended_iv_tls", (1, 2), weighting="two_stage"), "extended_iv or generalized_iv only"),
-        (
-            lambda: small_study(methods=(MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
-            "Did you mean 'input'",
-        ),
-        (
-            lambda: small_study(methods=(MethodChoice("least_squares", known_noise=("velocity_z",)),)),
-            "a channel for 'least_squares' out of output, input; received 'velocity_z'",
-        ),
-        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
-        (lambda: Regularisation(-1.0), "a parameter of zero or more"),
-        (choosing("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
-        (choosing("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
-        (choosing("spectral_giv", (0, 5), regularisation=Regularisation()), "a regularisation of a linear"),
-        (choosing("fuller", (1, 5), regularisation=Regularisation()), "least squares or total least squares"),
-        (lambda: LocalProcesses(0), "Expected one worker or more; received 0"),
-        (lambda: LocalThreads(0), "Expected one worker or more; received 0"),
-        (lambda: local_executor(0, 5), "Expected one worker or more; received 0"),
-        (lambda: DaskCluster("somewhere"), "Expected the address of a Dask scheduler; received 'somewhere'"),
-        (lambda: Limits(time_s=0.0), r"a limit .* above zero"),
-    ],
-)
-def test_what_is_refused(make, message):
-    with pytest.raises(UsageError, match=message):
-        make()
-
-
 def choice_of(tmp_path, line, name="generalized_iv"):
     path = tmp_path / "method.toml"
     lags = "" if "squares" in name else "lags = [0, 5]"
@@ -385,22 +350,6 @@ def test_a_disturbance_moves_the_machine():
     series = effect - 0.8 * np.concatenate([[0.0], effect[:-1]])
     assert series.std() == pytest.approx(1.0, rel=0.1)
     assert abs(np.corrcoef(series[1:], series[:-1])[0, 1]) < 0.1
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"output_coefficients": (1.0,)}, r"stable equation; received \[1.0\], with a root of modulus 1"),
-        ({"input_coefficients": ()}, "at least one input coefficient; received none"),
-        ({"input_coefficients": (float("nan"),)}, "finite coefficients; received nan"),
-        ({"delay": -1}, "a delay of zero or more samples; received -1"),
-        ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
-        ({"noise": {"velocity_z": WhiteNoise(1.0)}}, "of output, input; received noise of 'velocity_z'"),
-    ],
-)
-def test_equations_that_cannot_be_are_refused(changes, message):
-    with pytest.raises(ParameterError, match=message):
-        replace(EQUATION, **changes)
 
 
 @pytest.mark.parametrize("level", [0.95, 0.99])
@@ -474,11 +423,6 @@ def expected(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")
     run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
-
-
-def test_a_lost_worker_is_a_sentence():
-    with pytest.raises(InputError, match=r"worker processes that live .* died .*7.*run the same again"):
-        list(LocalProcesses(1).map(answered, ["a", "die"]))
 
 
 def children():
@@ -577,12 +521,6 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
 def test_dask_without_a_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr("eivor.dask_executor.PATIENCE_S", 0.5)
     with pytest.raises(InputError, match=r"a Dask scheduler at tcp://127\.0\.0\.1:1; received no answer"):
-        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
-
-
-def test_dask_is_optional(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"Dask, which is needed .*pip install 'eivor\[dask\]'"):
         run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
@@ -692,9 +630,73 @@ excitation = { kind = "white" }
 """
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+def of_file(old, new, tmp_path):
+    assert old in STUDY
+    read(tmp_path, STUDY.replace(old, new))
+
+
+def of_content(content, tmp_path):
+    (tmp_path / "mine.toml").write_bytes(content)
+    read_study(tmp_path / "mine.toml")
+
+
+RICH, DASK = shipped_scenario("rich"), DaskCluster("tcp://127.0.0.1:1")
+test_refused = table(
+    calls("choice", UsageError,
+        (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
+        (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
+        (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
+        (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
+        (choosing("generalized_iv"), r"lags = \[first, last\] for .* received 'generalized_iv' with none"),
+        (choosing("extended_iv", (3, 1)), "Expected first <= last"),
+        (choosing("extended_iv", (-1, 1)), "a lag of zero or more samples"),
+        (choosing("extended_iv_tls", (1, 2), weighting="two_stage"), "extended_iv or generalized_iv only"),
+        (lambda: small_study(methods=(MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
+            "Did you mean 'input'"),
+        (lambda: small_study(methods=(MethodChoice("least_squares", known_noise=("velocity_z",)),)),
+            "a channel for 'least_squares' out of output, input; received 'velocity_z'"),
+        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
+        (lambda: Regularisation(-1.0), "a parameter of zero or more"),
+        (choosing("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
+        (choosing("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
+        (choosing("spectral_giv", (0, 5), regularisation=Regularisation()), "a regularisation of a linear"),
+        (choosing("fuller", (1, 5), regularisation=Regularisation()), "least squares or total least squares"),
+        (lambda: LocalProcesses(0), "Expected one worker or more; received 0"),
+        (lambda: LocalThreads(0), "Expected one worker or more; received 0"),
+        (lambda: local_executor(0, 5), "Expected one worker or more; received 0"),
+        (lambda: DaskCluster("somewhere"), "Expected the address of a Dask scheduler; received 'somewhere'"),
+        (lambda: Limits(time_s=0.0), r"a limit .* above zero"),
+        (lambda: paper.named_readings(("nothing",)), "readings out of ratios-of-std"),
+        (lambda: next(paper.run_paper(paper.READINGS, runs=1)), "two runs or more"),
+        (without("distributed", lambda folder: run_study(small_study(), folder, executor=DASK)),
+            r"Dask, which is needed .*pip install 'eivor\[dask\]'"),
+    ),
+    rows("equation", ParameterError, lambda changes: replace(EQUATION, **changes),
+        ({"output_coefficients": (1.0,)}, r"stable equation; received \[1.0\], with a root of modulus 1"),
+        ({"input_coefficients": ()}, "at least one input coefficient; received none"),
+        ({"input_coefficients": (float("nan"),)}, "finite coefficients; received nan"),
+        ({"delay": -1}, "a delay of zero or more samples; received -1"),
+        ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
+        ({"noise": {"velocity_z": WhiteNoise(1.0)}}, "of output, input; received noise of 'velocity_z'"),
+    ),
+    rows("bound", ParameterError, ev.bounds.cramer_rao,
+        (shipped_scenario("closed-loop"), "in open loop"),
+        (ev.Scenario(0.3, 0.02), "noise of input"),
+    ),
+    calls("call", None,
+        (lambda: ev.bounds.cramer_rao(RICH, runs=0), ParameterError, "1 to 10000 records"),
+        (lambda: ev.bounds.cramer_rao(RICH, seed=-1), ParameterError, "a seed of zero or more"),
+        (lambda: list(LocalProcesses(1).map(answered, ["a", "die"])), InputError,
+            "worker processes that live .* died .*7.*run the same again"),
+        (lambda: read_study(Path("mine.toml")), InputError, "unreadable: No such file"),
+        (lambda tmp_path: read_study(tmp_path.parent), InputError, "unreadable: Is a directory"),
+    ),
+    rows("content", InputError, of_content,
+        (b"\xff\xfe\x00", "unreadable: "),
+        (b"x = " + b"[" * 100_000, r"mine.toml', which is not"),
+        (b"#" * 1_000_001, "larger than 1000000 bytes"),
+    ),
+    rows("file", InputError, of_file,
         ("runs = 5", "", "Expected a whole number at runs of mine.toml; received nothing. Add it."),
         ("runs = 5", "rnus = 5", "Is 'rnus' meant to be it"),
         ("runs = 5", "runs = -5", r"Expected runs from 1 to 10000000 at the top of mine.toml; received -5"),
@@ -706,51 +708,20 @@ excitation = { kind = "white" }
         (LS, '"least_square"', r"at methods\[1\] of mine.toml; received 'least_square'.*'least_squares'"),
         (LS, f"{IV}\nlag = [1, 2]", r"received the unknown key 'lag'\. Did you mean 'lags'"),
         (LS, f"{IV}\nlags = [2, 1]", r"Expected \[first, last\].* received \[2, 1\]"),
-        (
-            LS,
-            f"{IV}\nlags = [0.5, 1]",
-            r"a whole number at methods\[1\].lags\[1\] of mine.toml; received 0.5",
-        ),
-        (
-            LS,
-            f"{LS}\nknown_noise = 'input'",
-            r"texts at methods\[1\].known_noise of mine.toml; received 'input'",
-        ),
+        (LS, f"{IV}\nlags = [0.5, 1]",
+            r"a whole number at methods\[1\].lags\[1\] of mine.toml; received 0.5"),
+        (LS, f"{LS}\nknown_noise = 'input'",
+            r"texts at methods\[1\].known_noise of mine.toml; received 'input'"),
         ("input_gain", "input_gian", r"at scenario of mine.toml; .* 'input_gian'. Did you mean 'input_gain'"),
         ("samples = 300", 'samples = "x"', "Expected a whole number at scenario.samples"),
         (VERTICAL, 'kind = "vertcal"', "Did you mean 'vertical'"),
         (VERTICAL, FILE_EQUATION.replace("0.5", "1.5"), "a stable equation at scenario of mine.toml"),
-        (
-            VERTICAL,
-            FILE_EQUATION.replace("0.5", '"a"'),
-            r"a finite number at .*output_coefficients\[1\] .* 'a'",
-        ),
+        (VERTICAL, FILE_EQUATION.replace("0.5", '"a"'),
+            r"a finite number at .*output_coefficients\[1\] .* 'a'"),
         (VERTICAL, f"{FILE_EQUATION}noise.outptu.kind = 'white'", "key 'outptu'.* Did you mean 'output'"),
         (VERTICAL, f"{FILE_EQUATION}noise.input = {{ kind = 'white', std = -1.0 }}", "noise.input .* std=-1"),
         *((f"{key} = {value}", f"{key} = {number}", message) for key, value, number, message in EXTREMES),
         (LS, f"{IV}\nlags = [0, 99999999999]", "10000 lags or fewer at methods.1. of mine"),
         (VERTICAL, FILE_EQUATION + "samples = 99999999999", "50000000 samples or fewer at scenario.samples"),
-    ],
-)
-def test_files_that_are_refused(tmp_path, old, new, message):
-    assert old in STUDY
-    with pytest.raises(InputError, match=message):
-        read(tmp_path, STUDY.replace(old, new))
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, "unreadable: Is a directory"),
-        (b"\xff\xfe\x00", "unreadable: "),
-        (b"x = " + b"[" * 100_000, r"mine.toml', which is not"),
-        (b"#" * 1_000_001, "larger than 1000000 bytes"),
-    ],
-)
-def test_files_that_cannot_be_read(tmp_path, content, message):
-    path = tmp_path / "mine.toml"
-    with pytest.raises(InputError, match="unreadable: No such file"):
-        read_study(path)
-    path.mkdir() if content is None else path.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        read_study(path)
+    ),
+)  # fmt: skip
