@@ -93,8 +93,6 @@ def test_what_is_missing_or_misspelt_is_said(eivor):
         (("plan", "--shape", "stepps"), "steps"),
     ):
         assert f"Did you mean '{meant}'?" in eivor(*words).err
-    wrong = eivor("identfy")
-    assert (wrong.code, "identify" in wrong.err) == (2, True)
 
 
 @pytest.mark.thorough
@@ -190,27 +188,6 @@ def test_a_name_that_is_no_text(flight, tmp_path):
         assert b"Traceback" not in run.stderr
 
 
-@pytest.mark.parametrize(
-    "option",
-    ["--lag", "--lag-from", "--window", "--input", "--input-map", "--map", "--json", "--figure", "--html"],
-)
-def test_an_empty_option_is_not_passed_over(eivor, option):
-    run = eivor("identify", "--example", option, "")
-    assert run.code == 2
-    assert run.out == ""
-    assert f"Expected a value for {option}; received an empty text." in run.err
-    assert run.err.rstrip().endswith("or leave it out.")
-
-
-def test_of_the_group_and_of_a_file(eivor, tmp_path, monkeypatch):
-    assert "a value for --config" in eivor("--config", "", "identify", "--example").err
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "eivor.toml").write_text('[identify]\nlag = ""\n')
-    run = eivor("identify", "--example")
-    assert (run.code, run.out) == (2, "")
-    assert "a value for --lag" in run.err
-
-
 PAGE = (Path(__file__).parents[2] / "docs" / "from-a-log.md").read_text(encoding="utf-8")
 
 
@@ -246,34 +223,6 @@ def test_a_file_that_is_named(eivor, written):
     assert "options of" not in eivor("--config", "lab.toml", "identify", "missing.ulg").err
     ran = eivor("--config", "lab.toml", "fleet", "run", "missing", "-o", "out")
     assert "options of lab.toml: workers 2" in ran.err
-
-
-@pytest.mark.parametrize(
-    ("text", "wrong"),
-    [
-        ("[identfy]", r"tables named as commands.*\[identfy\]\. Did you mean 'identify'"),
-        ("lag = 3", "tables named as commands.*Remove it"),
-        ("identify = 3", r"Expected a table \[identify\]"),
-        ("[identify]\nlagg = 3", "options of eivor identify.*'lagg'. Did you mean 'lag'"),
-        ("[fleet.run]\nworker = 3", "options of eivor fleet run.*Did you mean 'workers'"),
-        ("[identify]\nalign = 3", "true or false at identify.align of eivor.toml; received 3"),
-        ("[identify]\nlag = true", "a text or a number, at identify.lag of eivor.toml; received True"),
-        ("[identify]\nterm = [{}]", "a text or a number, or a list of them"),
-        ("[identify", "not: "),
-    ],
-)
-def test_what_is_wrong_is_said(eivor, written, text, wrong):
-    written(text)
-    ran = eivor("identify", "missing.ulg")
-    assert ran.code == 1
-    assert re.search(wrong, ran.err)
-    assert "missing.ulg" not in ran.err
-
-
-def test_a_file_that_is_missing(eivor, written):
-    ran = eivor("--config", "lab.toml", "identify", "missing.ulg")
-    assert ran.code == 1
-    assert "'lab.toml', unreadable" in ran.err
 
 
 def test_tables_of_commands_that_are_not_loaded(written):

@@ -21,8 +21,8 @@ import pytest
 import eivor as ev
 from eivor import __main__ as entry
 from eivor.cli import main, outputs, tools
-from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_names, parse_window
-from eivor.errors import CorruptLogError, InputError, UsageError
+from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_window
+from eivor.errors import CorruptLogError, InputError
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, shipped_vehicles, vehicle_template
 from eivor.signals.recording import DataSheet
@@ -139,12 +139,6 @@ def test_a_window_is_two_seconds(text, expected):
     assert parse_window(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "4", "67:4", "4:4", "a:b", "4:nan", "nan:", "1:2:3", "4-67"])
-def test_a_window_that_is_none_is_refused(text):
-    with pytest.raises(UsageError, match="START before END"):
-        parse_window(text)
-
-
 def test_a_log_may_bring_its_window():
     Path("flight@4:67").touch()  # a file that is there wins
     for text, *expected in (
@@ -156,12 +150,6 @@ def test_a_log_may_bring_its_window():
         ("flight@4:67", "flight@4:67"),
     ):
         assert log_argument(text) == LogArgument(Path(expected[0]), *expected[1:])
-
-
-@pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
-def test_instruments_that_exclude_each_other_are_refused(text):
-    with pytest.raises(UsageError, match="alone"):
-        parse_names(text)
 
 
 def test_an_error_names_its_log_once():
@@ -185,28 +173,6 @@ def test_numbers_units_sheets_and_the_word():
     assert declared_noise([sheet, "rotor_speed=3"]) == expected
 
 
-@pytest.mark.parametrize(
-    ("texts", "words"),
-    [
-        (["velocity_z"], "NAME=STD"),
-        (["velocity_z="], "NAME=STD"),
-        (["velocity_z=-1"], "zero or more for velocity_z"),
-        (["velocity_z=nan"], "zero or more for velocity_z"),
-        (["velocity_z=lots"], "zero or more for velocity_z"),
-        (["velocity_z=1 m"], "in m/s, or a unit of that kind"),
-        (["velocity_z=1 parsec"], "in m/s, or a unit of that kind"),
-        (["velocity_z=1", "velocity_z=2"], "twice"),
-        (["velocity_z=densty:1"], "density"),
-        (["velocity_z=bandwidth:50"], "sheet of velocity_z; received 'bandwidth:50'. Give --noise"),
-        (["velocity_z=density:0,bandwidth:50"], "above zero of the data sheet of velocity_z"),
-        (["estimate", "velocity_z=2"], "estimate alone"),
-    ],
-)
-def test_noises_that_are_none(texts, words):
-    with pytest.raises(UsageError, match=words):
-        declared_noise(texts)
-
-
 def test_stages_come_in_order():
     log = ev.example_flight()
     stages: list[Stage] = []
@@ -218,23 +184,9 @@ def test_new_writes_a_file_that_show_accepts(eivor, tmp_path):
     run = eivor("vehicle", "new", "mine.toml")
     assert (run.code, run.out, run.err) == (0, "mine.toml: fill in what you know\n", "")
     assert load_vehicle(tmp_path / "mine.toml").name == "My quadrotor"
+    assert eivor("vehicle", "new").out == vehicle_template()
     run = eivor("vehicle", "show", "mine.toml")
     assert (run.code, run.out, run.err) == (0, vehicle_template(), "")
-
-
-def test_new_takes_nobodys_file(eivor, tmp_path):
-    assert eivor("vehicle", "new").out == vehicle_template()
-    (tmp_path / "mine.toml").write_text("name = 'kept'", encoding="utf-8")
-    for file, code, told in (
-        ("mine.toml", 2, "which would be lost"),
-        ("mine.txt", 2, "ends in .toml"),
-        ("none/mine.toml", 1, "does not exist"),
-        (".", 2, "the folder"),
-    ):
-        run = eivor("vehicle", "new", file)
-        assert run.code == code
-        assert told in run.err
-    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "name = 'kept'"
 
 
 def test_list_names_what_show_shows(eivor):
@@ -313,9 +265,6 @@ def test_fetch_prints_the_path(eivor, tmp_path, monkeypatch):
 
 
 def test_list_path_and_sources(eivor):
-    run = eivor("example", "fetch", "nothing")
-    assert run.code == 2
-    assert "ekf_failure" in run.err
     assert Path(eivor("example", "path").out.strip()).is_file()
     listed = eivor("example", "list").out
     for name, log in tools.public_logs().items():

@@ -123,61 +123,6 @@ velocity = 0.05
 LOST = "gust_rms = 5.0\ngust_correlation = 5.0\nquickness = 0.05\nintegral_share = 0.0"
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (FLOWN.replace("duration", "druation"), "unknown key 'druation'. Did you mean 'duration'?"),
-        (FLOWN.replace('"multisine"', '"stepz"'), "received 'stepz'. Did you mean 'steps'?"),
-        (FLOWN.replace('"heavy-tailed"', '"pink"'), "one of white, heavy-tailed, fractional at noise.kind"),
-        (FLOWN.replace("0.4", "40.0"), "viscous_friction between 0.001 and 2 at the top of mine.toml"),
-        (FLOWN.replace("20.0", f"20.0\n{LOST}"), "one that is lost with the seed"),
-        (FLOWN.replace('"flight"', '"fligth"'), "at kind of mine.toml; received 'fligth'. Did you mean"),
-    ],
-)
-def test_flights_that_are_none(eivor, tmp_path, text, said):
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    run = eivor("simulate", "mine.toml", "-o", "a.csv")
-    assert (run.code, run.out) == (1, "")
-    assert said in run.err
-    assert not (tmp_path / "a.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("none.toml", "-o", "a.parquet"), 1, "'none.toml', unreadable"),
-        (("rihc", "-o", "a.parquet"), 2, "one of arch, closed-loop, crazyflie, flight, p"),
-        (("flight", "-o", "a.parquet", "--hover"), 2, "received a flight, whose log has the whole input"),
-        (("rich", "-o", "a.xlsx"), 2, "ends in .parquet or .csv"),
-        (("rich", "-o", "nowhere/a.parquet"), 1, "does not exist"),
-        (("rich", "-o", "a.parquet", "--seed", "-1"), 2, "a seed of zero or more"),
-        (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "different files for --out and --truth"),
-        (
-            ("mine.toml", "-o", "a.csv", "--truth", "mine.toml"),
-            2,
-            "would replace 'mine.toml' of SCENARIO.toml",
-        ),
-        (("backward.toml", "-o", "a.parquet", "--hover"), 2, "an input_gain above zero with --hover"),
-    ],
-)
-def test_wrong_calls(eivor, tmp_path, arguments, code, said):
-    (tmp_path / "mine.toml").write_text(FLIGHT, encoding="utf-8")
-    backward = "viscous_friction = 0.3\ninput_gain = -1.0\nsamples = 50\n"
-    (tmp_path / "backward.toml").write_text(backward, encoding="utf-8")
-    run = eivor("simulate", *arguments)
-    assert (run.code, run.out) == (code, "")
-    assert said in run.err
-    assert not list(tmp_path.glob("a.*"))
-    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == FLIGHT
-
-
-def test_a_scenario_without_rotors_has_no_vehicle_file(eivor, tmp_path):
-    run = eivor("simulate", "rich", "-o", "log.parquet", "--vehicle", "known.toml")
-    assert run.code == 2
-    assert "'rich', whose rotors are nowhere" in run.err
-    assert not list(tmp_path.iterdir())
-
-
 STUDY = """
 name = "a [red]small[/red] one"
 runs = 30
@@ -261,24 +206,6 @@ def test_failures_are_told(eivor, file):
     assert "blind failed in 30 of 30 trials; 0: MissingNoiseError: Expected a declared noise of chan" in text
     file.write_text(STUDY.split("[[methods]]", 1)[0] + BLIND, encoding="utf-8")
     assert eivor("study", file, "--workers", 1, "--out", "other").code == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["--runs", 0], 2, "Expected runs from 1"),
-        (["--workers", 0], 2, "Expected one worker or more; received 0"),
-        (["--workers", 2, "--dask", "tcp://x:1"], 2, "Expected --workers or --dask; received both"),
-        (["--dask", "x"], 2, "the address of a Dask scheduler"),
-        (["--json", "absent/x.json"], 1, "whose folder 'absent' does not exist"),
-        (["--out", "small.toml"], 2, "which would replace"),
-        (["--out", "small.toml/x"], 1, "Not a directory"),
-    ],
-)
-def test_wrong_usage(eivor, file, arguments, code, message):
-    run = eivor("study", file, *arguments)
-    assert (run.code, run.out) == (code, "")
-    assert message in run.err
 
 
 @pytest.mark.thorough

@@ -46,28 +46,6 @@ def test_draws_are_a_table(eivor, tmp_path):
     assert pl.read_parquet(file)["input_gain"].to_list() == table["input_gain"].to_list()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "--to TARGET, --draws N or both"),
-        (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
-        (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
-        (["--to", "px"], "a target out of px4"),
-        (["--example", "--to", "px4"], "eivor identify --example --json fit.json"),
-        (["--draws", "5"], "-o draws.parquet"),
-        (["--draws", "0", "-o", "d.parquet"], "0 draws"),
-        (["--to", "statespace", "--prior", "delay"], "a prior NAME=VALUE:STD"),
-        (["--to", "statespace", "--prior", "delay=x"], "VALUE or VALUE:STD"),
-        (["--to", "px4", "--mass", "-1"], "a mass above zero"),
-    ],
-)
-def test_wrong_usage(arguments, message, eivor, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run = eivor("export", written(document(), tmp_path), *arguments)
-    assert run.code == 2
-    assert message in " ".join(run.err.split())
-
-
 @pytest.mark.thorough
 def test_json_has_the_documented_keys(eivor, log, tmp_path):
     run = eivor("inspect", f"{log}@5:20", "--json", "-")
@@ -199,39 +177,9 @@ def test_rough_numbers_and_limits_reach_the_plan(eivor, asked, tmp_path):
     assert asked[1]["vehicle"].viscous_friction == 0.7
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--qgc", "a.plan"), "--home LAT,LON"),
-        (("--qgc", "a.plan", "--home", "1,2", "--shape", "multisine"), "--shape steps with --qgc"),
-        (("--height", "3:"), "with both ends"),
-        (("--height", "high"), "--height LOW:HIGH with both ends"),
-        (("--csv", ""), "Expected a value for --csv; received an empty text. Give --csv FILE, or leave"),
-        (("--hover", "2"), "hover_input between"),
-        (("fit.json", "--hover", "0.5"), "rough numbers as options"),
-        (("none.json",), "none.json"),
-    ],
-)
-def test_wrong_usage_is_told(eivor, asked, options, words):
-    run = eivor("plan", *options)
-    assert run.code == (1 if options == ("none.json",) else 2)
-    assert words in run.err
-    assert not asked
-
-
 @pytest.fixture(autouse=True)
 def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def test_show_tells_what_is_wrong(eivor, tmp_path):
-    (tmp_path / "mine.toml").write_text("mas = 1\n[rotors]\nlayout = 'quad-x'\nnumbering = 'px4'", "utf-8")
-    run = eivor("vehicle", "show", "mine.toml")
-    assert (run.code, run.out) == (1, "")
-    assert "Did you mean 'mass'" in run.err
-    run = eivor("vehicle", "show", "hexacopter")
-    assert run.code == 1
-    assert "crazyflie-2x" in run.err
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "getting-started.md").read_text(encoding="utf-8")
