@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from math import inf
 
@@ -12,6 +13,7 @@ import pytest
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+import eivor as ev
 from eivor.errors import CollinearError, ParameterError, ShapeError, TooFewSamplesError, UsageError
 from eivor.inference.anderson_rubin import (
     LinearScores,
@@ -25,6 +27,8 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import cosine_averages, cosine_covariance
 from eivor.inference.distributions import chi_square_quantile, conditional_ratio_quantile
 from eivor.inference.regions import ConfidenceRegion, Ellipse, scanned_shadow
+from inference import test_covariances as products
+from refusal_rows import calls, rows, table
 
 LEVEL = 0.95
 
@@ -179,37 +183,6 @@ def test_empty_when_the_instruments_contradict_each_other():
         assert make(psi, columns).interval("a").is_empty
 
 
-def test_what_cannot_be_tested_is_refused():
-    psi, columns = record(np.random.default_rng(15), 1.0)
-    region, entries = robust(psi, columns), np.ones((20, 2))
-    twice, tripled = np.column_stack([columns[:, 1], columns[:, 1]]), np.column_stack([psi, psi[:, 0]])
-    for refused, error, said in (
-        (partial(classical, psi, twice), CollinearError, "errors that vary"),
-        (partial(robust, tripled, columns), CollinearError, "errors that vary"),
-        (partial(averages_for, 20, 4), TooFewSamplesError, "at least 32 samples for 4 moment"),
-        (region.outline, UsageError, "two parameters"),
-        (partial(region.interval, "z"), UsageError, "out of a; received 'z'"),
-        (partial(excluded_sums, 0.975, 100), ParameterError, "whole number"),
-        (partial(excluded_sums, 1.0, 100), ParameterError, "whole number"),
-        (partial(excluded_sums, 0.95, 10), ParameterError, "whole number"),
-        (partial(sign_perturbed, entries, entries), CollinearError, "independent instruments"),
-        (partial(ConfidenceSet.from_quadratic, inf, 0.0, 0.0), ParameterError, "finite coefficients"),
-        (partial(ConfidenceSet.whole_line().scaled, 0.0), ParameterError, "other than zero"),
-        (partial(ConfidenceSet, ((1.0, 0.0),)), ParameterError, "ascending order"),
-        (partial(ConfidenceSet, ((0.0, 1.0), (1.0, 2.0))), ParameterError, "ascending order"),
-        (partial(ConfidenceSet, ((math.nan, 1.0),)), ParameterError, "ascending order"),
-        (partial(ConfidenceSet, ((inf, inf),)), ParameterError, "ascending order"),
-        (partial(Ellipse, np.arange(3.0), np.eye(3)), ShapeError, "Expected"),
-        *((partial(Ellipse, CENTRE, COVARIANCE, *x), UsageError, "Expected") for x in LEVELS_AND_DEGREES),
-        *(
-            (partial(Ellipse, CENTRE, np.array(x)), UsageError, "positive semidefinite")
-            for x in NO_COVARIANCES
-        ),
-    ):
-        with pytest.raises(error, match=said):
-            refused()
-
-
 @pytest.mark.parametrize(
     ("coefficients", "wanted", "text"),
     [
@@ -355,10 +328,6 @@ def test_quantile_of_a_conditional_ratio_is_that_of_its_draws(degrees, strength)
         assert ends == pytest.approx(chi_square_quantile(0.95, left), rel=0.002)
 
 
-LEVELS_AND_DEGREES = [(0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan)]
-NO_COVARIANCES = [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]]
-
-
 def test_bounds_area_and_axes_agree_with_the_outline() -> None:
     ellipse = Ellipse(CENTRE, COVARIANCE)
     outline = ellipse.outline(20_001)
@@ -376,3 +345,43 @@ def test_bounds_area_and_axes_agree_with_the_outline() -> None:
 def test_full_correlation_leaves_a_line() -> None:
     ellipse = Ellipse(np.zeros(2), np.array([[1.0, -2.0], [-2.0, 4.0]]))
     assert ellipse.contains(np.array([[1.0, -2.0], [1.0, 2.0]])).tolist() == [True, False]
+
+
+PSI, COLUMNS = record(np.random.default_rng(15), 1.0)
+cov = ev.covariances
+TWICE, TRIPLED = np.column_stack([COLUMNS[:, 1], COLUMNS[:, 1]]), np.column_stack([PSI, PSI[:, 0]])
+REGION, ENTRIES = robust(PSI, COLUMNS), np.ones((20, 2))
+SMALL, OTHER = products.table(whole=False), products.table()
+DIRECT = ev.identify(ev.regression(np.arange(9.0) ** 2, np.arange(9.0)), ev.methods.least_squares())
+test_refused = table(
+    rows("ellipse", UsageError, partial(Ellipse, CENTRE),
+        *((COVARIANCE, *given, "Expected") for given in (
+            (0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan))),
+        *((np.array(given), "positive semidefinite") for given in (
+            [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[-1.0, 0.0], [0.0, 1.0]])),
+    ),
+    rows("set", ParameterError, ConfidenceSet, *((given, "ascending order") for given in (
+        ((1.0, 0.0),), ((0.0, 1.0), (1.0, 2.0)), ((math.nan, 1.0),), ((inf, inf),)))),
+    rows("sums", ParameterError, excluded_sums, *((*given, "whole number") for given in (
+        (0.975, 100), (1.0, 100), (0.95, 10)))),
+    rows("part", UsageError, lambda part: getattr(SMALL, part), *((part, "Make the products of all columns")
+        for part in ("instruments", "regressors", "regressor_response", "power"))),
+    calls("call", None,
+        (partial(classical, PSI, TWICE), CollinearError, "errors that vary"),
+        (partial(robust, TRIPLED, COLUMNS), CollinearError, "errors that vary"),
+        (partial(averages_for, 20, 4), TooFewSamplesError, "at least 32 samples for 4 moment"),
+        (REGION.outline, UsageError, "two parameters"),
+        (partial(REGION.interval, "z"), UsageError, "out of a; received 'z'"),
+        (partial(sign_perturbed, ENTRIES, ENTRIES), CollinearError, "independent instruments"),
+        (partial(ConfidenceSet.from_quadratic, inf, 0.0, 0.0), ParameterError, "finite coefficients"),
+        (partial(ConfidenceSet.whole_line().scaled, 0.0), ParameterError, "other than zero"),
+        (partial(Ellipse, np.arange(3.0), np.eye(3)), ShapeError, "Expected"),
+        (lambda: SMALL + OTHER, UsageError, "Add the products of one problem"),
+        (lambda: SMALL + replace(SMALL, sums=SMALL.sums[:, :2], tested=2), UsageError,
+            "received products of 2 instruments"),
+        (lambda: DIRECT.with_covariance(cov.ClusteredByFlight()).interval("theta_1"), UsageError,
+            "ClusteredByFlight can use; received too few flights"),
+        (lambda: cov.EqualWeightedCosines(0), UsageError, "one cosine average or more; received 0"),
+        (lambda: cov.FixedBandwidth(-1.0), UsageError, "zero lags or more; received -1"),
+    ),
+)  # fmt: skip
