@@ -178,3 +178,12 @@ def without_definitions(folder):
     database.commit()
     database.close()
     return folder
+
+
+def inertial(store, n=60):
+    """Messages of an IMU."""
+    kind = "sensor_msgs/msg/Imu"
+    for row in range(n):
+        selected = {"header": header(store, 0.01 * row)}
+        selected["linear_acceleration"] = vector(store, 0.0, 0.1 * row, 9.8)
+        yield "/imu", kind, 0.01 * row, store.types[kind](**(blank(store, kind) | selected))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from bag_writer import inertial, stores, write_ros1, write_ros2
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 import eivor as ev
 
@@ -23,3 +26,25 @@ def read(tmp_path):
 def whole(monkeypatch):
     """Files are whole: no child need decode them first."""
     monkeypatch.setattr("eivor.logs.table.columnar.decode_in_child", lambda *_, **__: None)
+
+
+@pytest.fixture(scope="module")
+def store():
+    return dict(zip(("ros1", "ros2"), stores(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def sound(store, tmp_path_factory):
+    """The bytes of a small bag of each kind."""
+    folder = tmp_path_factory.mktemp("bags")
+    lz4 = Writer1.CompressionFormat.LZ4
+    ros1 = write_ros1(folder / "one.bag", inertial(store["ros1"]), store["ros1"], lz4)
+    plain = write_ros2(folder / "two", inertial(store["ros2"]), store["ros2"])
+    mcap = write_ros2(
+        folder / "three", inertial(store["ros2"]), store["ros2"], StoragePlugin.MCAP, CompressionMode.STORAGE
+    )
+    return {
+        "bag": ros1.read_bytes(),
+        "db3": (plain / "two.db3").read_bytes(),
+        "mcap": (mcap / "three.mcap").read_bytes(),
+    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import sys
 
 import bag_writer
 import numpy as np
@@ -24,17 +23,12 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from eivor import read_log
-from eivor.errors import InputError, MissingReaderError
+from eivor.errors import InputError
 
 
 @pytest.fixture(scope="module")
 def flight():
     return simulated(seed=3, duration=2.0)
-
-
-@pytest.fixture(scope="module")
-def store():
-    return dict(zip(("ros1", "ros2"), stores(), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -228,14 +222,6 @@ def test_stamps_of_another_clock_are_left_out(tmp_path, store):
     r = read_log(write_ros2(tmp_path / "flight", messages, store["ros2"]))
     assert "/imu" in told(r, "clocks") or "/odom" in told(r, "clocks")
     assert r.span_s[1] < 5.0
-
-
-def test_without_rosbags_one_sentence_says_what_to_install(tmp_path, monkeypatch):
-    path = tmp_path / "flight.bag"
-    path.write_bytes(b"#ROSBAG V2.0\n")
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
-    with pytest.raises(MissingReaderError, match=r"pip install 'eivor\[ros\]'"):
-        read_log(path)
 
 
 MAP = """

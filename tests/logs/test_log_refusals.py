@@ -7,13 +7,17 @@ import gzip
 import json
 import os
 import re
+import sqlite3
 import struct
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 
 import h5py
 import numpy as np
 import polars as pl
+import pytest
+import test_damage as damage
 import test_table as tables
 from bag_writer import blank, header, stores, write_ros2
 from blackbox_writer import blackbox_log
@@ -42,10 +46,11 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
+from eivor.logs import logging_advice
 from eivor.logs.rosbag.messages import UnsoundMessageError
 from eivor.logs.table.columnar import write_recording
 from eivor.signals.recording import Channel
-from refusal_rows import calls, rows, table
+from refusal_rows import calls, rows, table, without
 
 
 def of_content(content, tmp_path, name="flight.log", **options):
@@ -251,11 +256,9 @@ def matlab(tmp_path, **variables):
     ev.read_log(tmp_path / "t.mat")
 
 
-def more_than_it_holds(tmp_path):
-    with h5py.File(tmp_path / "t.h5", "w") as file:
-        file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))
-        file["velocity_z"] = np.arange(50.0)
-    ev.read_log(tmp_path / "t.h5")
+def more_than_it_holds(file):
+    file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))
+    file["velocity_z"] = np.arange(50.0)
 
 
 def of_messages(messages, tmp_path, kind="", **values):
@@ -289,6 +292,51 @@ def list_map(old, new, tmp_path):
     ev.read_log(path, channel_map=tmp_path / "m.toml")
 
 
+def of_parquet(patches, tmp_path, monkeypatch):
+    """The child dies as a decoder does that asks for too much memory; this process goes on."""
+    damage.canonical().write_parquet(tmp_path / "t.parquet")
+    for name, value in patches.items():
+        monkeypatch.setattr(f"eivor.logs.{name}", value)
+    ev.read_log(tmp_path / "t.parquet")
+
+
+def of_hdf5(write, tmp_path):
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        write(file)
+    ev.read_log(tmp_path / "t.h5")
+
+
+def nested(file):
+    for _ in range(20):
+        file = file.create_group("g")
+
+
+def in_one_chunk(file):
+    for name in ("time", "velocity_z"):
+        sizes = {"maxshape": (None,), "chunks": (12_000_000,)}
+        file.create_dataset(name, data=np.arange(9.0), compression="gzip", **sizes)
+
+
+def of_database(statements, sound, tmp_path):
+    (tmp_path / "flight.db3").write_bytes(sound["db3"])
+    with closing(sqlite3.connect(tmp_path / "flight.db3")) as database:
+        database.executescript(statements)
+    ev.read_log(tmp_path / "flight.db3")
+
+
+def of_other_schemas(sound, tmp_path):
+    of_content(sound["mcap"].replace(b"ros2msg", b"jsonsch"), tmp_path, "flight.mcap")
+
+
+def without_descriptions(tmp_path):
+    content, number = damage.writer().bytes(), damage.writer().numbers["XKF1"]
+    of_content(content[content.index(b"\xa3\x95" + bytes([number])) :], tmp_path)
+
+
+def of_no_text(tmp_path):
+    of_content("time,velocity_z\n0,1\n1,2\n", tmp_path, os.fsdecode(b"\xff\xfe.csv"))
+
+
 LENGTHS = r"'velocity_z' 60|'time' 50.*'velocity_z' 60"
 UNSTAMPED = r"/imu without a stamp that can be, .*: 1\. Write a channel map"
 OUT_OF = r"channels out of time, .*received 'vz'"
@@ -313,7 +361,7 @@ FILES = calls("file", None,
     (partial(matlab, time=np.arange(50.0), velocity_z=np.arange(60.0)), ChannelMapError, LENGTHS),
     (partial(matlab, name="flight", cells=CELLS), EmptyLogError,
         r"objects \(timeseries, tables\) are not read"),
-    (more_than_it_holds, LogTooLargeError, "repeats itself"),
+    (partial(of_hdf5, more_than_it_holds), LogTooLargeError, "repeats itself"),
     (partial(of_messages, []), EmptyLogError, r"with no messages\. Nothing was recorded"),
     (partial(of_messages, ["/imu"], kind="sensor_msgs/msg/Imu"), EmptyLogError, UNSTAMPED),
     (wind_bag, EmptyLogError, r"/wind \(geometry_msgs/Vector3Stamped\).*TOPIC.FIELD"),
@@ -324,6 +372,37 @@ FILES = calls("file", None,
     (partial(of_content, flight(), channel_map="nanobench"), UsageError, ANY_NAMES),
     (partial(of_content, DATAFLASH), EmptyLogError, "LOG_BITMASK"),
     (lambda: ev.recording_from_columns(tables.COLUMNS, estimated=("vz",)), UsageError, OUT_OF),
+    (without_descriptions, EmptyLogError, "where messages are described"),
+    (lambda: logging_advice("gzip"), UsageError, "'gzip'"),
+    (of_no_text, InputError, r"Expected a path in UTF-8; received b'.*\\x[0-9a-f]{2}"),
+)  # fmt: skip
+PARQUET = rows("parquet", InputError, of_parquet,
+    ({"table.columnar._PARQUET_CODE": "import os; os.abort()"}, "makes the decoder fail"),
+    ({"table.columnar._PARQUET_CODE": "import time; time.sleep(9)", "table.columnar.PARQUET_TIMEOUT_S": 0.1},
+        "not decoded within"),
+    ({"table.columnar.MAX_ROWS": 50}, "at most 50 rows"),  # instead of writing half a gigabyte
+    ({"common.MAX_CELLS": 50}, "at most 50 numbers.*with 400"),
+)  # fmt: skip
+MANY = "10000 groups and variables, or 16 in each other"
+HDF5 = rows("hdf5", InputError, of_hdf5,
+    (nested, MANY),
+    (lambda file: [file.create_group(f"g{n}") for n in range(10_010)], MANY),
+    (in_one_chunk, "at most 10000000 numbers"),
+    marks=pytest.mark.thorough,
+)  # fmt: skip
+DATABASE = rows("database", (CorruptLogError, EmptyLogError), of_database,
+    *((f"DROP TABLE schema; {statement}", "more than plain tables") for statement in (
+        "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
+        "CREATE TRIGGER t AFTER INSERT ON messages BEGIN SELECT 1; END",
+        "CREATE TABLE more(a INTEGER, b BLOB GENERATED ALWAYS AS (zeroblob(1000000000)))",
+    )),
+    ("UPDATE message_definitions SET encoded_message_definition = "
+        "'float64 x\n__import__(''os'').abort() y\n'", "where its type takes 12"),
+)  # fmt: skip
+PACKAGES = calls("package", MissingReaderError,
+    (without("rosbags.rosbag1", partial(of_content, b"#ROSBAG V2.0\n")), r"pip install 'eivor\[ros\]'"),
+    (without("h5py", partial(of_content, b"\x89HDF\r\n\x1a\n" + bytes(600))), r"pip install 'eivor\[hdf5\]'"),
+    (of_other_schemas, r"sensor_msgs/msg/Imu \(jsonsch\).*mcap cat"),
 )  # fmt: skip
 MAP_OF_LISTS = rows("map of lists", ChannelMapError, list_map,
     ("index = 2", "index = -1", "a place from 0.*index"),
@@ -372,5 +451,6 @@ WRITTEN = rows("written", UsageError,
 
 test_refused = table(
     *(BLACKBOX, MAPS, FILES_OF_MAPS, MAP_OF_A_BAG, MAP_OF_A_CRAZYFLIE, CRAZYFLIE, TELEMETRY, CONTENT),
-    *(ENCODINGS, CSV, FILES, MAP_OF_LISTS, COLUMNS_GIVEN, CHANNELS, DEFINITION, WRITTEN),
+    *(ENCODINGS, CSV, FILES, PARQUET, HDF5, DATABASE, PACKAGES),
+    *(MAP_OF_LISTS, COLUMNS_GIVEN, CHANNELS, DEFINITION, WRITTEN),
 )

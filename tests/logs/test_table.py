@@ -23,7 +23,6 @@ from eivor.errors import (
     EivorError,
     EmptyLogError,
     InputError,
-    MissingReaderError,
 )
 
 
@@ -476,13 +475,6 @@ def test_variables_without_a_space_are_left_out(tmp_path):
         file["input"] = h5py.Empty("f8")
         file.create_dataset("rows", (50,), dtype=h5py.vlen_dtype("f8"))
     assert set(ev.read_log(tmp_path / "a.h5").channels) == {"velocity_z"}
-
-
-def test_without_h5py_one_sentence_says_what_to_install(tmp_path, monkeypatch):
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(MissingReaderError, match=r"pip install 'eivor\[hdf5\]'"):
-        ev.read_log(tmp_path / "a.h5")
 
 
 T = np.linspace(0.0, 2.0, 201)
