@@ -216,10 +216,16 @@ def with_two_clocks():
 
 
 SENSITIVE = Sensitivities(
-    {"tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5}, "offset": {FRICTION: -4.0, GAIN: 50.0}}
+    {
+        "tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5},
+        "offset": {FRICTION: -4.0, GAIN: 50.0},
+        "late velocity": {FRICTION: -3.0, GAIN: 20.0},
+        "late accelerometer": {FRICTION: 2.0, GAIN: 10.0},
+    }
 )
 TILTED = SensorAgreement({"tilt_x": Difference(0.02, 1e-3)}, AGREE)
 LATE = SensorAgreement({"offset": Difference(0.01, 1e-3)}, AGREE)
+EARLY = SensorAgreement({"offset": Difference(-0.01, 1e-3)}, AGREE)
 SCALED = SensorAgreement({"scale": Difference(-0.02, 1e-3)}, AGREE)
 SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
 DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
@@ -248,7 +254,9 @@ def drift(change):
         (FRICTION, {"sensors": APART}, "factor", 2.0, "in another way"),
         (FRICTION, {"sensors": TILTED}, "added", 0.5, "differ by 1.1"),
         (LAG, {"sensors": TILTED}, "added", 0.025, "differ by 1.1"),
-        (FRICTION, {"sensors": LATE}, "added", 0.04, "10.0 ± 2.1 ms behind"),
+        (FRICTION, {"sensors": LATE}, "added", (0.03, 0.0), "10.0 ± 2.1 ms behind"),
+        (FRICTION, {"sensors": EARLY}, "added", (0.0, 0.03), "10.0 ± 2.1 ms behind"),
+        (GAIN, {"sensors": LATE}, "added", (0.1, 0.2), "10.0 ± 2.1 ms behind"),
         (LAG, {"sensors": LATE}, "added", (0.01, 0.0), "10.0 ± 2.1 ms behind"),
         (FRICTION, {"sensors": SCALED}, "added", (0.008, 0.0), "reads 2.0%"),
         (GAIN, {"sensors": SCALED}, "added", 0.8, "reads 2.0%"),

@@ -24,6 +24,7 @@ from eivor.motions.vertical.misspecification import (
     OmittedTerms,
     either_sentence,
     omitted_variable_tests,
+    sensitivities,
     sensor_agreement_sentence,
     sentence,
 )
@@ -101,6 +102,21 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     assert name == "offset"
     assert abs(abs(result.significant[name].value) - late_s) < 3.0 * result.significant[name].std_error
     assert re.fullmatch(said, sensor_agreement_sentence(result))
+
+
+@pytest.mark.parametrize("channel", ["velocity_z", "specific_force_z"])
+def test_what_a_late_sensor_moves_is_known_by_half(log, channel):
+    """Finding 20b."""
+    right, late = (identify_flight(item) for item in (log, shifted(log, channel, 0.02)))
+    problem = VERTICAL.problem(
+        late.prepared, instruments(late.prepared, FlightOptions(), reference_iv()).rule
+    )
+    known = sensitivities(problem, late.estimate, late.prepared)
+    offset_s = 0.02 if channel == "specific_force_z" else -0.02
+    for name in ("viscous_friction", "input_gain"):
+        moved = late.estimate.parameters[name] - right.estimate.parameters[name]
+        above, below = known.behind(offset_s, name)
+        assert moved == pytest.approx(above if moved > 0.0 else -below, rel=0.6)
 
 
 def sentences(quantity):

@@ -290,8 +290,17 @@ class Sensitivities:
 
     def to(self, cause: str, name: str) -> float:
         """Size of the change of a parameter for a unit of a cause; zero where it does not act."""
+        return abs(self._change(cause, name))
+
+    def _change(self, cause: str, name: str) -> float:
         known = self.by_cause.get(cause, {})
-        return abs(known.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0))
+        return known.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0)
+
+    def behind(self, offset_s: float, name: str) -> tuple[float, float]:
+        """How far a parameter may be too high and too low where a sensor is behind the other."""
+        late = {sensor: self._change(f"late {sensor}", name) for sensor in SENSORS}
+        shifts = (offset_s * late["accelerometer"], -offset_s * late["velocity"])
+        return max(*shifts, 0.0), max(*(-shift for shift in shifts), 0.0)
 
 
 def sensitivities(
@@ -304,7 +313,7 @@ def sensitivities(
         return Sensitivities()
     sideways = [_sideways(flight) for flight in flights]
     tilts = [name for name in sideways[0] if all(name in other for other in sideways)]
-    causes = (OFFSET.name, *(TILTS[name].name for name in tilts))
+    causes = [OFFSET.name, *(TILTS[name].name for name in tilts)]
     extended = []
     for item, moving in zip(columns, sideways, strict=True):
         change = np.gradient(item.responses.mean(axis=1), item.step_s)
@@ -313,15 +322,31 @@ def sensitivities(
     count = extended[0].fixed.shape[1]
     theta = np.pad(estimate.theta, (0, count - estimate.theta.size))
     names = tuple(Parameter(f"column {index}", "") for index in range(count))
-    whitened = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {}).rows({})
-    products = whitened.instruments.T @ whitened.regressors
+    whitened = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {})
+    rows = whitened.rows({})
+    products = rows.instruments.T @ rows.regressors
     own = count - len(causes)
+    effects = [products[:, own:]]
+    for sensor in SENSORS if all(item.responses.shape[1] == len(SENSORS) for item in columns) else ():
+        late = [replace(item, responses=_lateness(item, sensor, estimate.theta[0])) for item in extended]
+        response = replace(whitened, problem=LaggedRuns(tuple(late), names, ())).rows({}).response
+        effects.append((rows.instruments.T @ response)[:, None])
+        causes.append(f"late {sensor}")
     known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
     left = np.vstack([products[:, :own], known])
-    right = np.vstack([products[:, own:], np.zeros((len(known), len(causes)))])
-    moved = np.linalg.lstsq(left, right, rcond=None)[0]
-    rows = zip(causes, moved.T.tolist(), strict=True)
-    return Sensitivities({cause: dict(zip(estimate.names, row, strict=True)) for cause, row in rows})
+    right = np.vstack([np.hstack(effects), np.zeros((len(known), len(causes)))])
+    moved = zip(causes, np.linalg.lstsq(left, right, rcond=None)[0].T.tolist(), strict=True)
+    return Sensitivities({cause: dict(zip(estimate.names, row, strict=True)) for cause, row in moved})
+
+
+def _lateness(item: AxisColumns, sensor: str, friction: float) -> Float[np.ndarray, "n 2"]:
+    """What a second of lateness of one sensor adds to the accelerometer's response and the velocity's."""
+    acceleration = item.responses.mean(axis=1)
+    change = -np.gradient(acceleration, item.step_s)
+    if sensor == "accelerometer":
+        return np.column_stack([change, np.zeros(change.size)])
+    # the column of the friction is late, too
+    return np.column_stack([-friction * acceleration, change - friction * acceleration])
 
 
 def omitted_terms(

@@ -201,10 +201,16 @@ def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     return float(size_s * inputs.checks.sensitivities.to(OFFSET.name, name))
 
 
-def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float] | float:
-    """What an offset between the sensors does: of the lag to one side, unless it was taken out."""
-    size, both = _size(inputs, OFFSET.name), inputs.corrected(OFFSET.name)
-    return (size, size if both else 0.0) if name in SEARCHED else _by_offset(inputs, name, size)
+def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+    """What an offset between the sensors does: it moves a parameter to one side, unless it was taken out."""
+    difference, size = _difference(inputs, OFFSET.name), _size(inputs, OFFSET.name)
+    if difference is None:
+        return 0.0, 0.0
+    both = inputs.corrected(OFFSET.name)
+    if name in SEARCHED:
+        return size, size if both else 0.0
+    low, high = inputs.checks.sensitivities.behind(size if both else difference.value, name)
+    return (max(low, high),) * 2 if both else (low, high)
 
 
 def _clocks_apart_s(inputs: VerdictInputs) -> tuple[float, float]:
