@@ -21,14 +21,12 @@ from report.parsed_page import parsed
 from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
-def test_query_prints_and_writes(eivor, tmp_path):
-    name, reason = "a_log_of_a_vehicle_in_a_hall.ulg", f"It is empty{', and so is another' * 4}."
+def test_query_prints_and_writes(eivor, monkeypatch, tmp_path):
+    name, reason = "a_log_of_a_vehicle_in_a_hall_of_ours.ulg", f"It is empty{', and so is another' * 4}."
     fleet = write_fleet(tmp_path / "fleet", [row("a"), row(name, verdict="failed", reason=reason)])
+    monkeypatch.setenv("COLUMNS", "80")  # sentences are folded there, words are not
     failed = eivor("fleet", "query", fleet, "failed").out
-    assert [text in failed for text in (name, reason)] == [
-        True,
-        False,
-    ]  # words stay whole, sentences are folded
+    assert [text in failed for text in (name, reason)] == [True, False]
     run = eivor("fleet", "query", fleet)
     assert run.code == 0
     assert [line.split() for line in run.out.splitlines()] == [

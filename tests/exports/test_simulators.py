@@ -311,6 +311,8 @@ def test_links_together_are_the_vehicle(vehicle, tmp_path):
     check(root)
     assert (root.name, root.attributes["version"]) == ("sdf", "1.9")
     model = root.one("model")
+    parts = {child.name for link in model.all("link") for child in link.children}
+    assert {"visual", "collision", "sensor"} <= parts
     bodies = [body(link) for link in model.all("link")]
     mass = sum(item[0] for item in bodies)
     centre = sum(item[0] * item[1] for item in bodies) / mass

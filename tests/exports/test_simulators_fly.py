@@ -7,6 +7,7 @@ import os
 import runpy
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -169,6 +170,8 @@ def test_what_a_target_cannot_hold_is_said_with_the_error_that_it_makes(lopsided
         assert degrees > 50.0
     assert any("quadratic drag" in text for text in lost["gazebo"])
     assert not any("quadratic drag" in text for text in lost["rotorpy"])
+    with_inertia = tomllib.loads(fit.export("drone-models"))["vehicle"]
+    assert with_inertia["prop_inertia"] == pytest.approx(made.values["rotor_inertia"][0])
     centres = made.values["centre_of_mass_forward"][0], made.values["centre_of_mass_left"][0]
     np.testing.assert_allclose(centres, (6.4e-6 / (2.3e-8 / 1.45e-5), -3.2e-6 / (2.3e-8 / 1.43e-5)))
 
@@ -189,6 +192,7 @@ def test_mujoco_turns_as_the_result_predicts(lopsided, tmp_path):
         mujoco.mj_step(model, data, 5)
         attitudes.append(data.qpos[3:7].copy())
     assert off(states, np.array(attitudes)) < 0.4
+    assert model.actuator_ctrllimited[:4].all()
     assert model.actuator_ctrlrange[0, 0] == 0.0
 
 

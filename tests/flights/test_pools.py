@@ -175,6 +175,22 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     assert "Viscous friction" in result_card((one_sine,)).groups[-1].lines[0].words
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_lag_that_is_given_counts_in_a_pool(alike):
+    """Its interval was wider than what was given, the friction's than each flight's; 7 ms for 70 went unsaid."""
+    logs = [flight.recording for flight in alike.prepared]
+    pool = ev.identify_flight(logs, lag=ev.Prior(LAG_S, 0.001))
+    assert pool.by_flight
+    low, high = pool.quantities["effective_lag"].interval
+    assert high - low <= 2.0 * 1.96 * pool.fit.lag_prior.std * (1.0 + 1e-9)
+    for row in pool.flights:
+        assert pool.quantities["input_gain"].half_width < row.quantities["input_gain"].half_width
+    wrong = ev.identify_flight(logs, lag=ev.Prior(3.0 * LAG_S, 0.005))
+    assert wrong.quantities[K].verdict is not Status.IDENTIFIED
+    assert any("contradicts the flight" in sentence for sentence in wrong.verdict.sentences)
+
+
 def logs(pool, count, gusts=0.3):
     """Logs of simulated flights of one vehicle, each with a trajectory, wind and noise of its own."""
     specs = [VerticalFlightSpec(gust_rms=gusts, seed=1000 * pool + number) for number in range(count)]
