@@ -10,6 +10,7 @@ from linearmodels.iv import IV2SLS
 
 import eivor as ev
 from eivor.errors import EivorError, did_you_mean
+from refusal_rows import calls, rows, table
 
 RNG = np.random.default_rng(0)
 PHI = RNG.standard_normal((60, 2))
@@ -40,49 +41,17 @@ def test_what_a_mask_hides_is_no_value_of_a_regression(argument):
         kept = call(**{**right, argument: np.ma.masked_array(right[argument])})
         assert type(getattr(kept, argument)) is np.ndarray
         np.testing.assert_array_equal(getattr(kept, argument), right[argument])
-    columns = [hidden(PHI[:, 0], (7,)), PHI[:, 1]]
-    with pytest.raises(EivorError, match="equally many rows"):  # rows of it are columns; nothing is lost
-        ev.regression(**{**right, "regressors": columns})
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_what_a_mask_hides_is_no_value_of_signals():
     values = hidden(Y, (7,))
-    with pytest.raises(EivorError, match=r"'input' at every valid sample; received 1 .* at sample 7"):
-        ev.Signals(5.0, {"input": values})
     valid = np.arange(60) != 7
     for mask in (valid, np.ma.masked_array(np.ones(60, dtype=bool), ~valid)):
         signals = ev.Signals(5.0, {"input": values}, valid=mask)
         assert np.isnan(signals.channels["input"][7])
         np.testing.assert_array_equal(signals.valid, valid)
     assert values.data[7] == 1e9
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize(
-    ("spoil", "said"),
-    [
-        (lambda x: x + 0j, "received complex ones. Take their real part"),
-        (lambda x: np.ma.masked_array(x + 0j), "complex ones"),
-        (lambda x: [complex(value) for value in np.ravel(x)], "complex ones"),
-        (lambda x: x.astype(str).astype(object), "received values of the type object"),
-        (lambda x: np.full(x.shape, 1j, dtype=object), "real numbers in"),
-        (lambda _: [[1.0, 2.0], [3.0]], "real numbers in"),
-    ],
-)
-def test_only_real_numbers_are_taken(spoil, said):
-    """Imaginary parts were dropped, and texts read as numbers."""
-    for call in (
-        lambda: ev.regression(response=spoil(Y), regressors=PHI),
-        lambda: ev.regression(response=Y, regressors=spoil(PHI)),
-        lambda: ev.regression(response=Y, regressors=PHI, noise_covariance=spoil(np.eye(3))),
-        lambda: ev.Signals(5.0, {"input": spoil(Y)}),
-        lambda: ev.recording_from_columns({"time": np.arange(60), "velocity_z": spoil(Y)}),
-        lambda: ev.estimate_long_memory(spoil(Y)),
-        lambda: REGION.contains(spoil(np.ones(2))),
-    ):
-        with pytest.raises(EivorError, match=said):
-            call()
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -122,14 +91,7 @@ def test_two_stage_least_squares_is_that_of_another_package():
     assert fit.to_html() == fit._repr_html_()
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_names_and_lags_that_cannot_be_told_apart():
-    with pytest.raises(
-        EivorError, match="a name of its own for every parameter; received 'a' more than once"
-    ):
-        ev.regression(response=Y, regressors=PHI, names=["a", "a"])
-    with pytest.raises(EivorError, match=r"a whole number for lag; received 1.5 \(float\)"):
-        ev.Column("a", 1.5)
+def test_lags_are_whole_numbers_of_any_type():
     assert ev.Column("a", np.int64(2)).name == "a(k-2)"
 
 
@@ -147,3 +109,53 @@ def test_the_nearest_name_is_proposed():
         ("drag", "quadratic-drag"),
     ):
         assert did_you_mean(short, methods, "Name one.") == f"Did you mean '{meant}'?"
+
+
+SIGNALS, FIT = ev.Signals(5.0, {"input": Y}), ev.identify(ROWS, ev.methods.least_squares())
+E, IV = np.eye(3), ev.methods.extended_iv()
+#: Imaginary parts were dropped, and texts read as numbers.
+NO_NUMBERS = (
+    (lambda x: x + 0j, "received complex ones. Take their real part"),
+    (lambda x: np.ma.masked_array(x + 0j), "complex ones"),
+    (lambda x: [complex(value) for value in np.ravel(x)], "complex ones"),
+    (lambda x: x.astype(str).astype(object), "received values of the type object"),
+    (lambda x: np.full(x.shape, 1j, dtype=object), "real numbers in"),
+    (lambda _: [[1.0, 2.0], [3.0]], "real numbers in"),
+)
+DOORS = (
+    (lambda x: ev.regression(response=x, regressors=PHI), Y),
+    (lambda x: ev.regression(response=Y, regressors=x), PHI),
+    (lambda x: ev.regression(response=Y, regressors=PHI, noise_covariance=x), E),
+    (lambda x: ev.Signals(5.0, {"input": x}), Y),
+    (lambda x: ev.recording_from_columns({"time": np.arange(60), "velocity_z": x}), Y),
+    (ev.estimate_long_memory, Y),
+    (REGION.contains, np.ones(2)),
+)
+test_refused = table(
+    rows("no numbers", EivorError, lambda door, right, spoil: door(spoil(right)),
+        *((*door, *spoilt) for door in DOORS for spoilt in NO_NUMBERS)),
+    rows("rows", EivorError, lambda options: ev.regression(**({"response": Y, "regressors": PHI} | options)),
+        # rows of it are columns; nothing is lost
+        ({"regressors": [hidden(PHI[:, 0], (7,)), PHI[:, 1]]}, "equally many rows"),
+        ({"names": ["a", "a"]}, "a name of its own for every parameter; received 'a' more than once"),
+        ({"names": "ab"}, "several texts for names"),
+        ({"noise_covariance": 1e308 * E}, r"variances up to 1e\+150; received 1e\+308"),
+        ({"noise_covariance": 1e-320 * E}, "variances of zero, or from 1e-150; received 9.99989e-321"),
+    ),
+    calls("call", EivorError,
+        (lambda: ev.Signals(5.0, {"input": hidden(Y, (7,))}),
+            "'input' at every valid sample; received 1 .* at sample 7"),
+        (lambda: ev.Column("a", 1.5), r"a whole number for lag; received 1.5 \(float\)"),
+        (lambda: ev.identify(ROWS, "least_squares"), r"least_squares\(\); received 'least_squares'. Call"),
+        (lambda: ev.bootstrap(ROWS, "least_squares"), r"least_squares\(\) for method; received 'least"),
+        (lambda: ev.identify(SIGNALS, IV), "a model's regression, .*; received Signals"),
+        (lambda: ev.read_log(3), r"a path, as a text or a Path for path; received 3 \(int\).*\"flight.ulg\""),
+        (lambda: ev.identify_flight(3), r"received 3 \(int\).*ev.read_log"),
+        (lambda: ev.identify_flight("flight.ulg"), "received str.*ev.read_log"),
+        (lambda: ev.Signals("5", {"input": Y}), r"a number for rate_hz; received '5' \(str\)"),
+        (lambda: ev.estimate_long_memory(PHI), r"a record of shape \(n,\); received shape \(60, 2\)"),
+        (lambda: ev.derived(FIT, lambda _: "x"), "a number for what the function gives; received 'x'"),
+        (lambda: FIT.with_covariance("classical"), r"ev.covariances.Classical\(\)"),
+        (lambda: ev.WhiteNoise(1e200), "a standard deviation up to 1e"),
+    ),
+)  # fmt: skip

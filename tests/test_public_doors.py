@@ -397,32 +397,3 @@ def test_methods_of_results_and_rooms_tell_wrong_types_too(every_door):
     assert len(named) > 30
     for door, parts in named.items():
         check(door, *parts)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_messages_say_what_to_do():
-    m = made()
-    for call, item in (
-        (lambda: ev.identify(m.rows, "least_squares"), r"least_squares\(\); received 'least_squares'. Call"),
-        (lambda: ev.bootstrap(m.rows, "least_squares"), r"least_squares\(\) for method; received 'least"),
-        (lambda: ev.identify(m.signals, m.iv), r"a model's regression, .*; received Signals"),
-        (lambda: ev.read_log(3), r"a path, as a text or a Path for path; received 3 \(int\).*\"flight.ulg\""),
-        (lambda: ev.identify_flight(3), r"received 3 \(int\).*ev.read_log"),
-        (lambda: ev.identify_flight("flight.ulg"), r"received str.*ev.read_log"),
-        (lambda: ev.Signals("5", {"input": m.y}), r"a number for rate_hz; received '5' \(str\)"),
-        (lambda: ev.regression(response=m.y, regressors=m.X, names="ab"), r"several texts for names"),
-        (lambda: ev.estimate_long_memory(m.X), r"a record of shape \(n,\); received shape \(60, 2\)"),
-        (lambda: ev.derived(m.fit, lambda _: "x"), "a number for what the function gives; received 'x'"),
-        (lambda: m.fit.with_covariance("classical"), r"ev.covariances.Classical\(\)"),
-        (lambda: ev.WhiteNoise(1e200), "a standard deviation up to 1e"),
-        (
-            lambda: ev.regression(response=m.y, regressors=m.X, noise_covariance=1e308 * np.eye(3)),
-            r"variances up to 1e\+150; received 1e\+308",
-        ),
-        (
-            lambda: ev.regression(response=m.y, regressors=m.X, noise_covariance=1e-320 * np.eye(3)),
-            r"variances of zero, or from 1e-150; received 9.99989e-321",
-        ),
-    ):
-        with pytest.raises(EivorError, match=item):
-            call()
