@@ -136,6 +136,7 @@ COMMANDS = (
     ("study small.toml --json absent/x.json", 1, "whose folder 'absent' does not exist"),
     ("study small.toml --out small.toml", 2, "which would replace"),
     ("study small.toml --out small.toml/x", 1, "Not a directory"),
+    ("paper --runs 3 --workers 1 --out empty.csv", 1, "a folder for the figures"),
     ("fleet run nowhere -o fleet", 1, "which does not exist"),
     ("fleet run logs -o fleet --workers 1 --dask tcp://a:1", 2, "--workers or --dask"),
     ("fleet run logs -o fleet --workers 0", 2, "one worker or more"),

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
+import polars as pl
 import pytest
 import test_dense_total_least_squares as dense
 import test_nuisances as nuisances
@@ -21,10 +22,12 @@ from test_recursive import chunks_of
 
 import eivor as ev
 from eivor.errors import (
+    ChannelMapError,
     CollinearError,
     ConvergenceError,
     CovarianceError,
     EstimationError,
+    InputError,
     InstrumentError,
     MissingNoiseError,
     NonFiniteError,
@@ -482,8 +485,20 @@ WORDS = calls("words and numbers", UsageError,
 )  # fmt: skip
 
 
+def of_table(content, tmp_path, channels=None):
+    path = tmp_path / "record.parquet"
+    path.write_bytes(content) if isinstance(content, bytes) else pl.DataFrame(content).write_parquet(path)
+    list(ev.read_chunks(path, rate_hz=5.0, channels=channels))
+
+
+TABLES = calls("table", None,
+    (partial(of_table, b"not a table"), InputError, "Parquet"),
+    (partial(of_table, {"velocity_z": ["up"]}), InputError, "whose columns are numbers"),
+    (partial(of_table, {"velocity_z": [0.0]}, channels={"velocity_z": "speed"}), ChannelMapError,
+        "Expected columns out of"),
+)  # fmt: skip
 test_refused = table(
-    *(FEW_ROWS, INSTRUMENTS, NOISES, NUISANCES, SEARCHES, ESTIMATES, WORDS),
+    *(FEW_ROWS, INSTRUMENTS, NOISES, NUISANCES, SEARCHES, ESTIMATES, WORDS, TABLES),
     rows("not finite", NonFiniteError, not_finite, *(
         (name, made, value, f"Expected finite {name}; received 1 NaN or infinite")
         for value in (np.nan, np.inf, -np.inf)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import eivor as ev
 from eivor.errors import (
-    ChannelMapError,
     EstimationError,
     InputError,
 )
@@ -327,19 +326,6 @@ class TestParquet:
         path, _ = table
         (chunk,) = ev.read_chunks(path, rate_hz=5.0, channels={"velocity_z": "input"})
         assert set(chunk.channels) == {"velocity_z"}
-
-    def test_tables_that_are_refused(self, table, tmp_path):
-        (tmp_path / "no.parquet").write_bytes(b"not a table")
-        pytest.importorskip("polars").DataFrame({"velocity_z": ["up"]}).write_parquet(
-            tmp_path / "words.parquet"
-        )
-        for path, channels, error, said in (
-            (table[0], {"velocity_z": "speed"}, ChannelMapError, "Expected columns out of"),
-            (tmp_path / "no.parquet", None, InputError, "Parquet"),
-            (tmp_path / "words.parquet", None, InputError, "whose columns are numbers"),
-        ):
-            with pytest.raises(error, match=said):
-                list(ev.read_chunks(path, rate_hz=5.0, channels=channels))
 
     @pytest.mark.parametrize("stage", ["collect_schema", "collect"])
     def test_a_decoders_panic_is_told(self, table, monkeypatch, stage):

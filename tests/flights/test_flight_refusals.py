@@ -43,6 +43,7 @@ OPTIONS = rows("option", UsageError, lambda options: FlightOptions(**options),
     ({"max_tilt_deg": 0.0}, "a largest tilt between 0 and 90 degrees; received 0"),
     ({"max_tilt_deg": float("nan")}, "a largest tilt"),
     ({"max_tilt_deg": 90.0}, "a largest tilt"),
+    ({"pool_friction": "seperate"}, "pool_friction out of auto, common, separate"),
 )  # fmt: skip
 LAGS = calls("lag", None,
     (lambda: FlightOptions(lag=ev.Prior(-0.02, 0.01)), UsageError, "a lag above zero"),
@@ -111,6 +112,7 @@ LOGS = calls("log", None,
     (attitude_on_two_clocks, ShapeError, "the four parts of an attitude on one clock; received 3 stamps"),
     (of_measured_speed, UsageError, "whose actuators' lag is searched for"),
     (lambda: ev.identify_flight([]), UsageError, "Expected at least one recording"),
+    (lambda: ev.log_signals(still(), actuator_lag=-1.0), UsageError, "actuator_lag"),
 )  # fmt: skip
 A_PRIOR = r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"
 CALLS = rows("call", UsageError, lambda options: ev.identify_flight([still()], **options),

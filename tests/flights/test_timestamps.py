@@ -13,7 +13,6 @@ from flight_logs import FRICTION, GAIN, LAG_S, changed, channel, every, flown, p
 from flight_logs import STEP_S as TELEMETRY_STEP_S
 
 import eivor as ev
-from eivor.errors import UsageError
 from eivor.flights.estimate import (
     SENSORS_APART_S,
     FlightState,
@@ -474,8 +473,6 @@ def test_a_log_gives_its_signals(calm_log):
     attenuated = ev.identify(problem, ev.methods.least_squares()).parameters["viscous_friction"]
     assert attenuated < 0.93 * FRICTION
     assert abs(taken.parameters["viscous_friction"] - FRICTION) < 0.4 * abs(attenuated - FRICTION)
-    with pytest.raises(UsageError, match="actuator_lag"):
-        ev.log_signals(calm_log, actuator_lag=-1.0)
 
 
 def test_noise_of_measured_rotors_goes_through_the_map():

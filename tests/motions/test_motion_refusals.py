@@ -14,10 +14,13 @@ from typer.testing import CliRunner
 
 import eivor as ev
 from eivor.cli.main import app
+from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, MissingChannelError, ParameterError, UsageError
+from eivor.flights.motion import of_vehicle
 from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body.dynamics import side_by_side
 from eivor.motions.rigid_body.motion import refuse_other_turns
+from eivor.motions.vertical.motion import Vertical
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body_spec import Sensors
 from flights.flight_logs import changed, flown
@@ -46,6 +49,7 @@ VEHICLE_FILES = rows("file of a vehicle", InputError, vehicle_file, *(
         ("gyro_cutoff_hz = 0", X, "gyro_cutoff_hz between 1 and 10000 Hz"),
         ("", X + "arm = 225", "0.005 to 10 m at rotors.arm of mine.toml; received 225. Check its unit"),
         ("", X + 'thrust_map = "cubic"', "an input map linear, square"),
+        ("", X + "radius = 15.0", "rotor_radius"),
         ("", X + EACH, "received both"),
         ("", EACH + 'spins = ["cw", "cw", "ccw"]', "4 positions and 3 spins"),
         ("", EACH + 'spins = ["cw", "cw", "left", "ccw"]', "one of cw, ccw at rotors.spins[3]"),
@@ -196,6 +200,7 @@ def turning_in_degrees():
 
 
 COMMANDS = [f"rotor_command_{number}" for number in (1, 2, 3, 4)]
+LINE = ev.regression(np.arange(9.0) ** 2, np.arange(9.0))
 WITHOUT, LACKING = "rigid-body", ("torque_setpoint_x", "torque_setpoint_y", "angular_rate_z")
 TURNING = calls("turning", None,
     (rates_in_degrees, InputError, "57 times as fast as the attitude"),
@@ -211,6 +216,12 @@ TURNING = calls("turning", None,
     (lambda: ev.identify_flight(changed(turning(), *LACKING), model="rates"), MissingChannelError,
         "torque_setpoint_x with angular_rate_x or"),
     (turning_in_degrees, InputError, "deg/s"),
+    (lambda: ev.identify_flight(turning(), model="rates", method="output_error"), UsageError,
+        r"output_error with a motion that predicts its states; received it with 'rates'\."),
+    (lambda: ev.identify(LINE, ev.methods.output_error()), UsageError,
+        "a flight of a motion whose states output_error predicts"),
+    (lambda: flight_options((Vertical(),), terms=["lift"]), UsageError, "received 'lift'"),
+    (lambda: of_vehicle(Vertical(), "quadrotor-x"), UsageError, "the radius of its rotors"),
 )  # fmt: skip
 
 

@@ -12,8 +12,6 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.errors import InputError
-from eivor.lab import scenario_files
 from eivor.lab.disturbances import paper_disturbance
 from eivor.lab.records import AltitudeControl, DisturbanceRoute, Intersample, OpenLoop, VelocityControl
 from eivor.lab.scenario_files import KINDS as PAGE_KINDS
@@ -201,17 +199,6 @@ def test_column_is_the_input(series, tmp_path, name):
     assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
     truth = ev.simulate(scenario, np.random.default_rng(0)).truth
     np.testing.assert_array_equal(truth.channel("input"), VALUES)
-
-
-def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
-    table().write_csv(tmp_path / "mine.csv")
-    for name, most, words in (
-        ("MOST_NUMBERS", 59, "59 numbers"),
-        ("LARGEST_BYTES", 100, "a file of 100 bytes"),
-    ):
-        monkeypatch.setattr(scenario_files, name, most)
-        with pytest.raises(InputError, match=f"{words} or fewer"):
-            series('{ file = "mine.csv", column = "u" }')
 
 
 def study_identity(folder, values):

@@ -186,6 +186,17 @@ SERIES = rows("series", InputError, of_series,
 )  # fmt: skip
 
 
+def too_large(name, most, tmp_path, monkeypatch):
+    monkeypatch.setattr(files, name, most)
+    of_series("mine.csv:u", tmp_path)
+
+
+LARGE = rows("too large", InputError, too_large,
+    ("MOST_NUMBERS", 59, "59 numbers or fewer"),
+    ("LARGEST_BYTES", 100, "a file of 100 bytes or fewer"),
+)  # fmt: skip
+
+
 def of_flight_file(right, wrong, tmp_path):
     text = VEHICLE + REST
     assert right in text
@@ -212,6 +223,7 @@ NO_FILES = calls("no file", InputError,
 
 
 test_refused = table(
-    *(DISTURBANCES, PARTS, SCENARIOS, SPECIFICATIONS, NAMES, MISTAKES, SERIES, FLIGHT_FILES, NO_FILES),
+    *(DISTURBANCES, PARTS, SCENARIOS, SPECIFICATIONS, NAMES, MISTAKES, SERIES, LARGE, FLIGHT_FILES),
+    NO_FILES,
     begins="Expected .*",
 )

@@ -373,10 +373,3 @@ def test_readings_are_listed():
     run = eivor("paper", "--list")
     assert run.exit_code == 0
     assert "central-10-lags" in run.output
-
-
-def test_a_folder_that_is_a_file_is_told(tmp_path):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    run = eivor(*SMALL, "--out", str(tmp_path / "file"))
-    assert run.exit_code == 1
-    assert "a folder for the figures" in run.output

@@ -12,7 +12,6 @@ from scipy import stats
 
 import eivor as ev
 from coarse_search import coarse
-from eivor.errors import InputError, UsageError
 from eivor.flights.lag_prior import LagPrior
 from eivor.flights.motion import for_flights, of_vehicle
 from eivor.flights.prepare import prepare
@@ -438,11 +437,6 @@ def test_the_radius_comes_from_a_vehicle_too(tmp_path):
     low = (flight(0.4),)
     assert for_flights(vertical, low, ev.FlightOptions()).rotor_radius == 0.15
     assert for_flights(vertical, low, ev.FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
-    with pytest.raises(UsageError, match="the radius of its rotors"):
-        of_vehicle(Vertical(), "quadrotor-x")
-    file.write_text(rotors + "radius = 15.0\n", encoding="utf-8")
-    with pytest.raises(InputError, match="rotor_radius"):
-        of_vehicle(Vertical(), str(file))
 
 
 HOVER_INPUT, START, REACH = 0.495, 0.55, 0.2
