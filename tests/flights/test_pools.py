@@ -176,7 +176,7 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_lag_that_is_given_counts_in_a_pool(alike):
-    """Its interval was wider than what was given, the friction's than each flight's; 7 ms for 70 went unsaid."""
+    """Its interval was wider than what was given, and that of 7 ms for 70 went without a word."""
     logs = [flight.recording for flight in alike.prepared]
     pool = ev.identify_flight(logs, lag=ev.Prior(LAG_S, 0.001))
     assert pool.by_flight

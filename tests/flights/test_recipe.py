@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy
 from flight_logs import FRICTION, GAIN, HOVER, LAG_S, changed, channel, every, flown
 from scipy import stats
 
@@ -87,12 +88,17 @@ def test_names_and_levels_of_intervals(fit):
     assert fit.names == ("viscous_friction", "input_gain", "actuator_lag", "delay")
     narrow, wide = fit.interval("viscous_friction", 0.5), fit.interval("viscous_friction", 0.99)
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    # derived ones, too: a floor, a set, Student's t, one over the friction
     assert fit.interval("hover_input") == fit.quantities["hover_input"].interval
-    with pytest.raises(
-        UsageError, match=r"Expected a quantity out of .*; received 'hover_input' at level 0\.9"
-    ):
-        fit.interval("hover_input", 0.9)
-    with pytest.raises(UsageError, match="received 'mass' at level"):
+    assert fit.interval("hover_input", 0.5) == pytest.approx(fit.interval("hover_input"))
+    assert np.ptp(fit.interval("effective_lag", 0.5)) < np.ptp(fit.interval("effective_lag"))
+    intercept = fit.quantities["intercept"]
+    degrees = scipy.special.stdtridf(0.975, intercept.half_width / intercept.std_error)
+    half = intercept.std_error * stats.t.ppf(0.75, degrees)
+    expected = intercept.value - half, intercept.value + half
+    assert fit.interval("intercept", 0.5) == pytest.approx(expected)
+    assert fit.interval("time_constant", 0.5) == pytest.approx((1.0 / narrow[1], 1.0 / narrow[0]))
+    with pytest.raises(UsageError, match=r"a quantity out of .*; received 'mass'"):
         fit.interval("mass")
 
 

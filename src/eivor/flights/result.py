@@ -22,12 +22,23 @@ from eivor.flights.lag_prior import LAG_SUMS, LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import NAN, Implications, Implied, KeyFigure, Quantity, SimpleModel, Trace, Words
+from eivor.flights.quantity import (
+    NAN,
+    NO_INTERVAL,
+    Implications,
+    Implied,
+    KeyFigure,
+    Quantity,
+    SimpleModel,
+    Trace,
+    Words,
+)
 from eivor.flights.verdict import MotionChecks
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics import residuals
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
+from eivor.inference.distributions import check_level, t_ratio
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
@@ -428,19 +439,33 @@ class FlightEstimate:
         Raises
         ------
         UsageError
-            For an unknown name, or another level than 0.95 for a derived quantity.
+            For an unknown name, or a level that is none.
         EstimationError
             When nothing was estimated.
+
+        Notes
+        -----
+        Of a derived quantity, another level than 0.95 has Student's t of the degrees of freedom of that one.
         """
         fit = self._fitted()
-        if name in fit.estimate.names:
-            quantity = self.quantities[name]
-            return self.motion.quantities[name].possible(quantity.widened(fit.interval(name, level)))
-        if name not in self.quantities or level != 0.95:
-            expected = f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)"
-            remedy = "Other levels are at hand for the joint vector: fit.names."
-            raise UsageError(expected, f"'{name}' at level {level}", remedy)
-        return self.quantities[name].interval
+        check_level(level)
+        if name not in self.quantities:
+            remedy = did_you_mean(name, self.quantities, "Name one of them.")
+            raise UsageError(f"a quantity out of {', '.join(self.quantities)}", f"'{name}'", remedy)
+        quantity, spec = self.quantities[name], self.motion.quantities[name]
+        if name in fit.estimate.names or name in fit.by_sets:
+            interval = fit.interval(name, level)
+        elif level == 0.95:
+            return quantity.interval
+        elif spec.reciprocal_of:
+            low, high = self.interval(spec.reciprocal_of, level)
+            return (1.0 / high, 1.0 / low) if low > 0.0 or high < 0.0 else NO_INTERVAL
+        else:
+            derived = self.motion.derive(fit.problem, fit.estimate)[name]
+            times = t_ratio(level, derived.half_width / derived.std_error if derived.std_error else NAN)
+            low, high = (derived.value + times * (end - derived.value) for end in derived.interval)
+            interval = low, high
+        return spec.possible(quantity.widened(interval))
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""

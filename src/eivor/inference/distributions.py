@@ -35,6 +35,13 @@ def t_quantile(level: float, degrees: float | int) -> float:
     return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
+def t_ratio(level: float, errors: float) -> float:
+    """Half-width of a t interval over that of level 0.95, which is so many standard errors wide."""
+    heavy = normal_quantile(0.95) < errors < math.inf
+    degrees = float(scipy.special.stdtridf(0.975, errors)) if heavy else math.inf
+    return t_quantile(level, degrees) / t_quantile(0.95, degrees)
+
+
 def t_tail(value: float, degrees: float | int) -> float:
     """Probability that a t variable is further from zero than `value`; 1 without degrees of freedom."""
     if math.isinf(degrees):
