@@ -250,6 +250,10 @@ def test_other_readers_read_the_folder_without_options(tmp_path, monkeypatch):
     described = json.loads((folder / COLUMNS).read_text("utf-8"))["properties"]
     assert list(described) == expected.columns
     assert described["duration_s"]["unit"] == "s"
+    # what comes later has other columns, which earlier parts get
+    (flights / "part-7.parquet").write_bytes(parquet_bytes(flight_frame([{"new.value": 1.0, **row("e")}])))
+    assert compact_fleet(folder)[0] == 5
+    assert pl.read_parquet(flights / "*.parquet")["new.value"].count() == 1
 
 
 def test_columns_have_words_and_units_and_rows_join_the_table_as_the_run_goes(logs, tmp_path, monkeypatch):

@@ -178,9 +178,11 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
 def test_a_lag_that_is_given_counts_in_a_pool(alike):
     """Its interval was wider than what was given, and that of 7 ms for 70 went without a word."""
     logs = [flight.recording for flight in alike.prepared]
-    pool = ev.identify_flight(logs, lag=ev.Prior(LAG_S, 0.001))
+    pool = ev.identify_flight(logs, lag=ev.Prior(LAG_S, 0.0003))
     assert pool.by_flight
-    low, high = pool.quantities["effective_lag"].interval
+    lag, without = (item.quantities["effective_lag"] for item in (pool, alike))
+    low, high = lag.interval
+    assert lag.std_error < 0.9 * without.std_error
     assert high - low <= 2.0 * 1.96 * pool.fit.lag_prior.std * (1.0 + 1e-9)
     for row in pool.flights:
         assert pool.quantities["input_gain"].half_width < row.quantities["input_gain"].half_width

@@ -293,6 +293,8 @@ def test_a_motor_s_controller_is_a_second_stage_and_no_delay():
     fit = ev.identify_flight(log, model="rates")
     assert "second_stage" in fit.quantities
     assert fit.prepared[0].band_hz == (0.3, 8.0)  # of what such setpoints excite
+    assert fit.quantities["delay"].half_width > 1e-4  # no point of a grid
+    assert all(line.count("[") == 1 for line in fit.summary().splitlines()[2:] if line[0] != "-")
     for name, true in {
         "delay": 0.005,
         "second_lag": 0.02,

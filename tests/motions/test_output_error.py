@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,4 +129,6 @@ def test_what_follows_is_no_better_than_what_it_rests_on_and_zero_is_a_bound():
     assert bounded_numbers(0.01, (-0.02, 0.04)) == ("0.010", "size below 0.040")
     assert bounded_numbers(0.03, (0.02, 0.04)) == ("0.030", "[0.020, 0.040]")
     number = Implied("inertia_xx", "", "Ixx", "kg m^2", 1.0, 0.01, (0.98, 1.02), "", Status.IDENTIFIED)
-    assert replace(number, needs=("roll_gain",)).verdict is Status.IDENTIFIED
+    for status in Status:
+        fit = SimpleNamespace(quantities={"roll_gain": SimpleNamespace(verdict=status)})
+        assert ev.FlightEstimate._judged(fit, replace(number, needs=("roll_gain",))).verdict is status
