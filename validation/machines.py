@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import eivor as ev
 from eivor.errors import EivorError
@@ -25,6 +26,8 @@ ROVER = {"drive_gain": 4.0, "rolling_drag": 0.8, "dry_friction": 0.3, "actuator_
 
 #: Machine, parameters and columns of one record.
 Record = tuple[Any, dict[str, float], dict[str, np.ndarray]]
+#: Records of some seeds, or of references that were planned.
+Made = Callable[..., Iterator[Record]]
 
 
 def held(rng: np.random.Generator, count: int, step_s: float, size: float, lasting: Any) -> np.ndarray:
@@ -37,6 +40,12 @@ def held(rng: np.random.Generator, count: int, step_s: float, size: float, lasti
     return levels
 
 
+def on_steps(plan: Any, name: str, count: int, step_s: float) -> np.ndarray:
+    """A planned reference on steps of a simulation."""
+    at = np.minimum(step_s * np.arange(count), plan.time_s[-1])
+    return np.asarray(CubicSpline(plan.time_s, plan.references[name])(at))
+
+
 def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
     """Values behind first-order lags."""
     for lag_s in lags_s:
@@ -44,18 +53,24 @@ def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
     return values
 
 
-def axis_records(records: int, every: int, encoder_m: float, torque_n: float) -> Iterator[Record]:
+def axis_records(
+    seeds: Sequence[int], every: int, encoder_m: float, torque_n: float, planned: Any = None
+) -> Iterator[Record]:
     """A linear axis of 25 s at 1 kHz, logged every few samples."""
-    step_s, count = 0.001, 25_000
-    streams = [np.random.default_rng(seed) for seed in range(records)]
-    levels = np.stack([held(rng, count, step_s, 0.15, (0.2, 0.9)) for rng in streams])
-    asked = np.stack([lagged(row, step_s, 0.1, 0.1, 0.1) for row in levels])
+    step_s, count, records = 0.001, 25_000, len(seeds)
+    streams = [np.random.default_rng(seed) for seed in seeds]
+    if planned is None:
+        levels = np.stack([held(rng, count, step_s, 0.15, (0.2, 0.9)) for rng in streams])
+        asked = np.stack([lagged(row, step_s, 0.1, 0.1, 0.1) for row in levels])
+    else:
+        asked = on_steps(planned, "reference_position", count, step_s)[None]
     speeds = np.gradient(asked, step_s, axis=1)
     forward = AXIS["M"] * np.gradient(speeds, step_s, axis=1) + AXIS["Fv"] * speeds
     forward += AXIS["Fc"] * np.tanh(speeds / 0.01) + AXIS["offset"]
     pushes = np.stack([rng.standard_normal(count) for rng in streams])
     decay = np.exp(-step_s / 0.02)
-    position, speed, push, last, filtered = np.zeros((5, records))
+    speed, push, filtered = np.zeros((3, records))
+    position = last = asked[:, 0]
     seen, forces = np.empty((2, count, records))
     stiff, damping = AXIS["M"] * 60.0**2, 1.6 * AXIS["M"] * 60.0
     for k in range(count):
@@ -70,7 +85,7 @@ def axis_records(records: int, every: int, encoder_m: float, torque_n: float) ->
             # dry friction takes what speed it can
             taken = 0.25 * step_s * AXIS["Fc"] / AXIS["M"]
             following = np.sign(free) * np.maximum(np.abs(free) - taken, 0.0)
-            position += 0.125 * step_s * (speed + following)
+            position = position + 0.125 * step_s * (speed + following)
             speed = following
     time = step_s * np.arange(count)
     machine = ev.load_machine("linear-axis")
@@ -82,13 +97,13 @@ def axis_records(records: int, every: int, encoder_m: float, torque_n: float) ->
 
 def simulated(
     name: str, truth: dict[str, float], seconds: float, step_s: float, noise: Any, disturbance: Any, loop: Any
-) -> Callable[[int], Iterator[Record]]:
+) -> Made:
     """Records of a shipped machine in a loop of its own for each record."""
 
-    def made(records: int) -> Iterator[Record]:
+    def made(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
         machine, count = ev.load_machine(name), round(seconds / step_s)
-        for seed in range(records):
-            signals = loop(np.random.default_rng(seed), count, step_s)
+        for seed in seeds:
+            signals = loop(np.random.default_rng(seed), count, step_s, planned)
             columns = machine.simulate(
                 truth,
                 signals,
@@ -103,9 +118,11 @@ def simulated(
     return made
 
 
-def boat_loop(rng: np.random.Generator, count: int, step_s: float) -> dict[str, Any]:
+def boat_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any) -> dict[str, Any]:
     """Headings that are steered to."""
     asked, heading = held(rng, count, step_s, 0.8, (10.0, 25.0)), 0.0
+    if planned is not None:
+        asked = on_steps(planned, "reference_heading", count, step_s)
 
     def rudder(time: float, measured: Any) -> Any:
         nonlocal heading
@@ -115,9 +132,11 @@ def boat_loop(rng: np.random.Generator, count: int, step_s: float) -> dict[str, 
     return {"rudder": rudder, "reference_heading": asked}
 
 
-def rover_loop(rng: np.random.Generator, count: int, step_s: float) -> dict[str, Any]:
+def rover_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any) -> dict[str, Any]:
     """Speeds that are driven at."""
     asked = lagged(held(rng, count, step_s, 2.0, (1.5, 5.0)), step_s, 0.2)
+    if planned is not None:
+        asked = on_steps(planned, "reference_forward_speed", count, step_s)
 
     def drive(time: float, measured: Any) -> Any:
         error = asked[round(time / step_s)] - measured["forward_speed"]
@@ -168,7 +187,9 @@ def wing(axis: str) -> Any:
     )
 
 
-def wing_flight(seed: int, turbulence: float, noise: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def wing_flight(
+    seed: int, turbulence: float, noise: float, planned: Any = None
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """60 s under control of the attitude: columns of a log; states, servos and derivatives without noise."""
     import jsbsim
 
@@ -192,7 +213,11 @@ def wing_flight(seed: int, turbulence: float, noise: float) -> tuple[dict[str, n
         waves = [np.sin(2 * np.pi * (f * time + rng.random())) for f in np.geomspace(0.05, highest_hz, 12)]
         return size * np.sum(waves, axis=0) / np.sqrt(6.0)
 
-    setpoints = asked(0.12, 1.2), asked(0.04, 1.2), asked(0.12, 1.5)
+    setpoints = [asked(0.12, 1.2), asked(0.04, 1.2), asked(0.12, 1.5)]
+    names = ("roll_setpoint", "pitch_setpoint", "rudder_setpoint")
+    for k, name in enumerate(names):
+        if planned is not None and name in planned.references:
+            setpoints[k] = on_steps(planned, name, count, WING_STEP_S)
     surfaces = ("aileron", "elevator", "rudder")
     trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in surfaces], craft["attitude/theta-rad"]
     states = [*(f"velocities/{item}-rad_sec" for item in "pqr"), "aero/beta-rad", "aero/alpha-rad"]
@@ -214,7 +239,6 @@ def wing_flight(seed: int, turbulence: float, noise: float) -> tuple[dict[str, n
                 craft[f"fcs/{name}-cmd-norm"] = trim + value
             craft.run()
     columns = dict(zip(WING_NOISE, seen.T, strict=True)) | dict(zip(surfaces, commands.T, strict=True))
-    names = ("roll_setpoint", "pitch_setpoint", "rudder_setpoint")
     return {"time": time, **columns, **dict(zip(names, setpoints, strict=True))}, exact
 
 
@@ -227,26 +251,26 @@ def wing_truth(axis: str, exact: np.ndarray) -> dict[str, float]:
     return dict(zip(names, theta.tolist(), strict=False)) | {"effective_lag": WING_SERVO_S}
 
 
-def _axis(every: int, encoder_m: float, torque_n: float) -> Callable[[int], Iterator[Record]]:
-    return lambda records: axis_records(records, every, encoder_m, torque_n)
+def _axis(every: int, encoder_m: float, torque_n: float) -> Made:
+    return lambda seeds, planned=None: axis_records(seeds, every, encoder_m, torque_n, planned)
 
 
-def _boat(waves: float) -> Callable[[int], Iterator[Record]]:
+def _boat(waves: float) -> Made:
     return simulated("boat-yaw", BOAT, 300.0, 0.1, {"yaw_rate": 0.002}, (waves, 1.0), boat_loop)
 
 
-def _rover(ground: float) -> Callable[[int], Iterator[Record]]:
+def _rover(ground: float) -> Made:
     noise = {"forward_speed": 0.01, "forward_acceleration": 0.1}
     return simulated("rover", ROVER, 60.0, 0.02, noise, (ground, 0.3), rover_loop)
 
 
-def _wing(axis: str, turbulence: float) -> Callable[[int], Iterator[Record]]:
-    def made(records: int) -> Iterator[Record]:
+def _wing(axis: str, turbulence: float) -> Made:
+    def made(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
         machine = wing(axis)
-        for seed in range(records):
-            columns, _ = wing_flight(seed, turbulence, 1.0)
+        for seed in seeds:
+            columns, _ = wing_flight(seed, turbulence, 1.0, planned)
             logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
-            yield machine, wing_truth(axis, wing_flight(seed, 0.0, 0.0)[1]), logged
+            yield machine, wing_truth(axis, wing_flight(seed, 0.0, 0.0, planned)[1]), logged
 
     return made
 
@@ -276,7 +300,7 @@ def row(name: str, records: int) -> dict[str, Any]:
     """Coverage, median bias and half-width of each parameter, statuses, and identified ones far off."""
     statuses, values = dict[str, int](), dict[str, list[tuple[float, ...]]]()
     far = judged = 0
-    for model, truth, columns in ROWS[name](records):
+    for model, truth, columns in ROWS[name](range(records)):
         try:
             fit = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
         except EivorError as error:
@@ -300,15 +324,35 @@ def row(name: str, records: int) -> dict[str, Any]:
     return {"row": name, **statuses, "far": f"{far} of {judged}", "coverage, bias, half-width": shown}
 
 
+def plans(name: str, records: int) -> dict[str, Any]:
+    """Half-widths that planned records reached over those that were expected: median, tenth and ninetieth."""
+    shares = dict[str, list[float]]()
+    for seed in range(records):
+        ((model, _, columns),) = ROWS[name]([seed])
+        first = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
+        seconds = round(float(columns["time"][-1]))
+        planned = ev.plan(first, seconds=seconds)
+        ((_, _, columns),) = ROWS[name]([1000 + seed], planned)
+        fit = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
+        for parameter, item in planned.predicted.items():
+            now, before = (result.quantities[parameter].half_width for result in (fit, first))
+            shares.setdefault(parameter, []).append(now / item.half_width)
+            shares.setdefault(f"{parameter}, first", []).append(now / before)
+    spread = {k: np.quantile(v, (0.5, 0.1, 0.9)).round(2).tolist() for k, v in shares.items()}
+    return {"plan": name, "reached over expected": spread}
+
+
 def main() -> None:
     """Print the rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rows", nargs="*", help="rows that hold one of these words; default: all")
     parser.add_argument("--records", type=int, default=100)
+    parser.add_argument("--plan", action="store_true", help="identify, plan, and identify what was planned")
     given = parser.parse_args()
     for name in ROWS:
         if not given.rows or any(word in name for word in given.rows):
-            print(json.dumps(row(name, given.records)), flush=True)
+            made = plans if given.plan else row
+            print(json.dumps(made(name, given.records)), flush=True)
 
 
 if __name__ == "__main__":

@@ -248,11 +248,39 @@ def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, sec
         # its response is a force, of which no state follows
         with pytest.raises(UsageError, match="a motion that predicts; received 'linear-axis', which does"):
             ev.validate(fit, log)
-        with pytest.raises(UsageError, match=r"one of 'linear-axis'\. Others are not planned: the remedies"):
-            ev.plan(fit)
         low, high = fit.quantities["offset"].interval
         assert low - (high - low) < truth["offset"] < high + (high - low)
         assert fit.quantities["offset"].unit == "N"
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_machine_is_planned_within_limits(boat_fit, tmp_path):
+    made = ev.plan(boat_fit, seconds=200.0)
+    (reference,) = made.references.values()
+    assert np.abs(reference - reference.mean()).max() <= 1.01 * made.limits["reference_heading"][0]
+    assert list(made.predicted) == ["a", "g", "actuator_lag", "delay", "effective_lag"]
+    for name in ("a", "g"):
+        assert 0.2 < made.predicted[name].half_width / boat_fit.quantities[name].half_width < 5.0
+    assert made.is_informative
+    assert made.summary().startswith(made.sentence)
+    tighter = ev.plan(boat_fit, seconds=200.0, limits={"rudder": (0.02,)}, target="g")
+    assert tighter.predicted["g"].half_width > 2.0 * made.predicted["g"].half_width
+    # the command line plans the same from a file, as steps where that is asked
+    (tmp_path / "fit.json").write_text(boat_fit.to_json(), encoding="utf-8")
+    asked = ["plan", str(tmp_path / "fit.json"), "--time", "200", "--csv", str(tmp_path / "plan.csv")]
+    run = CliRunner().invoke(app, [*asked, "--json", "-"])
+    document = json.loads(run.stdout)
+    assert run.exit_code == 0
+    assert document["predicted"]["g"]["half_width"] == pytest.approx(made.predicted["g"].half_width)
+    table = np.loadtxt(tmp_path / "plan.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table[:, 1], reference, atol=1e-5)
+    steps = CliRunner().invoke(app, ["plan", str(tmp_path / "fit.json"), "--time", "60", "--shape", "steps"])
+    assert "steps, one every" in steps.output
+    refused = {"--limit=rudder": "NAME=SIZE", "--limit=rudde=1": "rudder", "--speed=3": "--speed"}
+    refused |= {"--for=h": "out of all, a, g", "--time=5": "10 to 3600 s", "--limit=rudder=0": "above zero"}
+    for option, words in refused.items():
+        run = CliRunner().invoke(app, ["plan", str(tmp_path / "fit.json"), option])
+        assert (run.exit_code, words in " ".join(run.output.split())) == (2, True), option
 
 
 def vertical_log():

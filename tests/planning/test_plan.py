@@ -44,7 +44,7 @@ def planned(kind):
         word: ExpectedInterval(width, value, (Status.IDENTIFIED, Status.WEAK))
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
-    shape = next(candidates(SHORT, (kind,), 0))
+    shape = next(candidates(SHORT.duration_s, (kind,), 0)).within(SHORT)
     return ev.FlightPlan(ev.VehicleGuess(), SHORT, "friction", shape, predicted, (4.0, 7.0, 1.5))
 
 
@@ -76,7 +76,7 @@ def test_the_controller_is_read_off_a_flight():
 
 @pytest.mark.parametrize("kind", ["multisine", "steps"])
 def test_shapes_keep_their_limits_and_rest_at_the_ends(kind):
-    shapes = list(candidates(LIMITS, (kind,), 0))
+    shapes = [shape.within(LIMITS) for shape in candidates(LIMITS.duration_s, (kind,), 0)]
     assert len(shapes) > 10
     for shape in shapes:
         velocity, acceleration = shape.derivatives

@@ -461,3 +461,16 @@ def flight_limits(
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
         raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
     return FlightLimits((low, high), speed, acceleration, tilt, time)
+
+
+def channel_limits(texts: list[str]) -> dict[str, tuple[float, ...]]:
+    """Limits of a planned machine of ``NAME=SIZE[:RATE[:ACCELERATION]]``."""
+    results = {}
+    for text in texts:
+        name, _, numbers = text.partition("=")
+        try:
+            results[name.strip()] = tuple(float(number) for number in numbers.split(":"))
+        except ValueError:
+            remedy = "Such as reference_heading=0.5."
+            raise UsageError("a limit NAME=SIZE[:RATE[:ACCELERATION]]", f"'{text}'", remedy) from None
+    return results

@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlparse
 import typer
 
 from eivor import checks
-from eivor.cli.options import DEFAULT_MODEL, FlightWords, LogWords
+from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords
 from eivor.cli.outputs import (
     MORE,
     STANDARD_OUTPUT,
@@ -39,6 +39,7 @@ from eivor.cli.outputs import (
     write_out,
 )
 from eivor.cli.parsing import (
+    channel_limits,
     check_mission,
     flight_limits,
     flight_options,
@@ -56,8 +57,9 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
     vehicle_text,
 )
+from eivor.planning.machine_plan import MachinePlan
 from eivor.planning.plan import WRITTEN
-from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
+from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report.inspection import (
     calibration_document,
     inspection_document,
@@ -69,6 +71,7 @@ from eivor.report.inspection import (
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
 from eivor.report.other_results import plan_document, plan_json
+from eivor.report.outputs import saved_of
 from eivor.report.terminal import on_terminal
 
 REGISTRY = "public_logs.toml"
@@ -253,11 +256,11 @@ def inspect(
 
 
 PLAN_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights. 3 planned, and not "
-    "identified in most of them: give it more time, height or speed. 2 wrong usage. 1 a file that cannot be "
-    "read or written, or limits that no flight keeps.\n\n"
+    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights, or of a machine by "
+    "the formula. 3 planned, and not identified so: give it more time, or wider limits. 2 wrong usage. 1 a "
+    "file that cannot be read or written, or limits that no flight keeps.\n\n"
     "[bold]JSON[/bold] (schema eivor.plan/1): the setpoint in words, the limits, and for friction, gain and "
-    "lag the half-width that is expected."
+    "lag, or the parameters of a machine, the half-width that is expected."
 )
 
 
@@ -278,7 +281,8 @@ def plan(
         str,
         option(
             "NAME",
-            "friction, gain or lag (default: what the result could not identify).",
+            "friction, gain or lag (default: what the result could not identify); of a machine a parameter "
+            "(default: all together).",
             "--for",
             values_of="eivor.planning.plan:TARGETS",
         ),
@@ -299,11 +303,21 @@ def plan(
     tilt: Annotated[
         float, option("DEG", "Tilt beyond which the flight ends.", show_default=True, panel=MORE)
     ] = 20.0,
+    limit: Annotated[
+        list[str],
+        option(
+            "NAME=SIZE[:RATE[:ACCELERATION]]",
+            "Of a machine: how far a channel goes from its mean in the log, and how fast (default: "
+            "references and inputs as in the log); several times for several.",
+        ),
+    ] = NO_TEXTS,
     time: Annotated[float, option("S", "Length of the flight.", show_default=True)] = 60.0,
     shape: Annotated[
         str,
         option(
-            "KIND", "multisine or steps (default: the better one).", values_of="eivor.planning.plan:KINDS"
+            "KIND",
+            "multisine or steps (default: the better one; of a machine multisine).",
+            values_of="eivor.planning.vehicle:KINDS",
         ),
     ] = "",
     seed: Annotated[int, option("N", "Of phases, step heights and wind.", show_default=True, panel=MORE)] = 0,
@@ -318,13 +332,28 @@ def plan(
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
     files = {"csv": csv, "mavsdk": mavsdk, "qgc": qgc, "rotorpy": rotorpy}
     check_mission(qgc, home, shape)
-    limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
+    fit = None if isinstance(vehicle, VehicleGuess) else saved_of(vehicle, "", "", preferred=("vertical",))
+    of_machine = fit is not None and fit.fitted.machine is not None
+    # an option of the other kind of plan would be thought to count
+    of_flights = {"height": height != "3:8", "speed": speed != 2.0, "acceleration": acceleration != 3.0}
+    of_flights |= {"tilt": tilt != 20.0} | {name: bool(path) for name, path in files.items() if name != "csv"}
+    others = of_flights if of_machine else {"limit": bool(limit)}
+    strange = [name for name, given in others.items() if given]
+    if strange:
+        which = "a machine" if of_machine else "a flight of the vertical motion"
+        raise UsageError(f"options of a plan of {which}", f"--{strange[0]}", "Leave it out.")
+    limits: FlightLimits | dict[str, tuple[float, ...]] = channel_limits(limit)
+    if not of_machine:
+        limits = flight_limits(height, speed, acceleration, tilt, time)
     shape = shape or ("steps" if qgc else "")
     with step("Planning"):
-        made = planned(vehicle, target=for_what, limits=limits, shape=shape, seed=seed)
+        made = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
     position = position_of(home) if home else None
-    texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
+    if isinstance(made, MachinePlan):
+        texts = {csv: made.csv_text()} if csv else {}
+    else:
+        texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
     deliver_result(
         lambda: on_terminal(plan_document(made)),
         lambda: json_text(plan_json(made)),
@@ -333,8 +362,8 @@ def plan(
     )
     if not made.is_informative:
         complain(
-            "The planned flight is not identified in most of its simulations.",
-            "Give it more time, height or speed, or wait for calmer air.",
+            "The plan is not identified in most of its simulations, or by the formula.",
+            "Give it more time, or wider limits.",
         )
     return ExitCode.IDENTIFIED if made.is_informative else ExitCode.NOT_IDENTIFIED
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -150,6 +150,24 @@ def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray,
     following = np.minimum.accumulate(following[::-1])[::-1]
     away = np.minimum(np.minimum(index - last, following - index), edge)
     return np.asarray(0.5 * (1.0 - np.cos(np.pi * away / edge)))
+
+
+#: Bins within that factor of a frequency are averaged for its density, and so many at least.
+AVERAGED_OVER, LEAST_BINS = 1.6, 8
+
+
+def densities(
+    runs: Sequence[SpectralRun], power: PerBin, nodes_hz: Float[np.ndarray, " nodes"]
+) -> Float[np.ndarray, " nodes"]:
+    """One-sided densities near frequencies, of the power of every bin of some runs."""
+    frequency = np.concatenate([run.frequency_hz for run in runs])
+    scales = [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
+    values, results = np.concatenate(scales) * power, []
+    for node in nodes_hz:
+        away = np.abs(np.log(frequency / node))
+        reach = max(np.log(AVERAGED_OVER) / 2.0, np.sort(away)[min(LEAST_BINS, away.size) - 1])
+        results.append(values[away <= reach].mean())
+    return np.array(results)
 
 
 @dataclass(frozen=True)

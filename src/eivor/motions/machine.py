@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -40,6 +40,7 @@ from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
+from eivor.motions.answers import answers_of
 from eivor.motions.equation import (
     AxisEquation,
     DeclaredMotion,
@@ -50,7 +51,7 @@ from eivor.motions.equation import (
 )
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.tools import Float
+from eivor.tools import Bool, Float
 
 # -- Parts of a declaration --
 
@@ -136,26 +137,30 @@ class Activity:
     moving: tuple[str, ...] = ()  # Expressions whose sign stands in a term: below a threshold it is not known
 
     def __call__(self, log: Recording, grid: Grid, _level: Float[np.ndarray, " n"], /) -> Active:
-        whole = np.ones(grid.count, dtype=np.bool_)
+        def values(text: str) -> Float[np.ndarray, " n"]:
+            expression = parsed(text)
+            channels = {name: on_grid(log.channel(name), grid)[0] for name in expression.columns}
+            return np.broadcast_to(expression.evaluate(channels, grid.step_s), (grid.count,))
+
+        counted, rule = self.counted(values)
+        return Active(np.ones(grid.count, dtype=np.bool_), rule, counted)
+
+    def counted(
+        self, values: Callable[[str], Float[np.ndarray, " n"]]
+    ) -> tuple[Bool[np.ndarray, " n"] | None, str]:
+        """Samples that count, by values of expressions, and the rule; None for all."""
         if self.when:
-            counted = self._values(self.when, log, grid) > 0.5
-            return Active(whole, f"the condition {self.when}", counted)
+            return values(self.when) > 0.5, f"the condition {self.when}"
         if not self.moving:
-            return Active(whole, "the whole record")
-        counted, rules = whole, list[str]()
+            return None, "the whole record"
+        counted, rules = np.array(True), list[str]()
         for text in self.moving:
-            speed = np.abs(self._values(text, log, grid))
+            speed = np.abs(values(text))
             noise = STANDSTILL_NOISES * white_noise_std(speed[np.isfinite(speed)])
             least = max(STANDSTILL_SHARE * float(np.nanquantile(speed, 0.95)), noise)
             counted = counted & (speed > least)
             rules.append(f"|{text}| above {least:.2g}")
-        return Active(whole, f"movement: {' and '.join(rules)}", counted)
-
-    @staticmethod
-    def _values(text: str, log: Recording, grid: Grid) -> Float[np.ndarray, " n"]:
-        expression = parsed(text)
-        channels = {name: on_grid(log.channel(name), grid)[0] for name in expression.columns}
-        return np.broadcast_to(expression.evaluate(channels, grid.step_s), (grid.count,))
+        return np.asarray(counted), f"movement: {' and '.join(rules)}"
 
 
 # -- Simulation --
@@ -310,7 +315,17 @@ class Machine(DeclaredMotion):
             excitation=self._excitation,
             findings=self._findings,
             tracking=self._tracked if len(self.axes) == 1 else None,
+            closed_loop_record=self._answers,
         )
+
+    @property
+    def delays_s(self) -> Sequence[float]:
+        """Delays that are searched [s]."""
+        return self.grids[1] if self.grids else (0.0,)
+
+    def _answers(self, problem: LaggedRuns, estimate: Estimate, flights: Flights) -> Mapping[str, object]:
+        counted = self.activity.counted
+        return answers_of(self.axes, counted, self.delays_s, problem, estimate, flights)
 
     def _tracked(
         self, problem: LaggedRuns, quantities: Mapping[str, Quantity], _options: FlightOptions, name: str

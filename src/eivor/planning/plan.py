@@ -17,6 +17,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.planning.vehicle import (
+    KINDS,
     STEP_S,
     TARGETS,
     USUAL,
@@ -172,7 +173,6 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
 
 # -- Plan --
 
-KINDS = ("multisine", "steps")
 #: So many shapes are flown in simulation, each by so many vehicles; one flight of each is identified, all of
 #: the best.
 FINALISTS, RUNS = 3, 5
@@ -317,7 +317,7 @@ def _finalists(
     vehicle: VehicleGuess, limits: FlightLimits, target: str, kinds: tuple[str, ...], seed: int
 ) -> list[Shape]:
     """The best of each kind by the formula, which errs between kinds, then those."""
-    shapes = list(candidates(limits, kinds, seed))
+    shapes = [shape.within(limits) for shape in candidates(limits.duration_s, kinds, seed)]
     errors = np.array([ranked_std_errors(shape, vehicle) for shape in shapes])
     words = list(TARGETS)
     of_target, lag = errors[:, words.index(target)], errors[:, words.index("lag")]

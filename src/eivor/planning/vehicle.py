@@ -98,19 +98,22 @@ class Shape:
         return self.scaled(factor)
 
 
-def candidates(limits: FlightLimits, kinds: tuple[str, ...], seed: int) -> Iterator[Shape]:
-    """Shapes of these kinds that a flight of the limits may have."""
-    count = round(limits.duration_s / STEP_S)
+KINDS = ("multisine", "steps")
+
+
+def candidates(duration_s: float, kinds: tuple[str, ...], seed: int, pace: float = 1.0) -> Iterator[Shape]:
+    """Shapes of these kinds, of any size; of machines slower or quicker than what flies."""
+    count = round(duration_s / STEP_S)
     rng = np.random.default_rng(seed)
     if "multisine" in kinds:
         for low in (0.06, 0.12, 0.25):
             for high in (0.5, 0.8, 1.2, 1.8):
                 for fall in (0.8, 1.3, 1.8, 2.4):
-                    yield _multisine(count, low, high, fall, rng).within(limits)
+                    yield _multisine(count, pace * low, pace * high, fall, rng)
     if "steps" in kinds:
         for hold in (2.0, 3.0, 4.5):
             for smoothing in (0.12, 0.2, 0.35, 0.6):
-                yield _steps(count, hold, smoothing, rng).within(limits)
+                yield _steps(count, hold / pace, smoothing / pace, rng)
 
 
 def _multisine(count: int, low_hz: float, high_hz: float, fall: float, rng: np.random.Generator) -> Shape:

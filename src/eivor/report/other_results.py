@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eivor.errors import InputError
+from eivor import checks
+from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
+from eivor.planning.machine_plan import SECONDS, MachinePlan, plan_machine
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
@@ -307,10 +309,11 @@ def plan(
     source: SavedFit | FlightEstimate | VehicleGuess | str | Path,
     *,
     target: str = "",
-    limits: FlightLimits | None = None,
+    limits: FlightLimits | Mapping[str, tuple[float, ...]] | None = None,
     shape: str = "",
     seed: int = 0,
-) -> FlightPlan:
+    seconds: float = 60.0,
+) -> FlightPlan | MachinePlan:
     """Plan the flight that would identify: after one that could not, or of rough numbers.
 
     Parameters
@@ -319,18 +322,22 @@ def plan(
         A result, refused ones included, the file of one, or rough numbers of a vehicle.
     target : str
         "friction", "gain" or "lag". Default: the first of friction, lag and gain that the result could not
-        determine.
-    limits : FlightLimits, optional
-        Of height, speed, acceleration, tilt and time.
+        determine. Of a machine one of its parameters. Default: the smallest joint uncertainty.
+    limits : FlightLimits or mapping, optional
+        Of height, speed, acceleration, tilt and time. Of a machine, for channels: largest distance from the
+        mean of the log, and largest rate. Default: those of references and inputs in the log.
     shape : str
         "multisine" or "steps". Default: the one whose simulated flights carry more information.
     seed : int
         Of phases, step heights, wind and noise.
+    seconds : float
+        Length of what a machine does.
 
     Returns
     -------
-    FlightPlan
-        Setpoints, and the half-widths that the recipe gave of simulated flights.
+    FlightPlan or MachinePlan
+        Setpoints, and the half-widths that the recipe gave of simulated flights. Of a machine its
+        references, and the half-widths of a formula.
 
     Raises
     ------
@@ -344,18 +351,41 @@ def plan(
     Simulated with the result's numbers, what it left over by frequency, and its controller; this takes
     seven seconds or so.
     """
+    checks.number("seconds", seconds)
+    if not SECONDS[0] <= seconds <= SECONDS[1]:
+        raise UsageError(f"{SECONDS[0]:g} to {SECONDS[1]:g} s", f"{seconds:g} s", "Give another time.")
     if not isinstance(source, VehicleGuess):
         expected = "a result, the path of its JSON file, or a vehicle"
         remedy = 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).'
         fit = saved_of(source, expected, remedy, preferred=("vertical",))
         model, prediction = fit.document.model, fit.document.prediction
         flown = {} if prediction is None else prediction.flown
+        machine = fit.fitted.machine
+        if machine is not None:
+            channels = {} if limits is None else limits
+            checks.mapping("limits", channels, tuple, "tuples of numbers")
+            words = {"target": target, "shape": shape}
+            return plan_machine(machine, fit.quantities, flown, channels, seconds, seed, **words)  # type: ignore[arg-type]
         source = vehicle_of_result(model.name, model.input_map, fit.quantities, flown)
+    if isinstance(limits, Mapping):
+        raise UsageError("FlightLimits of a flight", "limits of channels", "Give ev.FlightLimits().")
     return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 
-def plan_document(made: FlightPlan) -> Document:
+def plan_document(made: FlightPlan | MachinePlan) -> Document:
     """Document of a plan."""
+    if isinstance(made, MachinePlan):
+        limits = (
+            f"{name} ± {' · '.join(f'{item:.3g}' for item in sizes)}" for name, sizes in made.limits.items()
+        )
+        facts = Facts((("references", ", ".join(made.references)), ("limits", "; ".join(limits))))
+        widths = [
+            (item.words, f"{item.value:.3g}", f"± {item.half_width:.2g}", item.unit)
+            for item in made.predicted.values()
+        ]
+        right = (TableColumn(name, right=True) for name in ("taken as", "half-width"))
+        sections = (Section("", (facts, table(("quantity", *right, "unit"), widths))),)
+        return Document(f"Plan for {made.machine.name}", made.sentence, sections)
     columns = (
         "quantity",
         TableColumn("taken as", right=True),
@@ -396,15 +426,17 @@ def _plan_facts(made: FlightPlan) -> Facts:
     )
 
 
-def plan_json(made: FlightPlan) -> dict[str, Json]:
+def plan_json(made: FlightPlan | MachinePlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
+    shape = {"kind": made.shape.kind, "words": made.shape.words}
+    head = {"target": made.target, "sentence": made.sentence, "shape": shape, "limits": made.limits}
+    if isinstance(made, MachinePlan):
+        references = list(made.references)
+        return document("eivor.plan/1", **head, predicted=made.predicted, references=references)
     low, high, speed = made.reached
     return document(
         "eivor.plan/1",
-        target=made.target,
-        sentence=made.sentence,
-        shape={"kind": made.shape.kind, "words": made.shape.words},
-        limits=made.limits,
+        **head,
         predicted={
             word: {
                 "half_width": item.half_width,

@@ -14,6 +14,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
+from eivor.models.spectral import densities
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
 from eivor.motions.vertical.regression import (
     QUADRATIC_DRAG,
@@ -78,10 +79,8 @@ def _answers(
     return answers
 
 
-#: Frequencies at which densities are kept [Hz]; around each the bins within that factor are averaged, and so
-#: many at least.
+#: Frequencies at which densities are kept [Hz].
 NODES_HZ = np.geomspace(0.06, 4.5, 11)
-AVERAGED_OVER, LEAST_BINS = 1.6, 8
 #: The velocity's own error is white, and known from this frequency on [Hz]: below it its derivative is quiet.
 VELOCITY_FROM_HZ = 1.0
 #: Half-widths up to which an estimate is taken as it is [1/s, s, share], and what is usual otherwise.
@@ -137,14 +136,8 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
     bins = problem.bins({nuisance.name: numbers[nuisance.name] for nuisance in problem.nuisances})
     left = bins.residuals(np.array([numbers[parameter.name] for parameter in bins.parameters]))
     first, second = left[:, 0], left[:, -1]
-    runs = bins.layout.runs
-    frequency = np.concatenate([run.frequency_hz for run in runs])
-    # what makes the power of a bin a one-sided density
-    scales = [np.full(run.count, 2.0 * run.step_s / float(np.mean(run.taper**2))) for run in runs]
     products = np.abs(first) ** 2, np.abs(second) ** 2, (first * second.conj()).real
-    first_power, second_power, shared = (
-        _at_nodes(frequency, np.concatenate(scales) * values) for values in products
-    )
+    first_power, second_power, shared = (densities(bins.layout.runs, values, NODES_HZ) for values in products)
     pulsation = 2.0 * np.pi * NODES_HZ
     if left.shape[1] == 1:
         noise = second_power[-1] / pulsation[-1] ** 2
@@ -161,18 +154,6 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
         "accelerometer": sensor_noise.tolist(),
         "velocity": [float(noise)] * NODES_HZ.size,
     }
-
-
-def _at_nodes(
-    frequency: Float[np.ndarray, " bins"], values: Float[np.ndarray, " bins"]
-) -> Float[np.ndarray, " nodes"]:
-    """Means over the bins near each node, and over so many of the nearest at least."""
-    results = []
-    for node in NODES_HZ:
-        away = np.abs(np.log(frequency / node))
-        reach = max(np.log(AVERAGED_OVER) / 2.0, np.sort(away)[min(LEAST_BINS, away.size) - 1])
-        results.append(values[away <= reach].mean())
-    return np.array(results)
 
 
 def controller_gains(
