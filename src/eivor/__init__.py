@@ -13,7 +13,7 @@ _HOMES = {
     public: (module, name)
     for module, name, public in re.findall(r"^from (\S+) import (\S+) as (\S+)$", _STUB, re.MULTILINE)
 }
-_HOMES |= {public: _HOMES.pop(own) for public, own in re.findall(r"^(\w+) = (\w+)$", _STUB, re.MULTILINE)}
+_HOMES |= {public: _HOMES.pop(name) for public, name in re.findall(r"^(\w+) = (\w+)$", _STUB, re.MULTILINE)}
 
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605 - a sorted list is one
 

@@ -36,8 +36,8 @@ def text(name: str, value: object) -> None:
     kind(name, value, str, "text")
 
 
-def place(what: str, name: str, known: Iterable[str]) -> int:
-    """Place of a name among those that are known; refuse any other, and propose the nearest."""
+def index_of(what: str, name: str, known: Iterable[str]) -> int:
+    """Position of a name among those that are known; refuse any other, and propose the nearest."""
     names = list(known)
     text("name", name)
     if name not in names:

@@ -108,10 +108,10 @@ class TomlTable:
     def _refusal(self, kind: type, text: str) -> InputError:
         """Error of a table that is not of a kind, from the message of msgspec."""
         match = _PLACE.fullmatch(text)
-        reason, place = (text, "") if match is None else (match[1], match[2] or "")
+        reason, path = (text, "") if match is None else (match[1], match[2] or "")
         expected, received, remedy = reason, "another value", "Correct the file."
         declared, value, where = inspect.type_info(kind), self.values, ""
-        for name, number in _STEP.findall(place):
+        for name, number in _STEP.findall(path):
             declared = _inside(declared, name)
             value = value[name] if name else value[int(number)]  # type: ignore[index]
             where += f"[{int(number) + 1}]" if number else f".{name}" if where else name
@@ -156,12 +156,12 @@ def _words(declared: inspect.Type) -> str:
     """What a value of a type is, in words."""
     words = []
     for item in _members(declared):
-        one, _ = WORDS.get(type(item), ("a table", ""))
+        word, _ = WORDS.get(type(item), ("a table", ""))
         if isinstance(item, inspect.ListType):
             several = {WORDS.get(type(entry), ("", "tables"))[1] for entry in _members(item.item_type)}
-            one = f"a list of {' or '.join(sorted(several))}"
+            word = f"a list of {' or '.join(sorted(several))}"
         if not isinstance(item, inspect.NoneType):
-            words.append(one)
+            words.append(word)
     return " or ".join(words)
 
 

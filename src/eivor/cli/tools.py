@@ -493,5 +493,5 @@ def new_machine(
     ] = "rover",
 ) -> ExitCode:
     """Write a machine's file to begin with: a shipped one, to be changed."""
-    checks.place("a machine", like, shipped_machines())
+    checks.index_of("a machine", like, shipped_machines())
     return _begun("a machine", machine_text(like), file)

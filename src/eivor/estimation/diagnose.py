@@ -382,7 +382,7 @@ class Diagnostics:
 
     def __getitem__(self, name: str) -> Diagnostic | None:
         """Diagnostic of that name; None where it cannot be made."""
-        checks.place("a diagnostic", name, DIAGNOSTICS)
+        checks.index_of("a diagnostic", name, DIAGNOSTICS)
         diagnostic: Diagnostic | None = getattr(self, name)
         return diagnostic
 

@@ -297,7 +297,7 @@ class Estimate:
 
     def direction(self, name: str) -> Float[np.ndarray, " n"]:
         """Unit vector of a parameter; a `UsageError`, here and below, when there is none of that name."""
-        return np.eye(len(self.names))[checks.place("a parameter", name, self.names)]
+        return np.eye(len(self.names))[checks.index_of("a parameter", name, self.names)]
 
     def with_covariance(self, estimator: CovarianceEstimator) -> Estimate:
         """Same estimates, with intervals from another covariance; an `EstimationError` without the rows."""

@@ -425,7 +425,7 @@ class ProfileSets:
         """Sets of one linear parameter."""
         distributions.check_level(level)
         estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
-        position = checks.place("a parameter", name, parameters)
+        position = checks.index_of("a parameter", name, parameters)
         if not self.available:
             return None
         rows = estimate.rows

@@ -269,7 +269,7 @@ class AndersonRubinSet(_ConfidenceSets):
         Exogenous regressors are partialled out, all but the parameter's own. The rest is the shadow of the
         joint region; for classical errors with the degrees of freedom of one parameter.
         """
-        position = checks.place("a parameter", name, [parameter.name for parameter in self.parameters])
+        position = checks.index_of("a parameter", name, [parameter.name for parameter in self.parameters])
         exogenous = set(self.rows.own_instruments())
         if len(exogenous) < len(self.parameters) and position not in exogenous:
             return self.region.interval(name)

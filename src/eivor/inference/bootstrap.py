@@ -226,12 +226,12 @@ class Bootstrap:
 
     def std_error(self, name: str) -> float:
         """Root of the quantity's variance, see `covariance`."""
-        position = checks.place("a quantity", name, self.names)
+        position = checks.index_of("a quantity", name, self.names)
         return math.sqrt(float(self.covariance[position, position]))
 
     def bias(self, name: str) -> float:
         """Mean of the replicates minus the value."""
-        position = checks.place("a quantity", name, self.names)
+        position = checks.index_of("a quantity", name, self.names)
         return float(self.replicates[:, position].mean() - self.values[position])
 
     def interval(
@@ -245,7 +245,7 @@ class Bootstrap:
             When the level is not between 0 and 1 or needs more replicates than there are, or a studentised
             interval is asked of replicates without standard errors.
         """
-        position = checks.place("a quantity", name, self.names)
+        position = checks.index_of("a quantity", name, self.names)
         check_level(level)
         try:
             chosen = IntervalKind(kind)

@@ -78,7 +78,7 @@ class JointCovariance:
 
     def part(self, name: str) -> CovariancePart:
         """Part of that name."""
-        return self.parts[checks.place("a covariance", name, [part.name for part in self.parts])]
+        return self.parts[checks.index_of("a covariance", name, [part.name for part in self.parts])]
 
     def std_error(self, direction: Vector) -> float:
         """Largest of the standard errors of ``direction @ estimates``."""

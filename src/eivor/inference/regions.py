@@ -109,7 +109,7 @@ class ConfidenceRegion:
 
     def interval(self, name: str) -> ConfidenceSet:
         """Values of a parameter that some member of the region has: the region's shadow."""
-        axis = checks.place("a parameter", name, self.names)
+        axis = checks.index_of("a parameter", name, self.names)
         return self.frame.in_units(self.shape.shadow(axis + 1), axis)
 
     def outline(

@@ -343,7 +343,7 @@ MOST_STEPS = 2_000_000
 
 def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
     """Flight of all axes that comes with the package, with the seed zero."""
-    checks.place("a flight", name, ("crazyflie", "quadrotor"))
+    checks.index_of("a flight", name, ("crazyflie", "quadrotor"))
     return rigid_body_flight_from_table(read_toml(shipped_file(name), "a flight of a rigid body"))
 
 
@@ -368,7 +368,7 @@ def read_scenario(path: Path) -> Scenario:
 def shipped_scenario(name: str) -> Scenario:
     """Return a scenario that comes with the package ("rich" is one); raises UsageError, which names all."""
     checks.text("name", name)
-    checks.place("a scenario", name, known := shipped_files(SCENARIOS))
+    checks.index_of("a scenario", name, known := shipped_files(SCENARIOS))
     return read_scenario(known[name])
 
 

@@ -98,7 +98,7 @@ class Regularisation:
     towards: str = "zero"
 
     def __post_init__(self) -> None:
-        checks.place("a vector to be shrunk towards", self.towards, TARGETS)
+        checks.index_of("a vector to be shrunk towards", self.towards, TARGETS)
         regularised(methods.least_squares(), self.parameter)
 
 
@@ -120,9 +120,9 @@ class MethodChoice:
     regularisation: Regularisation | None = None  # Tikhonov's, of a linear method; none by default
 
     def __post_init__(self) -> None:
-        checks.place("a method", self.name, METHODS)
-        checks.place("a weighting", self.weighting, WEIGHTINGS)
-        checks.place("a covariance", self.covariance, ("default", *covariances.TABLE))
+        checks.index_of("a method", self.name, METHODS)
+        checks.index_of("a weighting", self.weighting, WEIGHTINGS)
+        checks.index_of("a covariance", self.covariance, ("default", *covariances.TABLE))
         if not self.label:
             object.__setattr__(self, "label", self.name)
         if (self.lags is None) != (self.name in DIRECT):
@@ -199,7 +199,7 @@ class Study:
         for choice in self.methods:
             named = (choice.channel,) if choice.lags else ()
             for channel in (*named, *(choice.known_noise or ())):
-                checks.place(f"a channel for '{choice.label}'", channel, self.experiment.channels)
+                checks.index_of(f"a channel for '{choice.label}'", channel, self.experiment.channels)
 
     @property
     def parameters(self) -> tuple[str, ...]:

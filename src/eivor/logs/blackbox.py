@@ -199,8 +199,8 @@ def _nibbles(data: Block, at: Block) -> tuple[list[Block], Block]:
     for number in range(4):
         width = np.array([0, 1, 2, 4])[tag >> (2 * number) & 3]
         value = np.zeros_like(at)
-        for place in range(4):
-            read = place < width
+        for index in range(4):
+            read = index < width
             half = data[nibble >> 1].astype(np.int64) >> (4 * (1 - (nibble & 1))) & 15
             value = np.where(read, value << 4 | half, value)
             nibble = nibble + read
@@ -228,16 +228,16 @@ def _tagged_2(data: Block, at: Block, encoding: int) -> tuple[list[Block], Block
 def _in_bytes(data: Block, at: Block, tag: Block, values: list[Block]) -> tuple[list[Block], Block]:
     """The fourth packing: two bits for the bytes of each field, the lowest byte first."""
     chosen = np.flatnonzero(tag >> 6 == 3)
-    place, lengths = at[chosen], tag[chosen]
+    offset, lengths = at[chosen], tag[chosen]
     for number, value in enumerate(values):
         length = (lengths >> (2 * number) & 3) + 1
-        word = np.zeros_like(place)
+        word = np.zeros_like(offset)
         for byte in range(4):
-            word |= np.where(byte < length, data[place + byte].astype(np.int64) << (8 * byte), 0)
+            word |= np.where(byte < length, data[offset + byte].astype(np.int64) << (8 * byte), 0)
         half = 1 << (8 * length - 1)
         value[chosen] = (word ^ half) - half
-        place = place + length
-    at[chosen] = place
+        offset = offset + length
+    at[chosen] = offset
     return values, at
 
 
@@ -285,14 +285,14 @@ def _event_length(data: bytes, at: int) -> int:
     kind = data[at + 1]
     if data.startswith(LAST_EVENT, at + 1):
         return 1 + len(LAST_EVENT)
-    place, numbers = at + 2, EVENTS.get(kind, 0)
+    offset, numbers = at + 2, EVENTS.get(kind, 0)
     if kind == ADJUSTMENT:
-        place, numbers = (place + 5, 0) if data[place] > 127 else (place + 1, 1)
+        offset, numbers = (offset + 5, 0) if data[offset] > 127 else (offset + 1, 1)
     elif not numbers:
         return 0
     for _ in range(numbers):
-        place = next((here + 1 for here in range(place, place + 5) if data[here] < 128), place + 5)
-    return place - at
+        offset = next((here + 1 for here in range(offset, offset + 5) if data[here] < 128), offset + 5)
+    return offset - at
 
 
 @dataclass(slots=True)
@@ -308,9 +308,9 @@ def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
     """Walk from frame to frame; after damage on from the next byte that begins two frames."""
     chain, sizes, at = _Chain([], []), memoryview(lengths.data), begins
 
-    def follows(place: int) -> int:
-        size = _event_length(data, place) if data[place] == EVENT else sizes[place]
-        after = place + size
+    def follows(offset: int) -> int:
+        size = _event_length(data, offset) if data[offset] == EVENT else sizes[offset]
+        after = offset + size
         return size if size and (after == end or (after < end and data[after] in MARKERS)) else 0
 
     while at < end:
@@ -318,7 +318,7 @@ def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
         if not size:
             damaged = at
             at = next(
-                (place for place in range(at + 1, end) if data[place] in MARKERS and follows(place)), end
+                (offset for offset in range(at + 1, end) if data[offset] in MARKERS and follows(offset)), end
             )
             chain.lost += at - damaged
             chain.broken.append(len(chain.starts))

@@ -334,7 +334,7 @@ class Machine(DeclaredMotion):
         order = sorted(self.terms, key=lambda term: (term.name not in self.headline, not term.behind))
         names = tuple(term.name for term in order if not term.is_intercept)
         name = name or names[0]
-        checks.place("a parameter", name, names)
+        checks.index_of("a parameter", name, names)
         known, sentences = dict[str, Prior](), list[str]()
         for term in order:
             item = quantities.get(term.name)

@@ -110,7 +110,7 @@ def response_paths(axis: str, machine: DeclaredMotion | None = None) -> dict[str
         if not offered:
             raise UsageError("an equation of a state that an input drives", f"none of {machine.name}", remedy)
     if axis:
-        checks.place("an axis", axis, tuple(offered))
+        checks.index_of("an axis", axis, tuple(offered))
         return {axis: offered[axis]}
     return TURNING if machine is None else offered
 
@@ -215,7 +215,7 @@ def _reference(flights: Sequence[PreparedFlight], path: ResponsePath, named: str
     logged = {item.name for item in flights[0].references}
     offered = dict.fromkeys(item.channel for item in path.references if item.channel in logged)
     if named:
-        checks.place("a channel", named, tuple(sorted(flights[0].recording.channels)))
+        checks.index_of("a channel", named, tuple(sorted(flights[0].recording.channels)))
         if not exogenous(named):
             raise InstrumentError(
                 "a reference that does not answer the vehicle",

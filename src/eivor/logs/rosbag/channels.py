@@ -69,7 +69,7 @@ def _check_one_vehicle(what: str, places: set[str]) -> None:
     if len(places) > 1:
         raise InputError(
             "a bag of one vehicle",
-            f"one with {what} of {len(places)}: {', '.join(sorted(place or '/' for place in places)[:6])}",
+            f"one with {what} of {len(places)}: {', '.join(sorted(name or '/' for name in places)[:6])}",
             "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
         )
 

@@ -173,7 +173,7 @@ def tracked_gain(
     problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions, name: str
 ) -> TrackedParameter:
     """Rows that identify K_u over a flight, and what is known of K and the intercept."""
-    checks.place("a parameter", name or "input_gain", ("input_gain",))
+    checks.index_of("a parameter", name or "input_gain", ("input_gain",))
     quantity, friction = quantities["viscous_friction"], ANY_FRICTION
     source = "as of any multirotor: the flight does not identify it"
     by_flight = "as the whole flight identifies it"
