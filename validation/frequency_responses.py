@@ -236,7 +236,7 @@ def measured(  # noqa: C901 - one line for each number of the table
         magnitude, phase = result.bands
         add("magnitude", _holds(magnitude, size))
         add("phase", _holds(phase, angle, phase=True))
-        add("shown", result.shown)
+        add("shown", result.is_shown)
         add("coherent", result.points.coherence > 0.6)
         both = zip(result.simultaneous_bands, (size, angle), (False, True), strict=True)
         add("simultaneous", all(_holds(band, of, phase=turned).all() for band, of, turned in both))

@@ -52,7 +52,7 @@ def test_bands_hold_in_closed_loop_and_the_direct_ones_do_not(swept):
         held.append(inside(result.bands[0], np.abs(G[k])))
         alone = ev.frequency_response(u[:, k], y[:, k], reference=None, rate_hz=RATE_HZ, frequency_hz=grid)
         direct.append(inside(alone.bands[0], np.abs(G[k])))
-        assert result.shown.mean() > 0.5
+        assert result.is_shown.mean() > 0.5
     # 128 bands of 90 %, which neighbours share: four standard errors below
     assert np.mean(held) > 0.79
     assert np.mean(direct) < np.mean(held) - 0.15
@@ -66,7 +66,7 @@ def test_several_runs_and_gaps_are_combined(swept, first):
     two = ev.frequency_response(u[:, 0], broken, reference=r[:, 0], rate_hz=RATE_HZ, frequency_hz=grid)
     assert len(two.runs) == 2
     distance = np.abs(two.response / first.response - 1.0)
-    assert np.median(distance[two.shown]) < 0.2
+    assert np.median(distance[two.is_shown]) < 0.2
     parts = [slice(0, 12000), slice(12000, 24000)]
     lists = [[values[part, 0] for part in parts] for values in (u, y, r)]
     joined = ev.frequency_response(*lists[:2], reference=lists[2], rate_hz=RATE_HZ, frequency_hz=grid)
@@ -91,7 +91,7 @@ def test_shown_only_where_the_reference_reaches(first):
     rng = np.random.default_rng(0)
     u, y, r = rng.standard_normal((3, 8000))
     nothing = ev.frequency_response(u, y, reference=r, rate_hz=100.0)
-    assert not nothing.shown.any()
+    assert not nothing.is_shown.any()
     said = "at no three neighbouring frequencies: nothing is shown. Fly a sweep."
     assert nothing.findings[0].endswith(said)
     assert np.isnan(nothing.bands[0][:, 1]).mean() > 0.5
@@ -106,7 +106,7 @@ def test_shown_only_where_the_reference_reaches(first):
 
 def test_the_simultaneous_band_is_wider(first):
     each, together = first.bands[0], first.simultaneous_bands[0]
-    shown = first.shown & np.isfinite(together[:, 1])
+    shown = first.is_shown & np.isfinite(together[:, 1])
     assert (together[shown, 1] - together[shown, 0] > each[shown, 1] - each[shown, 0]).all()
 
 
@@ -162,7 +162,7 @@ def test_responses_and_models_go_to_python_control(first):
     exact = gain * np.exp(-delay * s) / ((s + damping) * lagging)
     assert model.to_control()(s) == pytest.approx(exact, rel=1e-6)
     shown = first.to_control()
-    assert shown.omega / (2.0 * np.pi) == pytest.approx(first.frequency_hz[first.shown])
+    assert shown.omega / (2.0 * np.pi) == pytest.approx(first.frequency_hz[first.is_shown])
 
 
 def test_proposals_reach_their_phase_margin_on_the_vehicle(swept):

@@ -49,7 +49,7 @@ def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureReque
         if reported["value"] is not None:
             assert (words in in_table) != (key in in_card)
             assert reported["verdict"] in (in_card.get(key), getattr(in_table.get(words), "value", ""))
-    rows = [Status(row["verdict"]).shown for row in (*json["flights"], *json["comparisons"])]
+    rows = [Status(row["verdict"]).label for row in (*json["flights"], *json["comparisons"])]
     tables = [
         sections[title][0] for title in ("Flights one by one", "Methods side by side") if title in sections
     ]

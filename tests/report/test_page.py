@@ -154,7 +154,7 @@ def test_numbers_are_those_of_the_json(pages, name):
         key = by_words[row.all("th")[0].text]
         cells = [child.text for child in row.children if isinstance(child, Element)]
         check(known[key], result.motion.quantities[key].scale, cells[2], cells[3])
-        assert cells[-1] == Status(known[key]["verdict"]).shown
+        assert cells[-1] == Status(known[key]["verdict"]).label
     for reading in page.all("div", class_="reading"):
         key = reading.attributes["data-quantity"]
         value = reading.all("span", class_="value")[0].text

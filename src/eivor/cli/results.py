@@ -192,5 +192,5 @@ def frequency_response(
         json,
         *figure_parts(picture, lambda: response_figure(results)),
     )
-    any_shown = any(item.response.shown.any() and not item.response.is_provisional for item in results)
+    any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)
     return outputs.ExitCode.IDENTIFIED if any_shown else outputs.ExitCode.NOT_IDENTIFIED

@@ -284,12 +284,12 @@ class LinearMethod(Method):
             except CollinearError as error:
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
-        own = self.assembler.takes_out_own_noise
-        if own and isinstance(moments, CrossMoments) and moments.noise is not None and moments.products.whole:
+        cross = moments if self.assembler.takes_out_own_noise else None
+        if isinstance(cross, CrossMoments) and cross.noise is not None and cross.products.whole:
             # squares of the residual without the noise in it, of regressors that are instruments
-            residual = moments.products.with_residual(solution.theta).power.sum()
-            added = moments.shared_noise(solution.theta) - moments.noise[:, -1]
-            solution = replace(solution, objective=float(residual - moments.rows * added @ solution.theta))
+            residual = cross.products.with_residual(solution.theta).power.sum()
+            added = cross.shared_noise(solution.theta) - cross.noise[:, -1]
+            solution = replace(solution, objective=float(residual - cross.rows * added @ solution.theta))
         parameters = () if problem is None else problem.parameters
         return Estimate(
             self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters

@@ -148,8 +148,8 @@ def _lag_products(
     blocks = list(pairwise(edges.tolist()))
     # every block by itself: threads change no sum
     each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else made_ahead(folded, blocks)
-    G, p, place = np.stack(list(each)), most - least + 1, np.arange(FOLD)
-    sums = np.stack([G[..., place + p - 1 - lag, place].sum(axis=-1) for lag in range(p)], axis=-2)
+    G, p, index = np.stack(list(each)), most - least + 1, np.arange(FOLD)
+    sums = np.stack([G[..., index + p - 1 - lag, index].sum(axis=-1) for lag in range(p)], axis=-2)
     for sample in range(int(edges[-1]), last):
         now = series[sample - np.arange(least, most + 1)]
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])

@@ -275,14 +275,14 @@ class Criterion:
         last = np.zeros(rows.size)
         for _ in range(ROOT_ROUNDS if rows.size and self._axis is not None else 0):
             apart = np.where(beyond > within, beyond - within, 1.0)
-            place = inside + np.where(beyond > within, -within / apart, 0.0) * (outside - inside)
-            excess = self.least_at(rows, place[:, None])[:, 0] - bound
+            point = inside + np.where(beyond > within, -within / apart, 0.0) * (outside - inside)
+            excess = self.least_at(rows, point[:, None])[:, 0] - bound
             fits = excess <= 0.0
             side = np.where(fits, 1.0, -1.0)
             # the end that stays a second time counts half
             halved = np.where(side == last, 0.5, 1.0)
-            inside, within = np.where(fits, place, inside), np.where(fits, excess, halved * within)
-            outside, beyond = np.where(fits, outside, place), np.where(fits, halved * beyond, excess)
+            inside, within = np.where(fits, point, inside), np.where(fits, excess, halved * within)
+            outside, beyond = np.where(fits, outside, point), np.where(fits, halved * beyond, excess)
             last = side
             if np.all((within >= -ROOT_SHARE * bound) | (inside == outside)):
                 break

@@ -153,9 +153,9 @@ class Watch:
         if self.references is None or look is None:
             return self
         # changes of the parameters that the look shows, and how well, over what looks do on average
-        shown = np.matmul(self.references.mapped, look)
-        change = shown[:, :, -1] - np.matmul(shown[:, :, :-1], self.references.theta[:, :, None])[:, :, 0]
-        seen = np.diagonal(shown[:, :, self.references.watched], axis1=1, axis2=2)
+        mapped = np.matmul(self.references.mapped, look)
+        change = mapped[:, :, -1] - np.matmul(mapped[:, :, :-1], self.references.theta[:, :, None])[:, :, 0]
+        seen = np.diagonal(mapped[:, :, self.references.watched], axis1=1, axis2=2)
         nothing, sums = seen < LEAST_SEEN, self.sums
         roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
         # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.

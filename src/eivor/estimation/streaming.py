@@ -132,9 +132,9 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         )
     expected = before.offset + before.sample_count
     if chunk.offset not in (0, expected):
-        place = f"a chunk that begins where the one before it ends, at sample {expected}"
+        wanted = f"a chunk that begins where the one before it ends, at sample {expected}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
-        raise UsageError(place, f"one that says it begins at sample {chunk.offset}", remedy)
+        raise UsageError(wanted, f"one that says it begins at sample {chunk.offset}", remedy)
 
 
 # -- Chunked fit --

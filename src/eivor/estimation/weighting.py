@@ -254,12 +254,12 @@ class WhitenedRows(WeightedRows):
 
     @staticmethod
     def _of_run(
-        points: int, functions: np.ndarray, known: np.ndarray, at: np.ndarray, own: np.ndarray, X: np.ndarray
+        points: int, functions: np.ndarray, known: np.ndarray, at: np.ndarray, j: np.ndarray, X: np.ndarray
     ) -> Float[np.ndarray, "points q n_plus_1"]:
         """Q' [phi y] of a run."""
         E = np.zeros((points, functions.shape[1], at[-1] + 1))
         E[:, :, at] = functions.T @ known.T
-        E[:, :, own] = (X @ functions).transpose(0, 2, 1)
+        E[:, :, j] = (X @ functions).transpose(0, 2, 1)
         return E
 
     @cached_property
@@ -274,11 +274,11 @@ class WhitenedRows(WeightedRows):
         """Of each run rows of Q, columns that stay and their places, places of those that move, and these."""
         layout, fixed, at = self._known
         start = 0
-        for run, (own, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
+        for run, (j, X) in zip(layout.runs, self.problem.moved_runs(points), strict=True):
             here = slice(start, start + run.count)
             known, weight = fixed[:, here], np.tile(1.0 / np.sqrt(self.power[here]), 2)
             rows = slice(2 * here.start, 2 * here.stop)
-            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, own, X * weight
+            yield basis[rows], np.concatenate([known.real, known.imag], axis=1), at, j, X * weight
             start = here.stop
 
     def sums(
@@ -288,8 +288,8 @@ class WhitenedRows(WeightedRows):
         between = self.problem.interpolation
         nodes = points if between is None else between.points
         W = None if between is None else between.weights(points)
-        for functions, known, at, own, X in self._runs(nodes, basis):
-            E = self._of_run(len(nodes), functions, known, at, own, X)
+        for functions, known, at, j, X in self._runs(nodes, basis):
+            E = self._of_run(len(nodes), functions, known, at, j, X)
             P = np.zeros((len(points), *2 * (at[-1] + 1,)))
             cross = X @ known.T
             if W is None:
@@ -297,8 +297,8 @@ class WhitenedRows(WeightedRows):
             else:
                 E, cross = (np.tensordot(W, item, 1) for item in (E, cross))
                 power = np.einsum("tajb,tj->tab", np.tensordot(W, np.tensordot(X, X, (2, 2)), 1), W)
-            P[:, at[:, None], at], P[:, own[:, None], own] = known @ known.T, power
-            P[:, own[:, None], at], P[:, at[:, None], own] = cross, cross.transpose(0, 2, 1)
+            P[:, at[:, None], at], P[:, j[:, None], j] = known @ known.T, power
+            P[:, j[:, None], at], P[:, at[:, None], j] = cross, cross.transpose(0, 2, 1)
             yield E, P
 
     @property

@@ -459,12 +459,12 @@ class KernelRobust(CovarianceEstimator):
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; see `kernel_sum_covariance` for its cost."""
 
-        def own() -> Iterator[Block]:
+        def scaled() -> Iterator[Block]:
             return (rows.scores @ equation.root for rows in equation.blocks())
 
         count = equation.sample_count
         # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
-        lags = min(self.bandwidth.lags(own, count, self.kernel), count - 1.0)
+        lags = min(self.bandwidth.lags(scaled, count, self.kernel), count - 1.0)
         meat = kernel_sum_covariance((rows.scores for rows in equation.blocks()), count, self.kernel, lags)
         reference = (math.inf, 1.0)
         if self.fixed_b and lags > 0.0:

@@ -15,7 +15,7 @@ class Status(Enum):
     REFUSED = "refused"
 
     @property
-    def shown(self) -> str:
+    def label(self) -> str:
         """How screens and pages say it; documents have the value."""
         return _SHOWN[self]
 

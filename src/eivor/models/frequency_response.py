@@ -322,7 +322,7 @@ class FrequencyResponse:
         return _magnitude_and_phase(*self.points.joint(each))
 
     @cached_property
-    def shown(self) -> Bool[np.ndarray, " f"]:
+    def is_shown(self) -> Bool[np.ndarray, " f"]:
         """Where three neighbours or more have a significant response of the input, and a bounded band.
 
         The windows of the first and the last of them do not overlap, except at lines.
@@ -338,7 +338,7 @@ class FrequencyResponse:
     def shown_ranges(self) -> tuple[tuple[float, float], ...]:
         """First and last frequency of each stretch that is shown [Hz]."""
         f = self.frequency_hz
-        return tuple((float(f[part.start]), float(f[part.stop - 1])) for part in stretches(self.shown))
+        return tuple((float(f[part.start]), float(f[part.stop - 1])) for part in stretches(self.is_shown))
 
     def columns(self) -> dict[str, PerFrequency]:
         """Every column of the table by name; bands are NaN where they are unbounded."""
@@ -361,7 +361,7 @@ class FrequencyResponse:
             "coherence_partial": self.points.partial,
             "direct_magnitude": np.abs(self.direct),
             "direct_phase_deg": np.rad2deg(np.angle(self.direct)),
-            "shown": self.shown.astype(np.float64),
+            "shown": self.is_shown.astype(np.float64),
         }
 
     def to_frame(self) -> Any:
@@ -372,15 +372,15 @@ class FrequencyResponse:
 
     def to_control(self) -> Any:
         """FRD of python-control, of the frequencies that are shown; an `EstimationError` where none is."""
-        shown = self.shown
-        if not shown.any():
+        mask = self.is_shown
+        if not mask.any():
             raise EstimationError("a response that is shown somewhere", "none", "Fly a sweep.")
-        return python_control().FRD(self.response[shown], 2.0 * np.pi * self.frequency_hz[shown])
+        return python_control().FRD(self.response[mask], 2.0 * np.pi * self.frequency_hz[mask])
 
     def summary(self) -> str:
         """Table of the frequencies that are shown, and the findings."""
         lines = [f"{'f [Hz]':>8} {'|G|':>10} {'low':>10} {'high':>10} {'phase':>8} {'+-':>6} {'r,u':>5}"]
-        for index in np.flatnonzero(self.shown).tolist():
+        for index in np.flatnonzero(self.is_shown).tolist():
             low, high = self.bands[0][index]
             early, late = np.rad2deg(self.bands[1][index])
             value, angle = abs(self.response[index]), np.rad2deg(np.angle(self.response[index]))
@@ -470,7 +470,7 @@ def frequency_response(
         period_s is not None,
         answered > 0.0,
     )
-    return result if result.shown.any() else replace(result, findings=(*findings, NOT_REACHED))
+    return result if result.is_shown.any() else replace(result, findings=(*findings, NOT_REACHED))
 
 
 def _frequencies(given: ArrayLike | None, longest_s: float, rate_hz: float) -> PerFrequency:
@@ -519,9 +519,9 @@ def answered_share(parts: Sequence[Float[np.ndarray, "n 3"]]) -> float:
         count = min(len(part), MOST_ROWS - sum(len(each) for each in rows)) - OWN_PAST
         if count > 0:
             r, y = part[: count + OWN_PAST, [0, 2]].T
-            own = np.lib.stride_tricks.sliding_window_view(r - r.mean(), OWN_PAST + 1)
+            past = np.lib.stride_tricks.sliding_window_view(r - r.mean(), OWN_PAST + 1)
             late = np.lib.stride_tricks.sliding_window_view(y - y.mean(), OUTPUT_PAST)
-            rows.append(np.column_stack([own[:, :-1], late[OWN_PAST - OUTPUT_PAST : -1], own[:, -1:]]))
+            rows.append(np.column_stack([past[:, :-1], late[OWN_PAST - OUTPUT_PAST : -1], past[:, -1:]]))
     if not rows:
         return 0.0
     table = np.concatenate(rows)

@@ -288,15 +288,15 @@ class LaggedRuns(SeparableProblem):
         inputs = [{**point, ACTUATOR_LAG.name: NO_LAG_S} for point in between.points[: between.delays - 1]]
         for item in self.columns:
             made = [item.moving(point) for point in (*inputs, *last)]
-            own = self._places(item)
+            index = self._places(item)
             for run in item.runs:
                 spectra = next(runs).spectrum(np.concatenate([part[run].T for part in made]).T).T
-                seen = np.concatenate([spectra.real, spectra.imag], axis=1).reshape(len(made), own.size, -1)
+                seen = np.concatenate([spectra.real, spectra.imag], axis=1).reshape(len(made), index.size, -1)
                 X = np.empty((len(last), between.delays, *seen.shape[1:]))
                 X[:, -1] = seen[len(inputs) :]
                 for k in range(len(inputs) - 1, -1, -1):
                     X[:, k] = seen[k] + decay * (X[:, k + 1] - seen[k])
-                results.append((own, X.reshape(-1, *seen.shape[1:])))
+                results.append((index, X.reshape(-1, *seen.shape[1:])))
         return results
 
     def combined(

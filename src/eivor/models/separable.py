@@ -334,8 +334,8 @@ class SeparableProblem(ABC):
         moved, start = [self.bins(point) for point in points], 0
         for run in moved[0].layout.runs:
             seen = np.stack([item.regressors[start : start + run.count, self.still :].T for item in moved])
-            own = np.flatnonzero(seen.any(axis=(0, 2)))
-            yield self.still + own, np.concatenate([seen[:, own].real, seen[:, own].imag], axis=2)
+            index = np.flatnonzero(seen.any(axis=(0, 2)))
+            yield self.still + index, np.concatenate([seen[:, index].real, seen[:, index].imag], axis=2)
             start += run.count
 
     def sampled_state(self, _at: Values, /) -> SampledState | None:

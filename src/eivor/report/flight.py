@@ -439,7 +439,7 @@ def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
     rows = []
     for row in quantities:
         status, wording = row.quantity.verdict, row.wording
-        verdict = Cell(status.shown, status=status)
+        verdict = Cell(status.label, status=status)
         symbol = ", ".join(filter(None, (wording.symbol, wording.field_symbol.replace("-", "−"))))
         rows.append((wording.words, symbol, *row.texts, wording.shown_unit, verdict))
     return table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
@@ -450,7 +450,7 @@ def _implied(implications: Implications) -> Iterator[Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            verdict = Cell(number.verdict.shown, status=number.verdict)
+            verdict = Cell(number.verdict.label, status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
             rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
     if rows:
@@ -479,7 +479,7 @@ def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: s
     for row, quantities in rows:
         texts = [quantity.texts for quantity in quantities]
         numbers = (Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
-        cells.append((Cell(row.label, row.verdict.shown, row.verdict), *numbers))
+        cells.append((Cell(row.label, row.verdict.label, row.verdict), *numbers))
     return table(columns, cells)
 
 

@@ -474,10 +474,10 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
             status = row.quantity.verdict
-            shown = "" if status is Status.IDENTIFIED else f" ({status.shown})"
+            shown = "" if status is Status.IDENTIFIED else f" ({status.label})"
             number = f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip()
             parts.append(f"{number}{shown}")
-    lines = [text, "; ".join(parts[:2]), "; ".join(parts[2:]), "" if parts else result.verdict.status.shown]
+    lines = [text, "; ".join(parts[:2]), "; ".join(parts[2:]), "" if parts else result.verdict.status.label]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
 
 

@@ -182,8 +182,8 @@ def response_of_axis(
         findings.append(f"No model: {error.received}. {error.remedy}")
     if models is not None:
         findings += _model_findings(models.chosen.p_value, response)
-        is_sound = not response.is_provisional and models.chosen.p_value >= UNLIKELY and response.shown.any()
-        if loops and path.turns and is_sound and models.chosen.parameters["gain"] > 0.0:
+        sound = not response.is_provisional and models.chosen.p_value >= UNLIKELY and response.is_shown.any()
+        if loops and path.turns and sound and models.chosen.parameters["gain"] > 0.0:
             controllers = proposed_controllers(models)
     asked_for = (f"feedback_reference_{output}", f"reference_{output}")
     setpoint = next((name for name in asked_for if name in first.recording.channels), "")
@@ -290,7 +290,7 @@ def response_document(item: LogResponse) -> Document:
     reference = item.reference or "none"
     facts = (("from", item.input), ("to", item.output), ("reference", reference), ("bands", bands))
     parts: list[Any] = [Facts(facts)]
-    if response.shown.any():
+    if response.is_shown.any():
         parts.append(_frequencies(response))
     sections = [Section("", tuple(parts))]
     if item.models is not None:
@@ -305,7 +305,7 @@ def response_document(item: LogResponse) -> Document:
 
 def _frequencies(response: FrequencyResponse) -> Any:
     """Magnitudes in dB, phases in degrees, coherences, and how far the direct estimate is off."""
-    shown = np.flatnonzero(response.shown)
+    shown = np.flatnonzero(response.is_shown)
     picked = shown[np.unique(np.linspace(0, shown.size - 1, min(ROWS, shown.size)).round().astype(int))]
     bands = np.maximum(response.bands[0], 1e-12)
     decibels = 20.0 * np.log10(np.column_stack([np.abs(response.response), bands]))
@@ -450,7 +450,7 @@ def _lines(
     """Responses to draw, where each is known, with words and look."""
     response, every = item.response, np.ones(item.response.frequency_hz.size, dtype=np.bool_)
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
-    lines = [(response.response, response.shown, name, {"color": BLUE, "lw": 1.4})]
+    lines = [(response.response, response.is_shown, name, {"color": BLUE, "lw": 1.4})]
     if not response.is_direct:
         look = {"ls": ":", "color": RED, "lw": 1.1}
         lines.append((response.direct, np.isfinite(response.direct), "direct, biased", look))
@@ -462,7 +462,7 @@ def _lines(
 
 
 def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
-    response, shown, f = item.response, item.response.shown, item.response.frequency_hz
+    response, shown, f = item.response, item.response.is_shown, item.response.frequency_hz
     for bands, alpha, words in (
         (response.simultaneous_bands, 0.12, f"{response.level:.0%} all together"),
         (response.bands, 0.3, f"{response.level:.0%} each"),
@@ -480,7 +480,7 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
 
 def _draw_phase(axes: Axes, item: LogResponse) -> None:
     response, f = item.response, item.response.frequency_hz
-    turn = _unwrapped(response.response, response.shown) - np.rad2deg(np.angle(response.response))
+    turn = _unwrapped(response.response, response.is_shown) - np.rad2deg(np.angle(response.response))
     for bands, alpha in ((response.simultaneous_bands, 0.12), (response.bands, 0.3)):
         early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
         axes.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
@@ -503,7 +503,7 @@ def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
             item = response_of_axis(axis, path, flying, loops=False)
         except (EstimationError, MissingChannelError, TooFewSamplesError, UsageError):
             continue  # not logged, too short, or at several rates
-        if item.response.is_direct or not item.response.shown.any():
+        if item.response.is_direct or not item.response.is_shown.any():
             continue
         words = f"{item.input} to {item.output}, on {item.reference}; {item.response.level:.0%} bands."
         for what, draw in (
@@ -529,8 +529,8 @@ def _draw_coherences(axes: Axes, item: LogResponse) -> None:
 def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
-    if item.loop is not None and item.loop.shown.any():
-        shown = item.loop.shown
+    if item.loop is not None and item.loop.is_shown.any():
+        shown = item.loop.is_shown
         size = 20.0 * np.log10(np.abs(item.loop.response))
         axes.plot(
             _unwrapped(item.loop.response, shown), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
