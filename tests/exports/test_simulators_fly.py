@@ -31,6 +31,7 @@ from eivor.exports.vehicle import (
 )
 from eivor.motions.rigid_body.dynamics import body_derivative, speed_derivative
 from eivor.motions.rigid_body.vehicle import KnownNumber
+from eivor.motions.table import motion_by_name
 from eivor.signals.thrust_map import Mixed
 from exports import documents
 from exports.documents import document
@@ -273,7 +274,7 @@ def test_a_state_space_of_six_axes_is_the_slope_of_the_equations(lopsided):
 
 def test_a_state_space_of_rates_has_each_axis(tmp_path):
     reported = document()
-    reported["model"] |= {"name": "rates"}
+    reported["model"] |= {"name": motion_by_name("rates").words.model}
     numbers = {"roll_effectiveness": 150.0, "roll_damping": 2.0, "actuator_lag": 0.05, "delay": 0.01}
     reported["parameters"] = {name: documents.quantity(value, 0.01) for name, value in numbers.items()}
     reported["covariance"] = None

@@ -39,7 +39,7 @@ from eivor.tools import Float
 NEEDED = ("viscous_friction", "input_gain", "hover_input")
 LAGS = ("actuator_lag", "delay")
 #: Name in documents of the motion that turns, and its axes with channels of the inputs and outputs.
-RATES = "rates"
+RATES = "body_rates"
 TURNING = {"roll": "x", "pitch": "y", "yaw": "z"}
 
 

@@ -172,7 +172,7 @@ class SavedFit:
         return {name: np.maximum(draws[name], low) for name, low in zip(self.names, lowest, strict=True)}
 
     def to_statespace(self) -> StateSpace:
-        """Arrays of the vertical motion about hover, and ``.to_control()`` for python-control.
+        """Arrays of the motion about hover or rest, and ``.to_control()`` for python-control.
 
         Raises
         ------
