@@ -195,10 +195,10 @@ def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights, with sensors corrected where they disagree."""
     motion, flying, rule = state.motion, state.flying, state.instruments.rule
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
-    own = state.method.of_flights.takes_out_own_noise
-    by_input = own or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
+    takes_out = state.method.of_flights.takes_out_own_noise
+    by_input = takes_out or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
     needed = [
-        (f.noise, (*(f.states if own else ()), *(f.driving if by_input and f.input.measured else ())))
+        (f.noise, (*(f.states if takes_out else ()), *(f.driving if by_input and f.input.measured else ())))
         for f in flying
     ]
     check_declared(needed, state.method.name)
@@ -388,17 +388,17 @@ def known_lag(
         if alone is None:
             return LagPrior(options.lag, slack_s=slack_s), ()
         strong = bool(np.all(alone.first_stage >= STRONG_FIRST_STAGE))
-        own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
-        return LagPrior(options.lag, own, slack_s, strong=strong), ()
+        alone_lag = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        return LagPrior(options.lag, alone_lag, slack_s, strong=strong), ()
     if alone is None or not lag_searched(problem):
         return None, ()
     by_telemetry = telemetry_lag(flying, motion.channels.telemetry)
     measurements = [item for item in (by_telemetry, *lag_measurements()) if item is not None]
-    own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+    alone_lag = lag_quantities(problem, alone)[EFFECTIVE_LAG]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
-        result = replace(item, alone=own, slack_s=0.0 if item is by_telemetry else slack_s)
+        result = replace(item, alone=alone_lag, slack_s=0.0 if item is by_telemetry else slack_s)
         if result.p_value >= SIGNIFICANT:
             return result, tuple(noticed)
         sentence = f"The lag by {item.source} is not used: {result.sentence}."
@@ -477,7 +477,7 @@ def with_fit(
         estimates |= {EFFECTIVE_LAG: replace(lag, interval=within)}
     by_rules = reasons_by_quantity(motion.rules, replace(inputs, quantities=estimates), wording)
     # reasons of the estimate are each quantity's
-    reasons = {name: [*own, *best.reasons] for name, own in by_rules.items()}
+    reasons = {name: [*by_rule, *best.reasons] for name, by_rule in by_rules.items()}
     against = dict.fromkeys(reason for name in wording.headline for reason in reasons.get(name, ()))
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), spec)
@@ -558,8 +558,8 @@ def _judged(
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
     motion = state.motion
-    flown = _of_flights(state.flying)
-    inputs = VerdictInputs(**flown, exogenous=True, direct=True, checks=checks, quantities=known)
+    facts = _of_flights(state.flying)
+    inputs = VerdictInputs(**facts, exogenous=True, direct=True, checks=checks, quantities=known)
     widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
     reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
     return {

@@ -48,8 +48,8 @@ def identified(
     state = prepared_states.get(motion.name)
     if state is not None and (len(kept) > 1 or state.options != options or kept[0][1] is not None):
         state = None
-    own = [(log, options if window is None else replace(options, window=window)) for log, window in kept]
-    prepared = tuple(prepare(log, motion, each) for log, each in own) if state is None else state.prepared
+    pairs = [(log, options if window is None else replace(options, window=window)) for log, window in kept]
+    prepared = tuple(prepare(log, motion, each) for log, each in pairs) if state is None else state.prepared
     check_poolable(prepared, motion, anyway=options.pool_anyway)
     neighbours: LagMeasurements = partial(tuple, lag_measurements)
     if not lag_measurements and len(kept) == 1 and others:

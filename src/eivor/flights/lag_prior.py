@@ -166,8 +166,8 @@ class LagPrior:
     def std(self) -> float:
         """Standard deviation of what is known [s], with the command's lateness."""
         known = self.known
-        own = known.std if isinstance(known, Prior) else EVEN_STD * 0.5 * (known.high - known.low)
-        return hypot(own, self.slack_s * EVEN_STD)
+        std = known.std if isinstance(known, Prior) else EVEN_STD * 0.5 * (known.high - known.low)
+        return hypot(std, self.slack_s * EVEN_STD)
 
     @property
     def for_the_log(self) -> Prior | Bounds:

@@ -283,8 +283,8 @@ def _result(
     )
     inputs = verdict_inputs(motion, flights, chosen, fit)
     whole = with_fit(motion, flights, options, fit, inputs)
-    own, shared = pool.agreement_p_value, pool.shared_p_value
-    tests = {"pool_own_p_value": own, "pool_shared_p_value": shared, "pool_inflation": pool.inflation}
+    p_value, shared = pool.agreement_p_value, pool.shared_p_value
+    tests = {"pool_own_p_value": p_value, "pool_shared_p_value": shared, "pool_inflation": pool.inflation}
     of_motion = own_findings(motion, flights, whole.quantities)
     return replace(
         whole,

@@ -348,10 +348,10 @@ class QuantityEstimate:
         error = abs(factor) * self.std_error
         return replace(self, value=factor * self.value, std_error=error, interval=(low, high))
 
-    def judged(self, found: Verdict, wording: QuantitySpec) -> Quantity:
+    def judged(self, judgement: Verdict, wording: QuantitySpec) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
         interval = replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval)
-        of_verdict = (found.status, self.by_run, found.reasons, self.systematic_uncertainties)
+        of_verdict = (judgement.status, self.by_run, judgement.reasons, self.systematic_uncertainties)
         return Quantity(self.value, self.unit, self.std_error, interval, *of_verdict)
 
 

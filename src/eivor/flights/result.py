@@ -392,8 +392,8 @@ class FlightEstimate:
         if self.fit is None or prediction is None or prediction.multi_step is None:
             return None
         estimate = self.fit.estimate
-        own = SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
-        models = {FIT: own, **self.simple_models}
+        fitted = SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
+        models = {FIT: fitted, **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         return prediction.multi_step(self._flying, models, frozenset(refused))
 
@@ -475,8 +475,8 @@ class FlightEstimate:
 
     def __repr__(self) -> str:
         names = ", ".join(flight.recording.name for flight in self.prepared)
-        shown = self.motion.quantities.headline if self.fit is not None else ()
-        text = "; ".join(" ".join(row[:3]) for row in self._table[1] if row[0] in shown)
+        headline = self.motion.quantities.headline if self.fit is not None else ()
+        text = "; ".join(" ".join(row[:3]) for row in self._table[1] if row[0] in headline)
         return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {text}>"
 
     def _repr_html_(self) -> str:

@@ -411,12 +411,12 @@ def _channel(name: str, section: TomlTable) -> MachineChannel:
         noise = DataSheet(0.0, None, given.quantisation)
     elif given.noise is not None and not given.noise >= 0.0:
         raise section.wrong("noise", "a standard deviation of zero or more", f"{given.noise:g}")
-    shown = "" if given.unit == "1" else given.unit
+    logged_unit = "" if given.unit == "1" else given.unit
     known = canonical_channel(name)
     if known is not None and known in BUILT_IN and not known.free_unit and parsed_unit(known.unit) != unit:
         expected = f"the unit of the canonical channel {name}, {known.unit or 'a pure number'}"
         raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or rename the channel.")
-    return MachineChannel(name, shown, role, held, given.feedback, noise)
+    return MachineChannel(name, logged_unit, role, held, given.feedback, noise)
 
 
 def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:

@@ -133,15 +133,15 @@ class AxisEquation:
         drives = [DrivenSignals(signals, signals.family(name).mean(axis=1)) for name in self.inputs]
         if not isinstance(rule, LaggedReferences):
             return np.column_stack([rule.columns(driven) for driven in drives])
-        own = tuple(name for name in rule.channels if name not in others) or rule.channels
+        names = tuple(name for name in rule.channels if name not in others) or rule.channels
         lags = rule.lags if self.reference_lags is None else self.reference_lags
         if self.instruments_of:
             made = {text: _evaluated(parsed(text), signals) for text in self.instruments_of}
             driven = replace(drives[0], signals=replace(signals, channels={**signals.channels, **made}))
             return replace(rule, channels=self.instruments_of, lags=lags).columns(driven)
-        columns = [replace(rule, channels=own, lags=lags).columns(drives[0])]
+        columns = [replace(rule, channels=names, lags=lags).columns(drives[0])]
         for mirror in self.mirrors:
-            if mirror.reference in own and lags is not None:
+            if mirror.reference in names and lags is not None:
                 chain = replace(rule, channels=(mirror.reference,), lags=lags).columns(drives[0]).T
                 columns += [column[:, None] for column in mirror.columns(signals, chain, lags[1])]
         return np.concatenate(columns, axis=1)
@@ -243,7 +243,7 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         traces = []
         for number in problem.axes:
             driving = {term.parameter for term in self.axes[number].terms if term.behind}
-            part = [place for place, parameter in enumerate(problem.parameters) if parameter in driving]
+            part = [index for index, parameter in enumerate(problem.parameters) if parameter in driving]
             series = problem.series_in_band(estimate.nuisances, number, estimate.theta, part)
             traces.append(Trace(*self.axes[number].trace, *series.T))
         return tuple(traces)
@@ -285,10 +285,10 @@ def equation_prediction(
     starts = [motion.starts_of(flight) for flight in flights]
     pairs = list(zip(flights, starts, strict=True))
     errors = [
-        tuple(error for axis in predicted for error in _errors(axis, flight, begun, models))
-        for flight, begun in pairs
+        tuple(error for axis in predicted for error in _errors(axis, flight, start, models))
+        for flight, start in pairs
     ]
-    times = [flight.grid.time_s[begun.samples] for flight, begun in pairs]
+    times = [flight.grid.time_s[start.samples] for flight, start in pairs]
     return motion.multi_step_predictions(errors, times, tuple(omitted))
 
 

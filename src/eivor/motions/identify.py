@@ -150,10 +150,10 @@ def identify_log(
     task = replace(task, progress=_each_once(task.progress))
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
-    begun: dict[str, FlightState] = {}
+    states: dict[str, FlightState] = {}
     for motion in motions:
         try:
-            results[motion.name] = task.result(motion, results, begun)
+            results[motion.name] = task.result(motion, results, states)
         except PoolingError:
             raise
         except (InputError, UsageError) as error:
@@ -165,11 +165,11 @@ def identify_log(
 
 def _each_once(progress: Progress) -> Progress:
     """Progress that says each stage when the first motion begins it."""
-    begun: set[Stage] = set()
+    reported: set[Stage] = set()
 
     def first(stage: Stage) -> None:
-        if stage not in begun:
-            begun.add(stage)
+        if stage not in reported:
+            reported.add(stage)
             progress(stage)
 
     return first
@@ -200,12 +200,12 @@ class _Task:
         self,
         motion: Motion[Any],
         known: Mapping[str, FlightEstimate] = MappingProxyType({}),
-        begun: dict[str, FlightState] | None = None,
+        states: dict[str, FlightState] | None = None,
     ) -> FlightEstimate:
         """Result of a motion, with what is known and begun of others."""
         others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
         logs, windows = self.logs, self.windows
-        result = identified(logs, motion, self.options, windows, others, (), self.progress, begun)
+        result = identified(logs, motion, self.options, windows, others, (), self.progress, states)
         coupled = {axis.motion: motion_by_name(axis.motion) for axis in motion.abilities.coupled_axes}
         return with_coupled_axes(result, coupled, logs, windows, known)
 

@@ -646,11 +646,11 @@ def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -
     position = np.pi * (np.arange(series.size) + 0.5) / series.size
     waves = [np.sqrt(2.0 / series.size) * np.cos(k * position) for k in range(1, AVERAGES + 1)]
     power = np.mean([float(wave @ (series - series.mean())) ** 2 for wave in waves])
-    own = math.sqrt(power / series.size)
+    sigma = math.sqrt(power / series.size)
     direction = np.zeros(len(estimate.names))
     direction[: theta.size] = np.concatenate(regressors).mean(axis=0)
     covariance = estimate.joint_covariance
-    error = math.hypot(own, covariance.std_error(direction)) / abs(per)
-    half = math.hypot(t_quantile(LEVEL, AVERAGES) * own, covariance.half_width(direction, LEVEL)) / abs(per)
+    error = math.hypot(sigma, covariance.std_error(direction)) / abs(per)
+    half = math.hypot(t_quantile(LEVEL, AVERAGES) * sigma, covariance.half_width(direction, LEVEL)) / abs(per)
     value = float(series.mean()) / per
     return QuantityEstimate(value, term.unit, error, (value - half, value + half))

@@ -39,9 +39,9 @@ class UnitError(ValueError):
 def parsed_unit(text: str) -> Unit:
     """Powers of base units of a text such as ``rad/s^2`` or ``N m``."""
     powers: dict[str, Fraction] = {}
-    place, stripped = 0, text.strip()
-    while place < len(stripped):
-        match = _FACTOR.match(stripped, place)
+    offset, stripped = 0, text.strip()
+    while offset < len(stripped):
+        match = _FACTOR.match(stripped, offset)
         if match is None:
             raise UnitError(f"the unit '{text}'", "Write it as m/s^2, N m or 1/s.")
         sign, name, digits, raised = match.groups()
@@ -55,7 +55,7 @@ def parsed_unit(text: str) -> Unit:
             remedy = f"Give it in {si}, and convert in a channel map." if si else "Units are those of SI."
             names = (*_BASE, *_MADE_OF)
             raise UnitError(f"the unit '{text}'", remedy if si else did_you_mean(name, names, remedy))
-        place = match.end()
+        offset = match.end()
     return powers
 
 

@@ -112,15 +112,15 @@ def plan_machine(
         ) from None
     checks.text("target", target)
     checks.whole("seed", seed)
-    checks.place("a shape", shape or KINDS[0], KINDS)
+    checks.index_of("a shape", shape or KINDS[0], KINDS)
     values = {name: item.value for name, item in quantities.items()}
     known = [name for name in answers.std_errors if name in machine.quantities]
     target = target or ALL
-    checks.place("a target", target, (ALL, *known))
+    checks.index_of("a target", target, (ALL, *known))
     inputs = [item.name for item in machine.logged if item.role == "input"]
     allowed = {name: answers.sizes[name] for name in (*answers.references, *inputs)}
     for name, sizes in limits.items():
-        checks.place("a channel", name, tuple(answers.sizes))
+        checks.index_of("a channel", name, tuple(answers.sizes))
         if not sizes or not all(item > 0.0 for item in sizes):
             received = f"{tuple(sizes)} for {name}"
             raise UsageError("a size, and maybe a rate, above zero", received, "Such as 0.5.")

@@ -130,8 +130,8 @@ class Comparison:
         quantile = t_quantile(0.95, len(self.measured) // 2 - 1)
         moved = self.coherent
 
-        def number(what: str, place: int, unit: str, scale: float = 1.0) -> Calibration:
-            value, half = scale * float(values[place]), scale * quantile * float(errors[place])
+        def number(what: str, index: int, unit: str, scale: float = 1.0) -> Calibration:
+            value, half = scale * float(values[index]), scale * quantile * float(errors[index])
             return Calibration(what, value, (value - half, value + half), unit)
 
         if moved.any():

@@ -78,18 +78,18 @@ class Windows:
         return [*moving, *((6, 7, 8) if self.logged.turns else ()), 9, 10, 11]
 
     @cached_property
-    def begun(self) -> Float[np.ndarray, "13 1 starts"]:
+    def initial(self) -> Float[np.ndarray, "13 1 starts"]:
         """Measured states at the starts, for all models."""
         return self.logged.body[:, None, self.starts.samples]
 
     def left(self, models: Sequence[Values]) -> Float[np.ndarray, "models rows starts"]:
         """What models leave of every output after each time, from the measured states."""
-        return self._compared(StatePropagator(self.logged, self.vehicle, models, self.starts), self.begun)
+        return self._compared(StatePropagator(self.logged, self.vehicle, models, self.starts), self.initial)
 
     def by_initial_state(self, model: Values) -> Float[np.ndarray, "rows outputs starts"]:
         """Derivatives of what a model leaves by the initial states."""
         step, count = 1e-5, len(self.outputs)
-        moved = np.repeat(self.begun, count + 1, axis=1)
+        moved = np.repeat(self.initial, count + 1, axis=1)
         for number, part in enumerate(self.outputs):
             if 6 <= part < 9:
                 turn = (step * float(part == 6 + axis) for axis in range(3))
@@ -101,9 +101,9 @@ class Windows:
         return (left[:count] - left[count]).transpose(1, 0, 2) / step
 
     def _compared(
-        self, propagator: StatePropagator, begun: Float[np.ndarray, "13 #models starts"]
+        self, propagator: StatePropagator, initial: Float[np.ndarray, "13 #models starts"]
     ) -> Float[np.ndarray, "models rows starts"]:
-        states = propagator.propagate(begun)
+        states = propagator.propagate(initial)
         measured = self.logged.body[:, self.starts.ends].transpose(1, 0, 2)
         left = difference(states, np.broadcast_to(measured, states.shape))[:, :, self.outputs]
         return left.reshape(len(left), -1, left.shape[-1])
@@ -350,12 +350,12 @@ class Structure:
 
     def chosen(self, at: Linearised) -> Structure:
         """With the terms that Akaike's criterion wants as well, one after the other."""
-        positive, place, ratios = {item.name for item in _POSITIVE}, len(self.kept), {"": 0.0}
+        positive, index, ratios = {item.name for item in _POSITIVE}, len(self.kept), {"": 0.0}
         for name in self.seen:
             if name not in self.kept:
                 change, covariance = self.alone(at, name)
-                wrong = name in positive and change[place] < 0.0
-                ratios[name] = 0.0 if wrong else change[place] ** 2 / max(covariance[place, place], 1e-300)
+                wrong = name in positive and change[index] < 0.0
+                ratios[name] = 0.0 if wrong else change[index] ** 2 / max(covariance[index, index], 1e-300)
         best = max(ratios, key=lambda name: ratios[name])
         return self if ratios[best] <= AKAIKE else replace(self, kept=(*self.kept, best)).chosen(at)
 
@@ -368,19 +368,19 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     values |= {name: 0.0 for name in names if name not in core}
     scales = {name: max(estimate.std_error(name), 1e-9) for name in names}
     clocks = np.zeros(len(windows) if len(windows) > 1 else 0)
-    begun = Structure(windows, names, scales, values, tuple(core), clocks)
-    of_all = begun.errors(names)
-    left = of_all.left(of_all.moved(begun.point(names)))
+    first = Structure(windows, names, scales, values, tuple(core), clocks)
+    of_all = first.errors(names)
+    left = of_all.left(of_all.moved(first.point(names)))
     answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
     # what no window answers stays as it is
     seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
     values |= {name: estimate.parameters[name] for name in names if name not in seen}
-    begun = replace(begun, seen=seen, values=values, kept=tuple(name for name in core if name in seen))
+    first = replace(first, seen=seen, values=values, kept=tuple(name for name in core if name in seen))
     by_rows = [name for name in linear if name in core]
     rows, places = estimate.rows, [linear.index(name) for name in by_rows]
     theta = np.linalg.lstsq(rows.regressors[:, places], rows.response, rcond=None)[0]
-    other = replace(begun, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
-    tried = [item.minimised(passes=1) for item in (begun, other)]
+    other = replace(first, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
+    tried = [item.minimised(passes=1) for item in (first, other)]
     by_first = tried[0][1].whitened
     costs = [float(np.sqrt(1.0 + by_first([end.point])[0] ** 2).sum()) for _, end in tried]
     return tried[int(np.argmin(costs))][0]
@@ -402,11 +402,11 @@ def refined_by_output_error(
     places = np.array([names.index(name) for name in structure.kept])
     covariance = structure.alone(at, jackknife=True)[1]
     matrix[places[:, None], places] = covariance[: len(places), : len(places)]
-    for place, name in enumerate(names):
+    for index, name in enumerate(names):
         if name not in structure.seen:
-            matrix[place, place] = estimate.std_error(name) ** 2
+            matrix[index, index] = estimate.std_error(name) ** 2
         elif name not in structure.kept:
-            matrix[place, place] = structure.alone(at, name, jackknife=True)[1][len(places), len(places)]
+            matrix[index, index] = structure.alone(at, name, jackknife=True)[1][len(places), len(places)]
     part = CovariancePart("clustered by windows", matrix, degrees=float(len(at.scores) - 1))
     values = structure.values
     theta = np.array([values[name] for name in names[: estimate.theta.size]])

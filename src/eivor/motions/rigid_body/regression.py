@@ -451,8 +451,8 @@ class AxisInstruments:
             for lag, delay in nodes
         ]
         of, known = self._motion, set(NEEDED) <= set(self._predicted.signals.channels)
-        beside = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
-        turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in beside]
+        names = {COUPLING[axis], *GYROSCOPIC_MOMENT, *(LIFT_MOMENT if known else ())}
+        turned = [term.column(of) for term in TERMS if term.equation == axis and term.parameter in names]
         dragged = of.velocity[list(ALONG_OTHERS[axis])] if known else ()
         return np.column_stack([*columns, *turned, *dragged])
 

@@ -274,7 +274,7 @@ GYROSCOPIC_WORDS = {"cw": 1, "ccw": -1}
 
 def _numbered(rotors: str) -> tuple[Rotor, ...]:
     words = [rotor.split() for rotor in rotors.split(", ")]
-    return tuple((*_PLACES[place], GYROSCOPIC_WORDS[spin]) for place, spin in words)
+    return tuple((*_PLACES[corner], GYROSCOPIC_WORDS[spin]) for corner, spin in words)
 
 
 _ARDUPILOT_X = _numbered("front-right ccw, rear-left ccw, front-left cw, rear-right cw")

@@ -174,8 +174,8 @@ def with_common_rotor_inertia(
     columns = list(problem.columns)
     for index, column in enumerate(columns):
         if isinstance(column.moving, RotorColumns):
-            own = replace(column.moving, moving=kept, common_rotor_inertia=ratios)
-            columns[index] = replace(column, moving=own, moved=own.indices)
+            reduced = replace(column.moving, moving=kept, common_rotor_inertia=ratios)
+            columns[index] = replace(column, moving=reduced, moved=reduced.indices)
     noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
     stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
     started = None if free is None else WarmStart(free.theta[stays], free.nuisances)

@@ -325,15 +325,15 @@ def sensitivities(
     whitened = SpectralWhitening().last_pass(LaggedRuns(tuple(extended), names, ()), theta, {})
     rows = whitened.rows({})
     products = rows.instruments.T @ rows.regressors
-    own = count - len(causes)
-    effects = [products[:, own:]]
+    known_columns = count - len(causes)
+    effects = [products[:, known_columns:]]
     for sensor in SENSORS if all(item.responses.shape[1] == len(SENSORS) for item in columns) else ():
         late = [replace(item, responses=_lateness(item, sensor, estimate.theta[0])) for item in extended]
         response = replace(whitened, problem=LaggedRuns(tuple(late), names, ())).rows({}).response
         effects.append((rows.instruments.T @ response)[:, None])
         causes.append(f"late {sensor}")
     known = np.sqrt(estimate.equation.variance) * estimate.prior_rows()
-    left = np.vstack([products[:, :own], known])
+    left = np.vstack([products[:, :known_columns], known])
     right = np.vstack([np.hstack(effects), np.zeros((len(known), len(causes)))])
     moved = zip(causes, np.linalg.lstsq(left, right, rcond=None)[0].T.tolist(), strict=True)
     return Sensitivities({cause: dict(zip(estimate.names, row, strict=True)) for cause, row in moved})

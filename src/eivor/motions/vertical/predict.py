@@ -127,8 +127,8 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
         sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
     linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
-    own = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
-    return {**index, **linear, **own, ACTUATOR_LAG.name: lag, DELAY.name: delay}
+    chosen = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
+    return {**index, **linear, **chosen, ACTUATOR_LAG.name: lag, DELAY.name: delay}
 
 
 def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, list[float]]:

@@ -638,9 +638,9 @@ def height_over_ground(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"] 
     if height is None:
         return None, False
     lowest = float(np.nanquantile(flight.recording.channels["position_z"].values, 0.005))
-    flown = float(height[flight.used].min())
-    shown = flown - lowest > ABOVE_GROUND
-    return height - (lowest if shown else flown - BELOW_FLIGHT), shown
+    lowest_used = float(height[flight.used].min())
+    landed = lowest_used - lowest > ABOVE_GROUND
+    return height - (lowest if landed else lowest_used - BELOW_FLIGHT), landed
 
 
 def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
@@ -676,10 +676,10 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
     for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
         if GROUND_EFFECT.word in options.terms:
-            height, shown = height_over_ground(flight)
+            height, landed = height_over_ground(flight)
             if height is None:
                 raise _missing("position_z", GROUND_EFFECT, name, "height")
-            if not shown:
+            if not landed:
                 needs = f"whose height the term {GROUND_EFFECT.word} needs"
                 received = f"{name}, whose height is never below that of the flight"
                 remedy = "Log from before take-off or until after landing, or leave the term out."

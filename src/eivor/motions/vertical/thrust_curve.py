@@ -135,7 +135,7 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
 
     b, of_b, variance_b = of.intercept
     by_b = 0.0 if by_curvature else -1.0 / slope(attrgetter("intercept"))
-    of_curve, own = by_b * of_b, variance_b + curve.bias_std**2
+    of_curve, variance_of_curve = by_b * of_b, variance_b + curve.bias_std**2
 
     def propagated(quantity: Callable[[Balance], Linear]) -> Linear:
         """A quantity with the error of the map in its gradient and its variance."""
@@ -144,7 +144,7 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
         if by_curvature:
             error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
             return value, gradient, variance + (by_curve * error) ** 2
-        return value, gradient + by_curve * of_curve, variance + (by_curve * by_b) ** 2 * own
+        return value, gradient + by_curve * of_curve, variance + (by_curve * by_b) ** 2 * variance_of_curve
 
     formulas: dict[str, tuple[Callable[[Balance], Linear], str]] = {
         "viscous_friction": (partial(_joint, 0), "1/s"),
@@ -156,7 +156,7 @@ def curve_quantities(of: Balance, curve: FittedCurve) -> dict[str, QuantityEstim
     results = {name: linear_quantity(estimate, propagated(of_it), unit) for name, (of_it, unit) in rows}
     value = curve.value, np.zeros(estimate.values.size), curve.curvature_error**2
     if not by_curvature:
-        value = curve.value + by_b * b, of_curve, by_b**2 * own
+        value = curve.value + by_b * b, of_curve, by_b**2 * variance_of_curve
     elif math.isinf(curve.curvature_error):
         return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
     return {**results, "thrust_curve": linear_quantity(estimate, value, "")}

@@ -108,8 +108,8 @@ def near_ground(
         return None
     shares, lowest = [], []
     for flight in flights:
-        height, shown = height_over_ground(flight)
-        if height is not None and shown:
+        height, landed = height_over_ground(flight)
+        if height is not None and landed:
             radii = height[flight.used] / radius
             shares.append(float(np.mean(radii < NEAR_RADII)))
             lowest.append(float(radii.min()))
