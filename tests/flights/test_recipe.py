@@ -15,6 +15,7 @@ import eivor as ev
 import shape_checks
 from coarse_search import coarse
 from eivor.errors import EstimationError, PoolingError, UsageError
+from eivor.models.spectral import SpectralRun
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
@@ -268,6 +269,17 @@ def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken,
     assert any("thrust grows" in sentence for sentence in parts) == (taken != "square")
     secant = 9.80665 / hover.value ** {"linear": 1.0, "square": 2.0}.get(taken, 1.5)
     assert gain.interval[0] * (1.0 - 1e-12) <= secant <= gain.interval[1] * (1.0 + 1e-12)
+
+
+def test_a_longer_flight_needs_no_more_spectra(monkeypatch):
+    """Of two hours that tell little each optional term was estimated again, with a search of its own."""
+    made, spectrum, counts = [], SpectralRun.spectrum, []
+    monkeypatch.setattr(SpectralRun, "spectrum", lambda run, series: made.append(0) or spectrum(run, series))
+    for seconds in (15.0, 60.0):
+        made.clear()
+        ev.identify_flight(flown(seconds=seconds, gust=3.0, amplitude=0.15, seed=5)[0])
+        counts.append(len(made))
+    assert counts[1] < 1.1 * counts[0] < 1000
 
 
 @pytest.mark.thorough
