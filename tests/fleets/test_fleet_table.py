@@ -15,7 +15,7 @@ from polars.testing import assert_frame_equal
 
 import eivor as ev
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import PathPattern, given_covariates, here, logs_found, place, with_covariates
+from eivor.fleet.logs import PathPattern, given_covariates, here, logs_found, path_of, with_covariates
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
@@ -122,24 +122,24 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
     rows_of(monkeypatch)
     texts = {"logs/a.csv": "one", "logs/b/c.csv": "two!", "logs/b/d.csv": "one", "logs/README": "no log"}
     write_logs(tmp_path, texts)
-    place(bucket).mkdir()
+    path_of(bucket).mkdir()
     for name, text in texts.items():
-        place(f"{bucket}/{name}").write_text(text)
+        path_of(f"{bucket}/{name}").write_text(text)
 
     def rows(logs, folder, **choices):
-        done = run_fleet(logs_found(logs), place(folder), FleetOptions(), guarded=False, **choices)
+        done = run_fleet(logs_found(logs), path_of(folder), FleetOptions(), guarded=False, **choices)
         return done, ev.fleet.open(folder).flights
 
     done, table = rows(f"{bucket}/logs", f"{bucket}/fleet", page_of=str)
     assert (done.logs, done.before, done.others) == (3, 0, 1)
     assert_frame_equal(table, rows(str(tmp_path / "logs"), str(tmp_path / "fleet"))[1])
     assert_frame_equal(table, rows((tmp_path / "logs").as_uri(), (tmp_path / "other").as_uri())[1])
-    FleetFolder(place(f"{bucket}/fleet")).begin().write([row("z", sha256="z" * 64)])
+    FleetFolder(path_of(f"{bucket}/fleet")).begin().write([row("z", sha256="z" * 64)])
     done, table = rows(f"{bucket}/logs/**/*.csv", f"{bucket}/fleet")
     assert (done.before, done.elsewhere, table.height) == (3, 1, 4)
-    assert len(set(reports_there(place(f"{bucket}/fleet")))) == 2
-    assert compact_fleet(place(f"{bucket}/fleet")) == (4, 1)
-    part = place(f"{bucket}/fleet/flights/part-000000.parquet")
+    assert len(set(reports_there(path_of(f"{bucket}/fleet")))) == 2
+    assert compact_fleet(path_of(f"{bucket}/fleet")) == (4, 1)
+    part = path_of(f"{bucket}/fleet/flights/part-000000.parquet")
     part.write_bytes(part.read_bytes()[:-9])
     assert rows(f"{bucket}/logs", f"{bucket}/fleet")[1].height == 3
     with here(f"{bucket}/logs/a.csv") as local:
@@ -188,7 +188,8 @@ test_refused = table(
         (partial(of_list, "# nothing\n", name="list.txt"), UsageError, "which names none"),
         (of_a_damaged_part, InputError, "can be read.*sets damaged parts aside"),
         (lambda: logs_found("nowhere"), InputError, "received '.*nowhere', which does not exist"),
-        (lambda: pytest.importorskip("upath") and place("s4://a"), UsageError, "a scheme that fsspec knows"),
+        (lambda: pytest.importorskip("upath") and path_of("s4://a"), UsageError,
+            "a scheme that fsspec knows"),
         (without("upath", lambda _: logs_found("s3://bucket/logs")), UsageError,
             r"packages for addresses s3://.*eivor\[cloud\]"),
     ),

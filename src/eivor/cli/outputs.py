@@ -198,8 +198,8 @@ def with_options(
     taken = {name: known[name] for name in only or known}
 
     def extended(command: Callable[P, R]) -> Callable[P, R]:
-        own = inspect.signature(command, eval_str=True).parameters.values()
-        kept = [item for item in own if item.kind is not item.VAR_KEYWORD and item.name not in taken]
+        parameters = inspect.signature(command, eval_str=True).parameters.values()
+        kept = [item for item in parameters if item.kind is not item.VAR_KEYWORD and item.name not in taken]
         ordered = sorted([*taken.values(), *kept], key=lambda parameter: parameter.kind)
         vars(command)["__signature__"] = inspect.Signature(ordered)
         return command

@@ -446,10 +446,10 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
 
 def position_of(text: str) -> Location:
     """Place of ``LAT,LON`` [deg]."""
-    place = parse_pair(text, ",", (math.nan, math.nan))
-    if any(map(math.isnan, place)):
+    position = parse_pair(text, ",", (math.nan, math.nan))
+    if any(map(math.isnan, position)):
         raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
-    return place
+    return position
 
 
 def flight_limits(

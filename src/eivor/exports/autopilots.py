@@ -182,7 +182,7 @@ class ParameterChange:
     quantity: str  # What it is made of
     old: float
     new: Number | None  # What an export would set; None of what is not identified
-    flown: Number | None  # What the vehicle has in the parameter's own terms, rough or not
+    estimate: Number | None  # What the vehicle has in the parameter's own terms, rough or not
     missing: str  # Why there is no new value, when that of the quantity is identified
 
 
@@ -201,9 +201,9 @@ def parameter_changes(fitted: Fitted, logged: Mapping[str, float]) -> tuple[Para
             name = parameter.name
             if name in logged and quantity in fitted.quantities:
                 new = numbers.get(name)
-                flown = Number(hover.value, hover.interval) if before and quantity == HOVER else new
+                estimate = Number(hover.value, hover.interval) if before and quantity == HOVER else new
                 missing = reasons.get(name, "") if fitted.is_identified(quantity) else ""
-                changes.append(ParameterChange(parameter, quantity, logged[name], new, flown, missing))
+                changes.append(ParameterChange(parameter, quantity, logged[name], new, estimate, missing))
     return tuple(changes)
 
 

@@ -105,9 +105,9 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
         jump = 0.0 if reaction is None else reaction.value / lags[-1]
         before = (stages + 1) * n + row
         for stage, lag in enumerate(lags):
-            own = stage * n + row
-            AB[own, own], AB[own, before] = -1.0 / lag, 1.0 / lag
-            last, before = before, own
+            state = stage * n + row
+            AB[state, state], AB[state, before] = -1.0 / lag, 1.0 / lag
+            last, before = before, state
         rate = stages * n + row
         AB[rate, before], AB[rate, rate], AB[rate, last] = gain - jump, -damping, jump
     A, B = np.split(AB, [(stages + 1) * n], axis=1)

@@ -462,7 +462,7 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
     return Vehicle(value["mass"], inertia, rotors, BodyDrag(*damped)), drags
 
 
-def flown(made: VehicleDescription) -> Vehicle:
+def simulated_vehicle(made: VehicleDescription) -> Vehicle:
     """The first vehicle for Eivor's own simulator; what takes energy out is no less than zero."""
     return _flown(made, lever=True)[0]
 
@@ -501,8 +501,8 @@ def manoeuvre(made: VehicleDescription, acceleration: float) -> Float[np.ndarray
 def drag_centre(made: VehicleDescription) -> list[float]:
     """Where the rotors' drag acts in hover, forward and left of their middle [m]."""
     value, speeds = first(made.values), manoeuvre(made, 0.0)[0]
-    place: list[float] = (speeds @ places(made)[0] / speeds.sum()).tolist()
-    return [value.get(name, 0.0) + item for name, item in zip(CENTRE, place, strict=True)]
+    centre: list[float] = (speeds @ places(made)[0] / speeds.sum()).tolist()
+    return [value.get(name, 0.0) + item for name, item in zip(CENTRE, centre, strict=True)]
 
 
 def replayed(
@@ -521,24 +521,24 @@ def replayed(
 
 def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
     """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
-    flown = None
+    whole = None
     for effect in lacks:
         names = [name for name in EFFECTS[effect] if made.values.get(name, np.zeros(1))[0]]
         if not names:
             continue
-        if flown is None:
+        if whole is None:
             commands = manoeuvre(made, 20.0)
             tilt = np.arccos(1.0 - 2.0 * np.square(replayed(made, commands)[:, 7:9]).sum(axis=1)).max()
             commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
-            flown = replayed(made, commands)
+            whole = replayed(made, commands)
         rest = {name: column for name, column in made.values.items() if name not in names}
         if effect == TURNING:
             rest |= dict.fromkeys(names, np.zeros(1))
         kept = made if effect == LEVER else replace(made, values=rest)
         without = replayed(kept, commands, lever=effect != LEVER)
-        cosine = np.abs((flown[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
+        cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
-        speed = float(np.linalg.norm(flown[:, 3:6] - without[:, 3:6], axis=1).max())
+        speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
         values = ", ".join(f"{name} {made.values[name][0]:.4g}" for name in names)
         left_out = "" if effect == LEVER else f", and {values} not in this file"
         yield (

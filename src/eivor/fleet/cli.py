@@ -45,7 +45,7 @@ from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
-from eivor.fleet.logs import given_covariates, is_address, logs_found, place
+from eivor.fleet.logs import given_covariates, is_address, logs_found, path_of
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
 from eivor.fleet.run import FleetRun, compact_fleet, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
@@ -161,7 +161,7 @@ def run_command(
         with progress_bar("flights") as progress:
             done = run_fleet(
                 result,
-                place(out),
+                path_of(out),
                 options,
                 executor=DaskCluster(dask) if dask else local,
                 shared=bool(dask),
@@ -214,7 +214,7 @@ def query(
     csv: Annotated[str, option("FILE", "Write the answer as CSV; - for standard output."), Writes()] = "",
 ) -> ExitCode:
     """Ask a fleet's table what is asked most often."""
-    answer = answer_of(read_flights(place(fleet)), what)
+    answer = answer_of(read_flights(path_of(fleet)), what)
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
     if csv:
@@ -231,7 +231,7 @@ def query(
 def compact(fleet: FleetArgument) -> ExitCode:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
     with step("Putting rows together"):
-        rows, files = compact_fleet(place(fleet))
+        rows, files = compact_fleet(path_of(fleet))
     show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
     return ExitCode.IDENTIFIED
 
@@ -262,11 +262,11 @@ def report(
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
     with step("Pooling"):
-        reports = fleet_reports(place(fleet), given)
-    title = place(fleet).resolve().name
+        reports = fleet_reports(path_of(fleet), given)
+    title = path_of(fleet).resolve().name
 
     def write_page() -> None:
-        write_out(fleet_page(reports, title, flight_links(place(fleet), Path(html))), html)
+        write_out(fleet_page(reports, title, flight_links(path_of(fleet), Path(html))), html)
 
     deliver_result(
         lambda: on_terminal(*(fleet_document(report, title) for report in reports)),

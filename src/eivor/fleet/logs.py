@@ -37,11 +37,11 @@ def is_address(text: str) -> bool:
 
 
 def is_local(path: object) -> bool:
-    """Whether what `place` gave is a path of this machine."""
+    """Whether what `path_of` gave is a path of this machine."""
     return isinstance(path, Path)
 
 
-def place(text: str) -> Path:
+def path_of(text: str) -> Path:
     """Path of a text; of an address one that does the same as far as fleets need it."""
     if text.startswith("file://"):
         return Path(url2pathname(urlsplit(text).path))
@@ -71,14 +71,14 @@ def here(path: str) -> Iterator[Path]:
         return
     with TemporaryDirectory(prefix="eivor-") as folder:
         local = Path(folder) / path.rpartition("/")[2]
-        with place(path).open("rb") as source, local.open("wb") as target:
+        with path_of(path).open("rb") as source, local.open("wb") as target:
             copyfileobj(source, target)
         yield local
 
 
 def _elsewhere(given: str) -> LogsFound:
     """Logs below an address, of a pattern or one of them, by the ends of their names."""
-    root = place(given)
+    root = path_of(given)
     system: Any = cast("Any", root).fs
     fixed = list(takewhile(lambda part: not glob.has_magic(part), given.split("/")[:-1]))
     start = "/".join(fixed) if glob.has_magic(given) else given.rstrip("/")
@@ -309,7 +309,7 @@ def logs_found(given: str) -> LogsFound:
     """Logs of a folder and the folders in it, of a glob, of a list, or one log."""
     if is_address(given):
         return _elsewhere(given)
-    path = place(given)
+    path = path_of(given)
     try:
         if path.is_dir():
             os.scandir(path).close()
@@ -318,9 +318,9 @@ def logs_found(given: str) -> LogsFound:
             reasons = sorted(f"{error.filename}: {error.strerror or error}" for error in closed)
             return replace(among, unread_folders=tuple(reasons))
         if path.is_file():
-            one = [named_log(str(path), path.name)]
+            single = [named_log(str(path), path.name)]
             is_list = path.suffix.lower() == LINES or _delimiter(path) != ""
-            return LogsFound(_logs_of_list(path) if is_list else LogList.of(one), 0)
+            return LogsFound(_logs_of_list(path) if is_list else LogList.of(single), 0)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(

@@ -17,7 +17,7 @@ import polars as pl
 
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound, is_address, is_local, place
+from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound, is_address, is_local, path_of
 from eivor.fleet.table import (
     COPY,
     FAILED,
@@ -302,7 +302,7 @@ def _taken_over(folder: Path) -> InputError:
 
 def hashed(log: Log) -> Log:
     """A log with the hash of its bytes, or with the reason why it cannot be opened."""
-    path, remote = place(log.path), is_address(log.path)
+    path, remote = path_of(log.path), is_address(log.path)
     try:
         status = path.stat()
         is_folder = not remote and stat.S_ISDIR(status.st_mode) and bool(folder_parts(path).members)

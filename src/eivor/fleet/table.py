@@ -26,7 +26,7 @@ import polars as pl
 from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import Log, LogList, PathPattern, here, is_address, is_local, place
+from eivor.fleet.logs import Log, LogList, PathPattern, here, is_address, is_local, path_of
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -205,12 +205,12 @@ def _in_order(names: set[str]) -> list[str]:
     """Every column that all fleets have, quantities by their names between them, diagnostics at the end."""
     parts = {part: index for index, part in enumerate((*NUMBERS, VERDICT))}
 
-    def place(name: str) -> tuple[str, int]:
+    def rank(name: str) -> tuple[str, int]:
         quantity, _, part = name.rpartition(".")
         return quantity, parts.get(part, len(parts))
 
     diagnostics = sorted(name for name in names if name.startswith(DIAGNOSTIC))
-    return [*LEADING, *sorted(names.difference(diagnostics), key=place), *TRAILING, *diagnostics]
+    return [*LEADING, *sorted(names.difference(diagnostics), key=rank), *TRAILING, *diagnostics]
 
 
 def _known(value: Any) -> Any:
@@ -767,6 +767,6 @@ def open(folder: str | PathLike[str]) -> Fleet:
         When `folder` is no path.
     """
     checks.path("folder", folder)
-    fleet = Fleet(place(os.fspath(folder)))
+    fleet = Fleet(path_of(os.fspath(folder)))
     read_flights(fleet.folder, ["name"])
     return fleet

@@ -41,7 +41,7 @@ from eivor.cli.outputs import (
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
-from eivor.exports.vehicle import BODY, describe, flown
+from eivor.exports.vehicle import BODY, describe, simulated_vehicle
 from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
 from eivor.lab.figures import (
     by_reading,
@@ -301,7 +301,7 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
     made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
     if made.omitted:
         complain(*made.omitted)
-    return replace(scenario, vehicle=flown(made))
+    return replace(scenario, vehicle=simulated_vehicle(made))
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:

@@ -50,10 +50,10 @@ class SeededState(np.random.bit_generator.ISeedSequence):
         return self.words.view(dtype)[:n_words]
 
 
-def streams(seed: int, numbers: Sequence[int], place: int) -> Iterator[np.random.Generator]:
+def streams(seed: int, numbers: Sequence[int], part: int) -> Iterator[np.random.Generator]:
     """Generators `stream(seed, number, place)`, seeded all at once."""
     words = [seed >> shift & 0xFFFFFFFF for shift in range(0, max(seed.bit_length(), 97), 32)]
-    entropy = np.array([np.full(len(numbers), word) for word in (*words, 0, place)], dtype=np.uint32)
+    entropy = np.array([np.full(len(numbers), word) for word in (*words, 0, part)], dtype=np.uint32)
     entropy[-2] = numbers
     (first, second), hashed = np.array(MIX, dtype=np.uint32), _hash(*POOL_HASH)
     pool = [hashed(word) for word in entropy[:4]]
@@ -221,12 +221,12 @@ class DifferenceEquation(Experiment):
             return Experiment.records(self, seed, numbers)
         if self.noise_to_signal or len(white) < len(noise):
             return None
-        own = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None
-        drawn = [] if own else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
+        is_builtin = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None
+        drawn = [] if is_builtin else [[stream(seed, number, i) for i in (0, 1)] for number in numbers]
         channels = self._true(drawn or ([each] for each in streams(seed, numbers, 0)))
-        for place, (name, series) in enumerate(channels.items(), start=2):
-            if white[place - 2].std:
-                for index, each in enumerate(streams(seed, numbers, place)):
+        for source, (name, series) in enumerate(channels.items(), start=2):
+            if white[source - 2].std:
+                for index, each in enumerate(streams(seed, numbers, source)):
                     series[index] += noise[name].sample(self.samples, each)
         first = {name: series[0] for name, series in channels.items()}
         return Records(Signals(self.rate_hz, first, noise=noise), channels)

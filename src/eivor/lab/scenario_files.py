@@ -179,8 +179,8 @@ def of_kind(table: TomlTable, family: type, *handled: str, **known: object) -> A
 def built(table: TomlTable, maker: Maker, *handled: str, **known: object) -> Any:
     """Call a class or function with what the table says of its parameters; see `of_kind`."""
     parameters, values = parameters_of(maker), dict(known)
-    own = replace(table, values={key: item for key, item in table.values.items() if key not in handled})
-    given = own.convert(structure_of(maker, frozenset(known)))
+    remaining = replace(table, values={key: item for key, item in table.values.items() if key not in handled})
+    given = remaining.convert(structure_of(maker, frozenset(known)))
     for name, value in msgspec.structs.asdict(given).items():
         if value is not msgspec.UNSET:
             values[name] = _value(table, name, value, _required(parameters[name][0]))

@@ -373,21 +373,21 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
     table = np.empty((min(trials, max(1, CACHED // (count * len(columns)))), len(columns), count))
     for start in range(0, trials, len(table)):
         data = table[: trials - start]  # once for all: new memory takes longer than what is done with it
-        for place, (gain, values, begin) in enumerate(series):
-            data[:, place] = values[start : start + len(data), begin : begin + count]
+        for index, (gain, values, begin) in enumerate(series):
+            data[:, index] = values[start : start + len(data), begin : begin + count]
             if gain != 1.0:
-                data[:, place] *= gain
+                data[:, index] *= gain
         if not assembler.moment_equations:
             root, plain = _root(data.swapaxes(1, 2)), np.ones(len(data), dtype=np.bool_)
             S = problem.declared_noise()
         else:
             products, psi = data @ data.swapaxes(1, 2) / count, slice(tested or unknowns)
             noise = assembler.noise(problem)
-            cross, own = products[:, psi, tested:], products[:, tested:-1, tested:-1]
+            cross, gram = products[:, psi, tested:], products[:, tested:-1, tested:-1]
             equations = cross if noise is None else cross - noise
-            plain = _is_strong(products[:, psi, psi], cross[..., :-1], own, count, noise)
+            plain = _is_strong(products[:, psi, psi], cross[..., :-1], gram, count, noise)
             if assembler.takes_out_own_noise:
-                scale = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+                scale = 1.0 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
                 plain &= (
                     np.linalg.eigvalsh(scale[:, :, None] * equations[..., :-1] * scale[:, None])[:, 0]
                     > MARGIN
@@ -444,7 +444,7 @@ def _total_least_squares(
 
 
 def _is_strong(
-    instruments: Stack, cross: Stack, own: Stack, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
+    instruments: Stack, cross: Stack, gram: Stack, rows: int, noise: Float[np.ndarray, "p n_plus_1"] | None
 ) -> Bool[np.ndarray, " trials"]:
     """Whether instruments are strong without any doubt, and no noise is overstated."""
     available, count = cross.shape[1:]
@@ -460,12 +460,12 @@ def _is_strong(
     explained = 1.0 / np.diagonal(inverse, axis1=1, axis2=2)
     total, both = (
         np.diagonal(inverse @ middle @ inverse, axis1=1, axis2=2) * explained**2
-        for middle in (own, basis.swapaxes(1, 2) @ noises)
+        for middle in (gram, basis.swapaxes(1, 2) @ noises)
     )
     unexplained = total - explained - 2.0 * both
     strong = explained / degrees > (1.0 + MARGIN) * STRONG_FIRST_STAGE * unexplained / (rows - available)
     spread = np.linalg.norm(whitening, axis=(1, 2))
-    squares = powers[:, :, None] * np.diagonal(own, axis1=1, axis2=2)[:, None]
+    squares = powers[:, :, None] * np.diagonal(gram, axis1=1, axis2=2)[:, None]
     same = cross**2 >= (1.0 - 2.0 * SAME_COLUMN) * squares
     overstated = same & (shared * np.sign(cross) >= (1.0 - MARGIN) * np.abs(cross))
     return strong.all(axis=1) & (spread < PLAIN_CONDITION) & ~overstated.any(axis=(1, 2))

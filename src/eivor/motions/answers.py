@@ -87,10 +87,10 @@ class Answers(msgspec.Struct):
             steady = [term for term in axis.terms if term.is_steady]
             behind = [term for term in axis.terms if term.behind]
             gains, columns = [values[term.name] for term in behind], np.zeros((count, len(names)))
-            own = [names.index(term.name) for term in (*steady, *behind)]
-            columns[:, own[: len(steady)]] = axis.columns(signals, [term.of for term in steady])
+            index = [names.index(term.name) for term in (*steady, *behind)]
+            columns[:, index[: len(steady)]] = axis.columns(signals, [term.of for term in steady])
             if behind:
-                columns[:, own[len(steady) :]] = axis.driven(signals, at)
+                columns[:, index[len(steady) :]] = axis.driven(signals, at)
             for name in lags if behind else ():
                 ends = [max(at[name] + part * self.step_s, 0.0) for part in (-0.5, 0.5)]
                 below, above = (axis.driven(signals, {**at, name: end}) @ gains for end in ends)
@@ -105,8 +105,8 @@ class Answers(msgspec.Struct):
             names, inverse = [*names, EFFECTIVE_LAG], np.vstack([inverse, inverse[-2] + inverse[-1]])
         results = dict(zip(names, np.linalg.norm(inverse, axis=1).tolist(), strict=True))
         # of the parameters, and of lag and delay together
-        told = [k for k, name in enumerate(names) if name not in lags]
-        return results, 2.0 * float(np.linalg.slogdet(inverse[told] @ inverse[told].T)[1])
+        kept = [k for k, name in enumerate(names) if name not in lags]
+        return results, 2.0 * float(np.linalg.slogdet(inverse[kept] @ inverse[kept].T)[1])
 
 
 def answers_of(
@@ -148,8 +148,8 @@ def answers_of(
         [_answering([about[name][k] for name in references], step_s)[keep] for k, keep in enumerate(used)]
     )
     targets = np.column_stack([_joined(about[name], used) for name in answering])
-    found = _ridge(columns, targets, 2.0 * first.band_hz[1] * step_s * columns.shape[0])
-    weights = dict(zip(answering, found.T.tolist(), strict=True))
+    solution = _ridge(columns, targets, 2.0 * first.band_hz[1] * step_s * columns.shape[0])
+    weights = dict(zip(answering, solution.T.tolist(), strict=True))
     bins = problem.bins(estimate.nuisances)
     power = (np.abs(bins.residuals(estimate.theta)) ** 2).T
     of_bin = np.concatenate([np.full(run.count, run.axis) for run in bins.layout.runs])

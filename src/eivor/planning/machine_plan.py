@@ -68,8 +68,8 @@ class MachinePlan:
     def sentence(self) -> str:
         """What is planned and expected, in a sentence."""
         names = self.machine.headline if self.target == ALL else (self.target,)
-        shown = (self.predicted[name] for name in names if name in self.predicted)
-        widths = (f"{item.words} within ± {item.half_width:.2g} {item.unit}".strip() for item in shown)
+        predicted = (self.predicted[name] for name in names if name in self.predicted)
+        widths = (f"{item.words} within ± {item.half_width:.2g} {item.unit}".strip() for item in predicted)
         where = " and ".join(self.references)
         return f"{self.time_s.size * STEP_S:g} s of {self.shape.words} in {where}: {' and '.join(widths)}."
 

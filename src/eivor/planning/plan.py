@@ -373,8 +373,8 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         raise UsageError("a plan of steps", f"a {plan.shape.kind}", "Plan with --shape steps.")
     latitude, longitude = home
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        place = f"{latitude:g}, {longitude:g}"
-        raise UsageError("a latitude and a longitude [deg]", place, "Such as 47.4,8.5.")
+        received = f"{latitude:g}, {longitude:g}"
+        raise UsageError("a latitude and a longitude [deg]", received, "Such as 47.4,8.5.")
     position = [round(float(latitude), 7), round(float(longitude), 7)]
     speed = plan.limits.speed * 0.8
     items = [

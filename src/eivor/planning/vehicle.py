@@ -248,7 +248,7 @@ class VehicleGuess:
         places = {name: PLACES[name][number % len(PLACES[name])] for name in self.unknown}
         ends = {name: np.log(USUAL[name]) for name in places}
         values: dict[str, Any] = {
-            name: math.exp(np.interp(place, (0.0, 1.0), ends[name])) for name, place in places.items()
+            name: math.exp(np.interp(share, (0.0, 1.0), ends[name])) for name, share in places.items()
         }
         return replace(self, **values)
 
@@ -300,17 +300,17 @@ def vehicle_of_result(
     # the first of friction, lag and gain that is not identified
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
     try:
-        flown = msgspec.convert(record, FlownRecord)
+        flight = msgspec.convert(record, FlownRecord)
         verdicts = {word: quantities[name].verdict for word, name in order.items()}
         unidentified = (word for word, verdict in verdicts.items() if verdict is not Status.IDENTIFIED)
-        left = flown.residual
+        left = flight.residual
         return VehicleGuess(
             hover_input=_hover(quantities["hover_input"].value, input_map),
-            viscous_friction=_within("viscous_friction", flown.taken),
-            lag_s=_within("lag_s", flown.taken),
-            tilt_rms=_within("tilt_rms", {"tilt_rms": flown.tilt_rms}),
+            viscous_friction=_within("viscous_friction", flight.taken),
+            lag_s=_within("lag_s", flight.taken),
+            tilt_rms=_within("tilt_rms", {"tilt_rms": flight.tilt_rms}),
             densities=None if left is None else Densities(**{k: np.array(v) for k, v in left.items()}),
-            controller=None if flown.controller is None else AltitudeController(**flown.controller),
+            controller=None if flight.controller is None else AltitudeController(**flight.controller),
             requested=next(unidentified, ""),
         )
     except (KeyError, TypeError, msgspec.ValidationError) as error:

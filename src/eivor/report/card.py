@@ -70,8 +70,8 @@ def _damaged(result: FlightEstimate) -> Iterator[CardLine]:
     """A line for each damage of a log; the last says what to do."""
     logs = [flight.recording for flight in result.prepared]
     damage = [(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
-    for place, (name, message) in enumerate(damage):
-        yield CardLine(name, message, remark=LEFT_OUT if place + 1 == len(damage) else "")
+    for index, (name, message) in enumerate(damage):
+        yield CardLine(name, message, remark=LEFT_OUT if index + 1 == len(damage) else "")
 
 
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
@@ -101,11 +101,11 @@ def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
 def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
     changes = {change.quantity: change for change in _changes(result)}
     quantities = result.motion.quantities
-    shown = {*quantities.rows, *quantities.headline, *changes}
+    listed = {*quantities.rows, *quantities.headline, *changes}
     for row in quantity_rows(result.quantities, quantities):
-        if row.name in shown:
+        if row.name in listed:
             change = changes.get(row.name)
-            words = change.parameter.words if change and change.flown else row.wording.words
+            words = change.parameter.words if change and change.estimate else row.wording.words
             yield CardEntry(result, row, words, _look(row, result), change)
 
 
@@ -152,16 +152,16 @@ def _remark(change: ParameterChange) -> str:
     """How the old value lies to what was flown, or why there is no new one."""
     if change.missing:
         return capitalised(f"{_first(change.missing)}.")
-    if change.flown is None or not all(map(math.isfinite, change.flown.interval)):
+    if change.estimate is None or not all(map(math.isfinite, change.estimate.interval)):
         return ""
-    (low, high), old = change.flown.interval, change.old
-    new, flown = change.new, change.flown.value
-    together = " Set it together with the curve." if new is not None and new.value != flown else ""
+    (low, high), old = change.estimate.interval, change.old
+    new, value = change.new, change.estimate.value
+    together = " Set it together with the curve." if new is not None and new.value != value else ""
     if low <= old <= high:
         return f"{old:.4g} is inside the interval.{together}"
     what = change.parameter.words.split()[0]
-    outside, side = f"{old:.4g} is outside the interval", "higher" if flown > old else "lower"
-    text = f"{outside}: {what} is {abs(flown / old - 1.0):.0%} {side}." if old > 0.0 else f"{outside}."
+    outside, side = f"{old:.4g} is outside the interval", "higher" if value > old else "lower"
+    text = f"{outside}: {what} is {abs(value / old - 1.0):.0%} {side}." if old > 0.0 else f"{outside}."
     return text + together
 
 
@@ -191,9 +191,9 @@ def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:
         why = cause.value if cause is not Cause.CONTRADICTION else ""
         names.setdefault((_remedy(entry), why or _first(entry.reason.sentence)), []).append(entry)
     ordered = sorted(names, key=lambda item: [remedy for remedy, _ in names].index(item[0]))
-    for place, (remedy, why) in enumerate(ordered):
+    for index, (remedy, why) in enumerate(ordered):
         words = ", ".join(_names(names[remedy, why]))
-        shared = place + 1 < len(ordered) and ordered[place + 1][0] == remedy
+        shared = index + 1 < len(ordered) and ordered[index + 1][0] == remedy
         yield CardLine(capitalised(words), f"{why}.", remark="" if shared else remedy)
 
 
@@ -230,7 +230,7 @@ def _title(by_look: Mapping[Look, Sequence[CardEntry]], *, damaged: bool) -> tup
     """The most useful number, or that there is none, and how it looks."""
     for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:
-            change = entry.change if entry.change and entry.change.flown else None
+            change = entry.change if entry.change and entry.change.estimate else None
             known = f", {change.parameter.name} is {change.old:.4g}" if change else ""
             return capitalised(f"{before}{entry.words} {_line(entry).number}{known}"), look
     if by_look[Look.CONTRADICTED]:

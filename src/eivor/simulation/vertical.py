@@ -315,9 +315,9 @@ def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
         recording = vertical_recording(
             title, SIMULATOR, environment, motion, number, cos_tilt=tilt, bias=spec.accelerometer_bias
         )
-        flown = SimulatedMotion(*(getattr(motion, name)[:, number] for name in SimulatedMotion.__slots__))
-        flew = bool(np.abs(flown.position - met.reference_position).max() < LOST_M)
-        yield SimulatedFlight(recording, (met, flown), flew)
+        moved = SimulatedMotion(*(getattr(motion, name)[:, number] for name in SimulatedMotion.__slots__))
+        flew = bool(np.abs(moved.position - met.reference_position).max() < LOST_M)
+        yield SimulatedFlight(recording, (met, moved), flew)
 
 
 def vertical_recording(
