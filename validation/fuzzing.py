@@ -49,8 +49,9 @@ def used(path: Path) -> dict[str, int]:
             steps: list[Callable[[], object]] = [partial(fit.sample, 5), fit._repr_html_, fit.to_statespace]
             steps += [partial(fit.interval, name) for name in fit.quantities]
             steps += [partial(fit.export, target, accept="provisional") for target in TARGETS]
-            told, flown = fit.document.model, fit.document.prediction and fit.document.prediction.flown
-            steps += [partial(vehicle_of_result, told.name, told.input_map, fit.quantities, flown)]
+            told, prediction = fit.document.model, fit.document.prediction
+            record = prediction and prediction.flight_record
+            steps += [partial(vehicle_of_result, told.name, told.input_map, fit.quantities, record)]
             for step in steps:
                 try:
                     step()

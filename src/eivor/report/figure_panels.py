@@ -210,11 +210,11 @@ def legend(
     axes: Axes,
     *,
     size: int = 8,
-    place: Literal["best", "upper right", "upper left", "lower left"] = "best",
+    location: Literal["best", "upper right", "upper left", "lower left"] = "best",
     columns: int = 1,
 ) -> None:
     """Legend with its words as they are."""
-    for text in axes.legend(fontsize=size, framealpha=0.85, loc=place, ncols=columns).get_texts():
+    for text in axes.legend(fontsize=size, framealpha=0.85, loc=location, ncols=columns).get_texts():
         text.set_parse_math(False)
 
 

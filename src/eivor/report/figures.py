@@ -104,7 +104,7 @@ def draw_by_horizon(
     axes.set_ylim(0.0, (1.75 if key else 1.1) * most or 1.0)
     plots.labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
     if key:
-        plots.legend(axes, size=7, place="upper left")
+        plots.legend(axes, size=7, location="upper left")
 
 
 def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, str]]:
@@ -296,8 +296,8 @@ def signals_figure(signals: Signals, *, title: str = "", axes: plots.GivenAxes |
 
     def draw(axes: Axes, name: str) -> None:
         values, channel = signals.channel(name), canonical_channel(name)
-        shown = values if signals.valid is None else np.where(signals.valid, values, np.nan)
-        axes.plot(time, shown, color=plots.DARK, lw=0.7)
+        valid = values if signals.valid is None else np.where(signals.valid, values, np.nan)
+        axes.plot(time, valid, color=plots.DARK, lw=0.7)
         unit = (channel.unit if channel else "").replace("^2", "²") or "-"
         plots.labelled(axes, x="time t [s]", y=f"{printable(WORDS.get(name, name))} [{unit}]")
         axes.margins(x=0.005)

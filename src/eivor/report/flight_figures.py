@@ -177,7 +177,7 @@ def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> plots
         plots.labelled(axes, x="shift [s]", y="correlation")
         limit = max(0.3, 1.15 * float(np.max(np.abs(correlation), initial=0.0)))
         axes.set_ylim(-limit, limit)
-        plots.legend(axes, place="upper right")
+        plots.legend(axes, location="upper right")
 
     return plots.Picture(
         f"Autocorrelation of the {what}",
@@ -214,7 +214,7 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
         tallest = max(PROFILE_HEIGHT * quantile, float(excess.max()))
         axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
         plots.labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
-        plots.legend(axes, size=7, place="upper left", columns=2)
+        plots.legend(axes, size=7, location="upper left", columns=2)
 
     rows = [("objective", *pair) for pair in zip(values.tolist(), excess.tolist(), strict=True)]
     return plots.Picture(
@@ -270,7 +270,7 @@ def _excitation_picture(
         axes.axvspan(low, high, color=plots.BLUE, alpha=0.12, lw=0, label="band used")
         plots.labelled(axes, x="frequency [Hz]", y=f"amplitude [{traces[0].unit} per √Hz]")
         axes.grid(alpha=0.25, which="both")
-        plots.legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
+        plots.legend(axes, size=8 if len(traces) == 1 else 6, location="lower left")
 
     frequency = lines[0][3]
     steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
@@ -474,9 +474,9 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
             status = row.quantity.verdict
-            shown = "" if status is Status.IDENTIFIED else f" ({status.label})"
+            suffix = "" if status is Status.IDENTIFIED else f" ({status.label})"
             number = f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip()
-            parts.append(f"{number}{shown}")
+            parts.append(f"{number}{suffix}")
     lines = [text, "; ".join(parts[:2]), "; ".join(parts[2:]), "" if parts else result.verdict.status.label]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
 

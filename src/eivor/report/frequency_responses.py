@@ -190,7 +190,7 @@ def response_of_axis(
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
     everywhere = setpoint and all(setpoint in flight.recording.channels for flight in flights)
     if loops and is_attitude and everywhere:
-        off = [asked - got for asked, got in zip(runs(setpoint), y, strict=True)]
+        off = [commanded - got for commanded, got in zip(runs(setpoint), y, strict=True)]
         loop = frequency_response(off, y, reference=r, **given)
     names = ", ".join(flight.recording.name for flight in flights)
     return LogResponse(
@@ -305,8 +305,8 @@ def response_document(item: LogResponse) -> Document:
 
 def _frequencies(response: FrequencyResponse) -> Any:
     """Magnitudes in dB, phases in degrees, coherences, and how far the direct estimate is off."""
-    shown = np.flatnonzero(response.is_shown)
-    picked = shown[np.unique(np.linspace(0, shown.size - 1, min(ROWS, shown.size)).round().astype(int))]
+    index = np.flatnonzero(response.is_shown)
+    picked = index[np.unique(np.linspace(0, index.size - 1, min(ROWS, index.size)).round().astype(int))]
     bands = np.maximum(response.bands[0], 1e-12)
     decibels = 20.0 * np.log10(np.column_stack([np.abs(response.response), bands]))
     phase, (early, late) = np.rad2deg(np.angle(response.response)), np.rad2deg(response.bands[1].T)
@@ -436,11 +436,11 @@ def response_figure(results: Sequence[LogResponse]) -> Figure:
     return panels["magnitude0"].figure  # type: ignore[return-value]
 
 
-def _unwrapped(values: Complex[np.ndarray, " f"], shown: Any) -> Float[np.ndarray, " f"]:
+def _unwrapped(values: Complex[np.ndarray, " f"], mask: Any) -> Float[np.ndarray, " f"]:
     phase = np.full(values.size, np.nan)
-    if shown.any():
-        phase[shown] = np.unwrap(np.angle(values[shown]))
-        phase -= 2.0 * np.pi * np.ceil((phase[shown][0] - 0.75 * np.pi) / (2.0 * np.pi))
+    if mask.any():
+        phase[mask] = np.unwrap(np.angle(values[mask]))
+        phase -= 2.0 * np.pi * np.ceil((phase[mask][0] - 0.75 * np.pi) / (2.0 * np.pi))
     return np.asarray(np.rad2deg(phase))
 
 
@@ -462,20 +462,20 @@ def _lines(
 
 
 def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
-    response, shown, f = item.response, item.response.is_shown, item.response.frequency_hz
+    response, mask, f = item.response, item.response.is_shown, item.response.frequency_hz
     for bands, alpha, words in (
         (response.simultaneous_bands, 0.12, f"{response.level:.0%} all together"),
         (response.bands, 0.3, f"{response.level:.0%} each"),
     ):
-        low, high = np.where(shown[:, None], np.maximum(bands[0], 1e-12), np.nan).T
+        low, high = np.where(mask[:, None], np.maximum(bands[0], 1e-12), np.nan).T
         axes.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
     for values, where, words, look in _lines(item):
         axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **look)
     _over_frequency(axes, "magnitude", yscale="log")
-    if shown.any():
-        size = np.abs(response.response)[shown]
+    if mask.any():
+        size = np.abs(response.response)[mask]
         axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
-    legend(axes, size=7, place="lower left")
+    legend(axes, size=7, location="lower left")
 
 
 def _draw_phase(axes: Axes, item: LogResponse) -> None:
@@ -523,17 +523,17 @@ def _draw_coherences(axes: Axes, item: LogResponse) -> None:
     for values, colour, words in lines:
         axes.plot(f, values, color=colour, lw=1.2, label=words)
     _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
-    legend(axes, size=7, place="lower left")
+    legend(axes, size=7, location="lower left")
 
 
 def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
     if item.loop is not None and item.loop.is_shown.any():
-        shown = item.loop.is_shown
+        mask = item.loop.is_shown
         size = 20.0 * np.log10(np.abs(item.loop.response))
         axes.plot(
-            _unwrapped(item.loop.response, shown), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
+            _unwrapped(item.loop.response, mask), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
         )
     for controller, colour in zip(item.controllers, (RED, DARK), strict=False):
         loop = item.models.chosen.response(f) * controller.response(2j * np.pi * f) if item.models else f + 0j
@@ -552,6 +552,6 @@ def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     axes.grid(alpha=0.25)
     labelled(axes, x="phase of the broken loop [°]", y="magnitude [dB]", size=9.0)
     if len(axes.lines) > 1:
-        legend(axes, size=7, place="upper left")
+        legend(axes, size=7, location="upper left")
     else:
         axes.text(-165.0, 10.0, "no loop is known", fontsize=8, ha="center", color=GREY)

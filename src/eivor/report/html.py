@@ -77,7 +77,7 @@ def uplot() -> dict[str, str]:
     return {"name": release["name"], "version": release["version"], **texts}
 
 
-def own(name: str) -> str:
+def asset(name: str) -> str:
     """Source of a file of the page itself."""
     return resources.files("eivor.report").joinpath("static", name).read_text(encoding="utf-8")
 
@@ -116,7 +116,7 @@ class Sources:
 def report_sources() -> Sources:
     """Those of a report."""
     drawing = uplot()
-    return Sources(f"{drawing['style']}\n{own('page.css')}", f"{drawing['script']}\n{own('page.js')}")
+    return Sources(f"{drawing['style']}\n{asset('page.css')}", f"{drawing['script']}\n{asset('page.js')}")
 
 
 def whole_page(title: str, body: Markup, data: Mapping[str, object], sources: Sources | None = None) -> str:

@@ -158,10 +158,10 @@ class JsonPrediction(msgspec.Struct, kw_only=True):
     at: Mapping[str, Number]
     by_run: Mapping[str, Sequence[Number]] = {}
     limits: Mapping[str, float | Pair | None] = {}
-    beside: Mapping[str, SimpleModel] = {}
+    simple_models: Mapping[str, SimpleModel] = msgspec.field(default_factory=dict, name="beside")
     input_level: Number = None
     vehicle: Any = None
-    flown: Any = {}
+    flight_record: Any = msgspec.field(default_factory=dict, name="flown")
 
     @property
     def max_tilt_deg(self) -> float:
@@ -367,10 +367,10 @@ def _prediction(result: FlightEstimate, fit: Fit) -> JsonPrediction:
             "window": result.options.window,
             "band_hz": first.band_hz,
         },
-        beside=result.simple_models,
+        simple_models=result.simple_models,
         input_level=float(np.mean([flight.input_level for flight in flying])),
         vehicle=None if abilities.vehicle is None else abilities.vehicle.record,
-        flown={} if record is None else record(fit.problem, fit.estimate, flying),
+        flight_record={} if record is None else record(fit.problem, fit.estimate, flying),
     )
 
 

@@ -359,14 +359,14 @@ def plan(
         remedy = 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).'
         fit = saved_of(source, expected, remedy, preferred=("vertical",))
         model, prediction = fit.document.model, fit.document.prediction
-        flown = {} if prediction is None else prediction.flown
+        record = {} if prediction is None else prediction.flight_record
         machine = fit.fitted.machine
         if machine is not None:
             channels = {} if limits is None else limits
             checks.mapping("limits", channels, tuple, "tuples of numbers")
             words = {"target": target, "shape": shape}
-            return plan_machine(machine, fit.quantities, flown, channels, seconds, seed, **words)  # type: ignore[arg-type]
-        source = vehicle_of_result(model.name, model.input_map, fit.quantities, flown)
+            return plan_machine(machine, fit.quantities, record, channels, seconds, seed, **words)  # type: ignore[arg-type]
+        source = vehicle_of_result(model.name, model.input_map, fit.quantities, record)
     if isinstance(limits, Mapping):
         raise UsageError("FlightLimits of a flight", "limits of channels", "Give ev.FlightLimits().")
     return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)

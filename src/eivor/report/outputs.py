@@ -13,7 +13,7 @@ from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.report.card import result_card
 from eivor.report.flight_figures import flight_figure
-from eivor.report.html import own, rendered
+from eivor.report.html import asset, rendered
 from eivor.report.json_document import json_document, json_text, log_document
 from eivor.report.saved_fit import SavedFit, fit_among, fit_of, load_fits
 
@@ -61,7 +61,7 @@ class FlightOutputs:
 
     def card(self, results: Sequence[FlightEstimate]) -> str:
         """HTML of the report's card, for notebooks: with the style of a page in it, and no buttons."""
-        style = Markup(own("page.css").replace(":root", "&"))  # noqa: S704 - the package's own file
+        style = Markup(asset("page.css").replace(":root", "&"))  # noqa: S704 - the package's own file
         return str(rendered("notebook.html", style=style, card=result_card(results)))
 
 

@@ -376,14 +376,14 @@ def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, Simp
     values = {name: math.nan if x is None else x for name, x in prediction.at.items()}
     if fit.estimated is not None:
         values = {**values, **dict(zip(fit.names, fit.estimated.values.tolist(), strict=True))}
-    models = prediction.beside.values()
+    models = prediction.simple_models.values()
     if fit.estimated is None or any(not set(values) <= set(model.values) for model in models):
         raise InputError(
             "a result with a value for each parameter of its models",
             "one that lacks some",
             "Identify the flight again.",
         )
-    return {FIT: SimpleModel("the fit", values), **prediction.beside}
+    return {FIT: SimpleModel("the fit", values), **prediction.simple_models}
 
 
 def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
@@ -563,7 +563,7 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
     start, end = time[0], time[-1]
     what = f"{first.quantity.capitalize()}, {first.horizon.words}"
     plots.headed(ax, f"{what}, from {start:.0f} to {end:.0f} s")
-    plots.legend(ax, place="upper right")
+    plots.legend(ax, location="upper right")
 
 
 def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:

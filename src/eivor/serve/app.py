@@ -38,7 +38,7 @@ from eivor.cli.options import options_schema
 from eivor.errors import EivorError, InputError
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.process_pool import Limits
-from eivor.report.html import SHAPES, Sources, own, rendered, report_sources, whole_page
+from eivor.report.html import SHAPES, Sources, asset, rendered, report_sources, whole_page
 from eivor.serve.jobs import (
     RESULT,
     File,
@@ -103,7 +103,7 @@ def page_sources() -> Sources:
     """The report's style with what is this page's own; its policy is for the reports in it, too."""
     folder = resources.files("eivor.serve").joinpath("static")
     scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PARTS]
-    style = f"{own('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
+    style = f"{asset('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
     script = "\n".join(['"use strict";', "(() => {", *scripts, "})();"])
     return Sources(style, script, (report_sources(),), DIRECTIVES)
 
