@@ -192,6 +192,7 @@ def outcomes(vehicle: Flyer, seed: int, keys: Sequence[tuple[str, str, int]]) ->
     flight = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
     for target in dict.fromkeys(target for _, target, _ in keys):
         made = plan(flight, target=target, limits=LIMITS, seed=seed)
+        assert isinstance(made, FlightPlan)
         for number in (number for _, other, number in keys if other == target):
             yield [flown_outcome(vehicle, made, number, seed)]
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
@@ -187,5 +186,7 @@ def _between(
     step_s: float, series: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
     """A smooth curve through samples, at other times; it stays where it ends."""
+    from scipy.interpolate import CubicSpline
+
     time = step_s * np.arange(series.size)
     return np.asarray(CubicSpline(time, series)(np.minimum(at, time[-1])))

@@ -27,6 +27,7 @@ from eivor.logs.rosbag.containers import METADATA
 from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
 from eivor.motions.table import motion_by_name, motion_names
+from eivor.planning.machine_plan import MachinePlan
 from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
@@ -229,6 +230,8 @@ def plan(folder: Path, stem: str, words: WordsOf) -> File:
         parsing.check_mission("it", home, "")
         position = parsing.position_of(home)
     made = planned(folder / RESULT, target=words.get("for", ""), shape="steps" if form.is_mission else "")
+    if isinstance(made, MachinePlan):
+        raise UsageError("a result of the vertical motion", "one of a machine", "Plan it with eivor plan.")
     return File(f"{stem}-{form.file}", form.text(made, position))
 
 
