@@ -106,6 +106,7 @@ def test_the_page_is_told_in_order(pages, name):
     assert [heading for heading in headings if heading in wanted] == wanted
     assert {"Pictures", "Provenance"} <= set(headings)
     assert len(page.all("h1")) == 1
+    assert not [item.text for item in page.all("dd") if "K_u" in item.text]
 
 
 @pytest.mark.parametrize("name", [*RESULTS, "both"])
