@@ -131,7 +131,10 @@ def test_the_study_in_the_pages_is_valid(tmp_path):
 def test_the_citation_is_of_this_version():
     yaml = pytest.importorskip("yaml")
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project, wheel = settings["project"], settings["tool"]["hatch"]["build"]["targets"]["wheel"]
+    licences = {path for pattern in project["license-files"] for path in ROOT.glob(pattern)}
+    assert not licences & {ROOT / folder / "LICENSE" for folder in wheel["exclude"]}
     assert {"cff-version", "message", "title", "authors"} <= set(cited)  # what the format asks for
     assert (cited["version"], cited["license"]) == (project["version"], project["license"])
     assert cited["authors"] == project["authors"]
