@@ -18,6 +18,7 @@ import pytest
 from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate, LogEstimate
+from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
@@ -282,6 +283,14 @@ def test_a_long_series_keeps_its_extremes_where_they_are():
     assert times[np.argmin(back)] == pytest.approx(300.01, abs=0.5)
     assert np.max(back) == pytest.approx(40.0, abs=1e-2)
     assert np.min(back) == pytest.approx(-50.0, abs=1e-2)
+
+
+def test_a_set_without_a_value_is_explained(pages):
+    result = pages["fit"][0]
+    name, sets = next(iter(result.fit.sets.items()))
+    empty = {name: replace(sets, anderson_rubin=ConfidenceSet(()))}
+    page = flight_page(replace(result, fit=replace(result.fit, sets=empty)))
+    assert "empty: the instruments contradict each other at every value" in page
 
 
 def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():

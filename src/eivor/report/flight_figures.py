@@ -286,6 +286,10 @@ def _excitation_picture(
     )
 
 
+#: Of a set without a value.
+EMPTY = "empty: the instruments contradict each other at every value"
+
+
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
     for name, sets in fit.sets.items():
         row = _row_of(result, name)
@@ -297,7 +301,7 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
             ("Anderson–Rubin", sets.anderson_rubin),
         ):
             pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
-            texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or "no value"
+            texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or EMPTY
             rows.append(plots.PlottedInterval(label, np.nan, pieces, texts))
         yield plots.forest_picture(
             f"Three 95 % sets of the {wording.words}",
