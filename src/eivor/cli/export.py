@@ -36,6 +36,8 @@ from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
 #: Word for every target, and the page of their folder.
 ALL, PAGE = "all", "README.md"
+#: What the folder of every target holds.
+FOLDER_FILES = (PAGE, *(f"{target.name}{target.ending}" for target in TARGETS.values()))
 EXPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
     "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
@@ -58,6 +60,11 @@ def _no_example(wanted: bool) -> bool:
 @guarded
 def export(
     fit: FitArgument,
+    file: Annotated[
+        str,
+        typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False),
+        Writes(FOLDER_FILES),
+    ] = "",
     *,
     to: Annotated[
         str, option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
@@ -115,20 +122,15 @@ def export(
             "--output",
             show_default=True,
         ),
-        Writes(),
+        Writes(FOLDER_FILES),
     ] = STANDARD_OUTPUT,
     _example: Annotated[
         bool, typer.Option("--example", hidden=True, is_eager=True, callback=_no_example)
     ] = False,
 ) -> ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
-    if not to and draws is None:
-        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
+    output = _destination(to, draws, file, output)
     given = supplied(mass, prior, vehicle)
-    if not to and output == STANDARD_OUTPUT:
-        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    if to == ALL and (output == STANDARD_OUTPUT or draws is not None):
-        raise UsageError("a folder for --to all, and no draws", "another", "Add -o FOLDER.")
     fits, notes = load_fits(fit), tuple[str, ...]()
     result = fit_among(fits, model, motions_for(to) if to else ())
     try:
@@ -151,6 +153,20 @@ def export(
     if omitted or notes:
         complain(*omitted, *notes)
     return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
+
+
+def _destination(to: str, draws: int | None, file: str, output: str) -> str:
+    """Where the file or the folder goes."""
+    if not to and draws is None:
+        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
+    if file and output != STANDARD_OUTPUT:
+        raise UsageError("one place to write to", f"{file} and {output}", "Leave out -o.")
+    to_file = file or output
+    if not to and to_file == STANDARD_OUTPUT:
+        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
+    if to == ALL and (to_file == STANDARD_OUTPUT or draws is not None):
+        raise UsageError("a folder for --to all, and no draws", "another", "Add the folder: --to all FOLDER.")
+    return to_file
 
 
 def _every_target(
