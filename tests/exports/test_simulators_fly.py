@@ -8,6 +8,8 @@ import runpy
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -19,10 +21,14 @@ from eivor.cli.main import app
 from eivor.errors import NotIdentifiedError
 from eivor.exports.autopilots import thrust_linear
 from eivor.exports.fitted import Supplied
-from eivor.exports.simulators import WITH_LARGEST
+from eivor.exports.simulators import DRONE_MODELS_LACK, PYBULLET_LACKS, WITH_LARGEST
 from eivor.exports.vehicle import (
+    EFFECTS,
+    LEVER,
     REPLAY_SPEED,
     REPLAY_STEP_S,
+    TURNING,
+    by_quarters,
     coefficients,
     describe,
     manoeuvre,
@@ -212,6 +218,101 @@ def test_rotorpy_turns_as_the_result_predicts(lopsided, tmp_path):
         state = vehicle.step(state, {"cmd_motor_speeds": command}, REPLAY_STEP_S)
         attitudes.append(state["q"][[3, 0, 1, 2]])
     assert off(states, np.array(attitudes)) < 0.4
+
+
+def held(made, commands, lacking):
+    """States of a vehicle without what a simulator cannot hold."""
+    names = {name for effect in lacking if effect != LEVER for name in EFFECTS[effect]}
+    rest = {name: column for name, column in made.values.items() if name not in names}
+    rest |= dict.fromkeys(names & set(EFFECTS[TURNING]), np.zeros(1))
+    return replayed(replace(made, values=rest), commands, lever=LEVER not in lacking)
+
+
+@pytest.mark.thorough  # of the extra `simulators`
+def test_pybullet_turns_as_what_it_holds(lopsided, tmp_path):
+    """Forces and torques are those that gym-pybullet-drones applies."""
+    bullet = pytest.importorskip("pybullet", reason="PyBullet is not installed")
+    fit, made, commands, _ = lopsided
+    path = tmp_path / "v.urdf"
+    path.write_text(fit.export("pybullet", priors={"largest_command": (2500.0, 0.0)}), encoding="utf-8")
+    properties = ElementTree.parse(path).getroot().find("properties").attrib  # noqa: S314 - made here
+    kf, km, across, along = (
+        float(properties[name]) for name in ("kf", "km", "drag_coeff_xy", "drag_coeff_z")
+    )
+    order, step_s = by_quarters(made.vehicle, "pybullet"), 0.0005
+    client = bullet.connect(bullet.DIRECT)
+    try:
+        bullet.setGravity(0.0, 0.0, -9.8)
+        bullet.setTimeStep(step_s)
+        body = bullet.loadURDF(str(path), flags=bullet.URDF_USE_INERTIA_FROM_FILE)
+        bullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0)
+        bullet.resetBaseVelocity(body, [REPLAY_SPEED, REPLAY_SPEED, 0.0], [0.0] * 3)
+        attitudes = []
+        for command in commands:
+            per_minute = command[list(order)] * 60.0 / (2.0 * np.pi)
+            for _ in range(round(REPLAY_STEP_S / step_s)):
+                turned = np.array(
+                    bullet.getMatrixFromQuaternion(bullet.getBasePositionAndOrientation(body)[1])
+                )
+                velocity = turned.reshape(3, 3).T @ bullet.getBaseVelocity(body)[0]
+                drag = -np.array([across, across, along]) * command.sum() * velocity
+                for link, force in enumerate(kf * per_minute**2):
+                    bullet.applyExternalForce(body, link, [0.0, 0.0, force], [0.0] * 3, bullet.LINK_FRAME)
+                torque = km * per_minute**2 @ [-1.0, 1.0, -1.0, 1.0]
+                bullet.applyExternalTorque(body, 4, [0.0, 0.0, torque], bullet.LINK_FRAME)
+                bullet.applyExternalForce(body, 4, drag.tolist(), [0.0] * 3, bullet.LINK_FRAME)
+                bullet.stepSimulation()
+            x, y, z, w = bullet.getBasePositionAndOrientation(body)[1]
+            attitudes.append((w, x, y, z))
+    finally:
+        bullet.disconnect(client)
+    assert off(held(made, commands, PYBULLET_LACKS), np.array(attitudes)) < 1.0
+
+
+#: In a process of its own, as above: attitudes w, x, y, z under commands, by steps of half a millisecond.
+TURNED = """
+import inspect, json, sys, tomllib
+from drone_models.first_principles import dynamics
+import numpy as np
+from scipy.spatial.transform import Rotation
+made = {name: np.asarray(item) for name, item in tomllib.load(open(sys.argv[1], "rb"))["vehicle"].items()}
+made["J_inv"] = np.linalg.inv(made["J"])
+parameters = inspect.signature(dynamics).parameters.items()
+made = {name: made[name] for name, item in parameters if item.kind == item.KEYWORD_ONLY}
+speed, step_s, commands, speeds = json.load(sys.stdin)
+still, up = np.zeros(3), Rotation.identity()
+def slope(turn, velocity, rate, speeds):
+    return dynamics(still, turn.as_quat(), velocity, rate, command, speeds, **made)[2:]
+turn, state, h, attitudes = up, [np.array([speed, speed, 0.0]), still, np.array(speeds)], 0.0005, []
+for command in np.array(commands):
+    for _ in range(round(step_s / h)):
+        middle = [x + 0.5 * h * d for x, d in zip(state, slope(turn, *state))]
+        half = turn * Rotation.from_rotvec(0.5 * h * state[1])
+        state = [x + h * d for x, d in zip(state, slope(half, *middle))]
+        turn = turn * Rotation.from_rotvec(h * middle[1])
+    attitudes.append(turn.as_quat()[[3, 0, 1, 2]].tolist())
+print(json.dumps(attitudes))
+"""
+
+
+@pytest.mark.thorough
+def test_drone_models_turn_as_what_they_hold(lopsided, tmp_path):
+    pytest.importorskip("casadi", reason="drone-models is not installed")
+    fit, made, commands, _ = lopsided
+    path = tmp_path / "v.toml"
+    path.write_text(fit.export("drone-models"), encoding="utf-8")
+    per_minute = 60.0 / (2.0 * np.pi)
+    given = (REPLAY_SPEED, REPLAY_STEP_S, per_minute * commands, per_minute * manoeuvre(made, 0.0)[0])
+    run = subprocess.run(
+        [sys.executable, "-c", TURNED, str(path)],
+        input=json.dumps([item.tolist() if isinstance(item, np.ndarray) else item for item in given]),
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"SCIPY_ARRAY_API": "1"},
+    )
+    attitudes = np.array(json.loads(run.stdout))
+    assert off(held(made, commands, DRONE_MODELS_LACK), attitudes) < 1.0
 
 
 def test_accepted_verdicts_are_written_and_marked(tmp_path):
