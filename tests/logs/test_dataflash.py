@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataflash_writer
 import numpy as np
 import pytest
 from dataflash_writer import FIRMWARES, DataflashWriter, flight_log, simulated, told
@@ -92,13 +93,20 @@ def without(writer, *names):
     return writer
 
 
-def test_throttles_in_thousandths_of_old_firmware_are_shares(read):
+def test_throttles_in_thousandths_of_old_firmware_are_shares(read, flight, monkeypatch):
     """Firmware 3.3 logs RATE.AOut as floating-point numbers up to 1000: hover 600 was read."""
     writer = DataflashWriter().text(FIRMWARES["3.3"])
     time = np.arange(100) * 0.02
     writer.add("RATE", time, "ff", R=0.0, AOut=600.0 + 50.0 * np.sin(time))
     channel = read(writer).channels["input"]
     np.testing.assert_allclose(channel.values, 0.6 + 0.05 * np.sin(time), rtol=1e-6)
+    # nor do they say that the pulse widths have another range
+    add, name = dataflash_writer.add_fast, "throttle"
+    in_thousandths = lambda w, t, v, d: add(w, t, v | {name: 1000.0 * v[name]}, d)  # noqa: E731
+    monkeypatch.setattr(dataflash_writer, "add_fast", in_thousandths)
+    r = read(flight_log(flight, "4.6"))
+    assert r.channels["input"].values.max() < 1.0
+    assert not told(r, "motor_range")
 
 
 def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(read, flight):
