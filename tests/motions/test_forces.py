@@ -233,6 +233,8 @@ def test_a_flight_that_couples_tells_one_inertia_within_its_interval(spun, free)
         assert flight.quantities[item.name].std_error < 0.7 * free.std_error(item.name)
     low, high = flight.quantities["effective_lag"].interval
     assert low <= VEHICLE.rotors.lag_up <= high
+    for name in ("yaw_damping", "drag_x"):  # draws are made of the estimate's
+        assert flight.estimate.parameters[name] == pytest.approx(flight.quantities[name].value, rel=1e-3)
 
 
 @pytest.mark.thorough

@@ -29,8 +29,8 @@ from eivor.motions.rigid_body.physical_parameters import Combinations, physical_
 from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
     ALONG,
+    AT_HOVER,
     BAND_SHARE,
-    DAMPING,
     DRAG,
     DRIVING,
     FORCE_X_EQUATION,
@@ -38,7 +38,6 @@ from eivor.motions.rigid_body.regression import (
     FRICTION,
     QUADRATIC_DRAG,
     QUANTITIES,
-    THRUST,
     TURNING,
     RotorColumns,
     noises_known,
@@ -47,10 +46,8 @@ from eivor.motions.rigid_body.regression import (
 )
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.vehicle import KnownVehicle, load_vehicle, shipped_vehicles, vehicle_from_record
-from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
 from eivor.signals.recording import Channel, Finding, Recording
-from eivor.signals.thrust_map import input_map
 from eivor.tools import Float
 
 # -- Attitude order --
@@ -249,7 +246,7 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     squared = velocity[2] ** 2
     if not squared.sum() > 0.0:
         return {}
-    ratio = _hover_over_usual(problem, joint_quantities(estimate))
+    ratio = verdict.hover_over_usual(problem, joint_quantities(estimate))
     share = float(np.linalg.norm(velocity, axis=0) @ squared / squared.sum())
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
@@ -258,17 +255,6 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     half = covariance.half_width(gradient, 0.95)
     interval = value - half, value + half
     return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, covariance.std_error(gradient), interval)}
-
-
-def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:
-    """State of a rotor at hover over that which drag and damping are identified for."""
-    columns = problem.columns[0].moving
-    if THRUST.name not in joint or not isinstance(columns, RotorColumns):
-        return 1.0
-    gain = joint[THRUST.name].value * columns.states.vehicle.count
-    if not gain > 0.0:
-        return 1.0
-    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
 
 
 #: Its upper end [Hz]: further up is next to nothing but vibration.
@@ -440,7 +426,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         joint = joint_quantities(estimate)
-        ratio, names = _hover_over_usual(problem, joint), {item.name for item in (*DRAG, *DAMPING)}
+        ratio, names = verdict.hover_over_usual(problem, joint), {item.name for item in AT_HOVER}
         results = {
             **{name: item.times(ratio) if name in names else item for name, item in joint.items()},
             **verdict.gyroscopic_moments(problem, joint),

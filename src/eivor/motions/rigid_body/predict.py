@@ -45,6 +45,7 @@ from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
+from eivor.signals.thrust_map import input_map
 from eivor.tools import Float, Int
 
 
@@ -153,7 +154,10 @@ class StatePropagator:
 
     @cached_property
     def _usual(self) -> float:
-        return usual_state((self.logged.flight,))
+        flight, gain = self.logged.flight, self.models[0].get(THRUST.name, 0.0) * self.vehicle.count
+        if not gain > 0.0:
+            return usual_state((flight,))
+        return input_map(flight.input_map).inverse(GRAVITY / gain)
 
     @cached_property
     def _terms(self) -> list[tuple[RigidTerm, Float[np.ndarray, " models"]]]:

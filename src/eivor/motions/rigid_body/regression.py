@@ -52,6 +52,8 @@ DRAG_MOMENT = tuple(
     for name, others in zip(TURNING, ALONG_OTHERS, strict=True)
 )
 ALL_DRAG_MOMENTS = tuple(item for pair in DRAG_MOMENT for item in pair)
+#: What goes with the states of the rotors: these are for rotors at hover.
+AT_HOVER = (*DAMPING, *DRAG, *ALL_DRAG_MOMENTS)
 #: Of rotors that spin: J / Ixx and J / Iyy.
 GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
 GAIN = tuple(

@@ -14,7 +14,7 @@ from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.flights import verdict
-from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, QuantitySpec, SimpleModel
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
@@ -27,6 +27,7 @@ from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.motions.rates.motion import AXES
 from eivor.motions.rigid_body.physical_parameters import Combinations
 from eivor.motions.rigid_body.regression import (
+    AT_HOVER,
     COUPLING,
     DAMPING,
     DRAG,
@@ -43,6 +44,7 @@ from eivor.motions.rigid_body.regression import (
     THRUST,
     YAW_EQUATION,
     RotorColumns,
+    RotorStates,
     on_body_axes,
     rigid_body_problem,
 )
@@ -53,6 +55,7 @@ from eivor.motions.rigid_body.vehicle import (
     KnownVehicle,
     inertia_ratios,
 )
+from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Complex, Float
@@ -136,8 +139,20 @@ def refined_rotor_inertia(
     ratios = identified_ratios(free)
     if ratios is None:
         return problem, free
-    linked = with_common_rotor_inertia(problem, ratios, free)
+    hover = hover_over_usual(problem, joint_quantities(free))
+    linked = with_common_rotor_inertia(problem, ratios, free, hover)
     return linked, estimated(linked)
+
+
+def hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:
+    """State of a rotor at hover over that which drag and damping are identified for."""
+    columns = problem.columns[0].moving
+    if THRUST.name not in joint or not isinstance(columns, RotorColumns):
+        return 1.0
+    gain = joint[THRUST.name].value * columns.states.vehicle.count
+    if not gain > 0.0:
+        return 1.0
+    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
 
 
 def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
@@ -163,22 +178,32 @@ def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
 
 
 def with_common_rotor_inertia(
-    problem: LaggedRuns, ratios: tuple[float, float], free: Estimate | None = None
+    problem: LaggedRuns, ratios: tuple[float, float], free: Estimate | None = None, hover: float = 1.0
 ) -> LaggedRuns:
-    """The same problem whose columns of rotors that spin go with J / Izz alone."""
+    """The same problem whose columns of rotors that spin go with J / Izz alone, at so many usual states."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
     kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
-    combination = np.array([[float(item == other) for other in kept] for item in moving])
+    times = dict.fromkeys(AT_HOVER, hover)
+    combination = np.array([[(item == other) / times.get(item, 1.0) for other in kept] for item in moving])
     for axis, entry in enumerate(GYROSCOPIC_MOMENT):
         combination[moving.index(entry), kept.index(REACTION)] = ratios[axis]
-    columns = list(problem.columns)
+    columns, at_hover = list(problem.columns), dict[int, RotorStates]()
     for index, column in enumerate(columns):
         if isinstance(column.moving, RotorColumns):
-            reduced = replace(column.moving, moving=kept, common_rotor_inertia=ratios)
+            states = column.moving.states  # of all axes of a flight, which remember together
+            at_hover.setdefault(id(states), replace(states, usual=hover * states.usual, _last=None))
+            reduced = replace(
+                column.moving, states=at_hover[id(states)], moving=kept, common_rotor_inertia=ratios
+            )
             columns[index] = replace(column, moving=reduced, moved=reduced.indices)
-    noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
-    stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
-    started = None if free is None else WarmStart(free.theta[stays], free.nuisances)
+    noisier = problem.noisier
+    if noisier is not None:
+        noisier = with_common_rotor_inertia(noisier, ratios, hover=hover)
+    stays = [item for item in problem.parameters if item not in GYROSCOPIC_MOMENT]
+    started = None
+    if free is not None:
+        theta = [times.get(item, 1.0) * free.parameters[item.name] for item in stays]
+        started = WarmStart(np.array(theta), free.nuisances)
     return problem.combined(tuple(columns), kept, combination, noisier=noisier, warm_start=started)
 
 
