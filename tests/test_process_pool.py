@@ -31,11 +31,7 @@ from eivor.atomic_file import (
     write_atomically,
 )
 from eivor.errors import InputError
-from eivor.lab.scenario_files import numbers_in_file
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess
-from eivor.strict_toml import TomlTable
-from validation.coverage.study import read_coverage
-from validation.flight_recipe.trials import read_trial_table
 from worker_answers import SOURCES, always_reporting, answered, begin_another, counted, unreadable, wait_until
 
 
@@ -342,25 +338,3 @@ def test_every_cut_and_every_addition_is_noticed(content):
     for more in (b"\0", content, SEAL_MARK, SEAL_MARK + b"0" * 64):
         assert not is_sealed(content + more, FACTS)
         assert not is_sealed(more + content, FACTS)
-
-
-@pytest.mark.parametrize("reader", ["coverage", "trials", "numbers"])
-def test_a_decoders_panic_is_told(tmp_path, monkeypatch, reader):
-    """Polars' own kind of crash is no Exception; every table that a study reads may be damaged."""
-
-    def panic(*parts, **options):
-        raise pl.exceptions.PanicException("index out of bounds")
-
-    path = tmp_path / "table.parquet"
-    pl.DataFrame({"u": [1.0]}).write_parquet(path)
-    monkeypatch.setattr(pl, "read_parquet", panic)
-    monkeypatch.setattr(pl, "scan_parquet", panic)
-    readers = {
-        "coverage": read_coverage,
-        "trials": read_trial_table,
-        "numbers": lambda file: numbers_in_file(
-            TomlTable({"file": file.name, "column": "u"}, "scenario.toml", folder=file.parent)
-        ),
-    }
-    with pytest.raises(InputError, match="index out of bounds"):
-        readers[reader](path)

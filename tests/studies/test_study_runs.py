@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from eivor.lab import paper
 from eivor.lab import study as lab_study
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment, streams
 from eivor.lab.records import Scenario
-from eivor.lab.scenario_files import method_choice, read_study, shipped_scenario
+from eivor.lab.scenario_files import method_choice, numbers_in_file, read_study, shipped_scenario
 from eivor.lab.study import MethodChoice, Regularisation, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
@@ -38,9 +39,11 @@ from eivor.process_pool import (
 )
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance, WhiteExcitation
-from eivor.strict_toml import read_toml
+from eivor.strict_toml import TomlTable, read_toml
 from refusal_rows import calls, rows, table, without
 from studies.study_parts import EQUATION, METHODS, Coin, Patient, content, small_study
+from validation.coverage.study import read_coverage
+from validation.flight_recipe.trials import read_trial_table
 from worker_answers import PATIENCE_S, SOURCES, Arriving, answered, refusing, text_of, wait_until
 
 
@@ -93,18 +96,6 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     assert run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
     assert recorder.asked == [1]
     assert content(tmp_path) == content(finished.folder)
-
-
-def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
-    """It is no Exception, and would end the program with a traceback."""
-
-    def panic(*parts, **options):
-        raise pl.exceptions.PanicException("index out of bounds")
-
-    run_study(small_study(30), tmp_path)
-    monkeypatch.setattr(pl, "read_parquet", panic)
-    with pytest.raises(InputError, match="what the system says: index out of bounds"):
-        run_study(small_study(30), tmp_path)
 
 
 def test_another_study_is_refused(tmp_path):
@@ -640,6 +631,27 @@ def of_content(content, tmp_path):
     read_study(tmp_path / "mine.toml")
 
 
+def panic(*parts, **options):
+    raise pl.exceptions.PanicException("index out of bounds")
+
+
+def of_a_panic(before, read, tmp_path, monkeypatch):
+    """Polars' own kind of crash is no Exception, and would end the program with a traceback."""
+    before(tmp_path)
+    for name in ("read_parquet", "scan_parquet"):
+        monkeypatch.setattr(pl, name, panic)
+    read(tmp_path)
+
+
+def tabled(folder):
+    pl.DataFrame({"u": [1.0]}).write_parquet(folder / "u.parquet")
+
+
+def of_numbers(folder):
+    numbers_in_file(TomlTable({"file": "u.parquet", "column": "u"}, "scenario.toml", folder=folder))
+
+
+STUDIED = partial(run_study, small_study(30))
 RICH, DASK = shipped_scenario("rich"), DaskCluster("tcp://127.0.0.1:1")
 test_refused = table(
     calls("choice", UsageError,
@@ -670,6 +682,12 @@ test_refused = table(
         (lambda: next(paper.run_paper(paper.READINGS, runs=1)), "two runs or more"),
         (without("distributed", lambda folder: run_study(small_study(), folder, executor=DASK)),
             r"Dask, which is needed .*pip install 'eivor\[dask\]'"),
+    ),
+    rows("decoder's panic", InputError, of_a_panic,
+        (STUDIED, STUDIED, "what the system says: index out of bounds"),
+        (tabled, lambda at: read_coverage(at / "u.parquet"), "index out of bounds"),
+        (tabled, lambda at: read_trial_table(at / "u.parquet"), "index out of bounds"),
+        (tabled, of_numbers, "index out of bounds"),
     ),
     rows("equation", ParameterError, lambda changes: replace(EQUATION, **changes),
         ({"output_coefficients": (1.0,)}, r"stable equation; received \[1.0\], with a root of modulus 1"),
