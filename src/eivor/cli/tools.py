@@ -324,7 +324,7 @@ def plan(
     csv: Annotated[str, option("FILE", "Write the setpoints as a table."), Writes()] = "",
     mavsdk: Annotated[str, option("FILE.py", "Write a MAVSDK program that flies it."), Writes()] = "",
     qgc: Annotated[str, option("FILE.plan", "Write a QGroundControl plan; steps only."), Writes()] = "",
-    home: Annotated[str, option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
+    home: Annotated[str, option("LAT,LON", "Place of the QGroundControl plan [deg].", panel=MORE)] = "",
     rotorpy: Annotated[str, option("FILE.py", "Write a trajectory of RotorPy.", panel=MORE), Writes()] = "",
     json: JsonOption = "",
 ) -> ExitCode:
