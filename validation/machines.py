@@ -54,9 +54,9 @@ def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
 
 
 def axis_records(
-    seeds: Sequence[int], every: int, encoder_m: float, torque_n: float, planned: Any = None
+    seeds: Sequence[int], every: int, encoder_m: float, torque_n: float, cogging_n: float, planned: Any
 ) -> Iterator[Record]:
-    """A linear axis of 25 s at 1 kHz, logged every few samples."""
+    """A linear axis of 25 s at 1 kHz, logged every few samples; cogging comes again every 24 mm."""
     step_s, count, records = 0.001, 25_000, len(seeds)
     streams = [np.random.default_rng(seed) for seed in seeds]
     if planned is None:
@@ -80,8 +80,9 @@ def axis_records(
         force = forward[:, k] + stiff * (asked[:, k] - measured) + damping * (speeds[:, k] - filtered)
         seen[k], forces[k] = measured, force
         push = decay * push + np.sqrt(1.0 - decay**2) * torque_n * pushes[:, k]
+        left = force - AXIS["offset"] + push + cogging_n * np.sin(2.0 * np.pi * position / 0.024)
         for _ in range(4):
-            free = speed + 0.25 * step_s * (force - AXIS["offset"] + push - AXIS["Fv"] * speed) / AXIS["M"]
+            free = speed + 0.25 * step_s * (left - AXIS["Fv"] * speed) / AXIS["M"]
             # dry friction takes what speed it can
             taken = 0.25 * step_s * AXIS["Fc"] / AXIS["M"]
             following = np.sign(free) * np.maximum(np.abs(free) - taken, 0.0)
@@ -93,6 +94,51 @@ def axis_records(
         columns = (time, seen[:, record], forces[:, record], asked[record])
         names = ("time", "position", "force", "reference_position")
         yield machine, AXIS, {name: item[::every] for name, item in zip(names, columns, strict=True)}
+
+
+#: A link on a motor in MuJoCo: armature, friction, gravity of a mass off the axis.
+JOINT = {"J": 0.35, "Fv": 0.8, "Fc": 1.2, "Gs": 4.0, "Gc": 1.0, "offset": 0.4}
+JOINT_XML = """<mujoco><option timestep="0.00025" integrator="implicitfast" gravity="0 0 -9.80665"/>
+<worldbody>
+<body><joint name="j" axis="0 -1 0" damping="{Fv}" frictionloss="{Fc}" armature="{armature}"
+solreffriction="0.001 1"/><inertial mass="1" pos="{x} 0 {z}" diaginertia="1e-3 1e-3 1e-3"/></body>
+</worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+
+
+def joint_records(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
+    """A revolute joint of 25 s at 1 kHz under position control, by MuJoCo, with an encoder of 10 urad."""
+    import mujoco
+
+    step_s, count, machine = 0.001, 25_000, ev.load_machine("revolute-joint")
+    # gravity turns it by Gs sin(angle) + Gc cos(angle) away from the top
+    x, z = JOINT["Gc"] / 9.80665, -JOINT["Gs"] / 9.80665
+    armature = JOINT["J"] - x**2 - z**2 - 1e-3
+    model = mujoco.MjModel.from_xml_string(JOINT_XML.format(**JOINT, armature=armature, x=x, z=z))
+    for seed in seeds:
+        rng, state = np.random.default_rng(seed), mujoco.MjData(model)
+        asked = lagged(held(rng, count, step_s, 1.2, (0.3, 1.2)), step_s, 0.1, 0.1, 0.1)
+        if planned is not None:
+            asked = on_steps(planned, "reference_angle", count, step_s)
+        rate = np.gradient(asked, step_s)
+        pushes, push, decay, filtered, last = (
+            rng.standard_normal(count),
+            0.0,
+            np.exp(-step_s / 0.02),
+            0.0,
+            0.0,
+        )
+        columns = np.empty((count, 2))
+        for k in range(count):
+            seen = round(state.qpos[0] / 1e-5) * 1e-5
+            filtered += 0.5 * ((seen - last) / step_s - filtered)
+            last = seen
+            torque = 350.0 * (asked[k] - seen) + 14.0 * (rate[k] - filtered)
+            push = decay * push + np.sqrt(1.0 - decay**2) * 0.3 * pushes[k]
+            columns[k], state.ctrl[0] = (seen, torque), torque - JOINT["offset"] + push
+            mujoco.mj_step(model, state, 4)
+        names = ("angle", "torque")
+        made = {"time": step_s * np.arange(count), **dict(zip(names, columns.T, strict=True))}
+        yield machine, JOINT, made | {"reference_angle": asked}
 
 
 def simulated(
@@ -154,43 +200,48 @@ WING_NOISE = {
     "angle_of_attack": 0.004,
 }
 WING_SERVO_S, WING_STEP_S = 0.05, 0.01
-_WING: dict[str, dict[str, Any]] = {
-    "channels": {name: "rad/s" if "rate" in name else "rad" for name in WING_NOISE}
-    | {name: ev.input("1") for name in ("aileron", "elevator", "rudder")}
-    | {"roll_setpoint": ev.reference("rad"), "pitch_setpoint": ev.reference("rad")}
-    | {"rudder_setpoint": ev.reference("1")},
-    "actuators": {"servo": ev.actuator(lag_s=(0.002, 0.3), delay_s=(0.0, 0.04))},
+WING_UNITS = {name: "rad/s" if "rate" in name else "rad" for name in WING_NOISE}
+
+
+#: Terms of each axis by their channel, and the references that move it under control.
+WING_TERMS = {
+    "roll": {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
+    | {"L_da": "aileron", "L_dr": "rudder"},
+    "pitch": {"M_q": "angular_rate_y", "M_alpha": "angle_of_attack", "M_de": "elevator"},
+    "yaw": {"N_r": "angular_rate_z", "N_beta": "sideslip", "N_p": "angular_rate_x"}
+    | {"N_dr": "rudder", "N_da": "aileron"},
 }
+SURFACES = ("aileron", "elevator", "rudder")
+WING_REFERENCES = {"aileron": "roll_setpoint", "elevator": "pitch_setpoint", "rudder": "rudder_setpoint"}
 
 
-def wing(axis: str) -> Any:
-    """The declared equation of roll or pitch."""
-    if axis == "roll":
-        terms: dict[str, Any] = {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
-        terms |= {"L_da": ev.behind("aileron", "servo"), "L_dr": ev.behind("rudder", "servo")}
-        driven, headline = "x", ("L_p", "L_da")
-    else:
-        terms = {"M_q": "angular_rate_y", "M_alpha": "angle_of_attack"}
-        terms |= {"M_de": ev.behind("elevator", "servo")}
-        driven, headline = "y", ("M_q", "M_de")
-    known = {name for text in terms.values() for name in ([text] if isinstance(text, str) else [text["of"]])}
-    references = ("roll_setpoint", "rudder_setpoint") if axis == "roll" else ("pitch_setpoint",)
-    known |= {f"angular_rate_{driven}", *references}
-    channels = {name: item for name, item in _WING["channels"].items() if name in known}
+def wing(axis: str, *, closed: bool = True) -> Any:
+    """The declared equation of roll, pitch or yaw; in open loop surfaces are their own references."""
+    terms = {name: ev.behind(of, "servo") if of in SURFACES else of for name, of in WING_TERMS[axis].items()}
+    moved = [of for of in WING_TERMS[axis].values() if of in SURFACES]
+    references = [WING_REFERENCES[name] if closed else f"{name}_setpoint" for name in moved]
+    rate = next(iter(WING_TERMS[axis].values()))
+    names = list(WING_TERMS[axis])
+    units = {"roll_setpoint": "rad", "pitch_setpoint": "rad"}
     return ev.machine(
         f"wing-{axis}",
-        response=f"ddt(angular_rate_{driven})",
-        channels=channels,
+        response=f"ddt({rate})",
+        channels={name: unit for name, unit in WING_UNITS.items() if name in WING_TERMS[axis].values()}
+        | {name: ev.input("1") for name in moved}
+        | {name: ev.reference(units.get(name, "1")) for name in references},
         terms=terms,
-        actuators=_WING["actuators"],
-        headline=headline,
+        actuators={"servo": ev.actuator(lag_s=(0.002, 0.3), delay_s=(0.0, 0.04))},
+        headline=(names[0], names[3] if axis != "pitch" else names[2]),
     )
 
 
 def wing_flight(
-    seed: int, turbulence: float, noise: float, planned: Any = None
+    axis: str, seed: int, turbulence: float, noise: float, planned: Any = None, *, closed: bool = True
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """60 s under control of the attitude: columns of a log; states, servos and derivatives without noise."""
+    """60 s under control of the attitude, or of surfaces alone, for one axis: pitch alone, or the others.
+
+    Columns of a log; and states, servos and derivatives without noise.
+    """
     import jsbsim
 
     rng, count = np.random.default_rng(seed), round(60.0 / WING_STEP_S)
@@ -210,18 +261,18 @@ def wing_flight(
     time = WING_STEP_S * np.arange(count)
 
     def asked(size: float, highest_hz: float) -> np.ndarray:
-        waves = [np.sin(2 * np.pi * (f * time + rng.random())) for f in np.geomspace(0.05, highest_hz, 12)]
+        waves = [np.sin(2 * np.pi * (f * time + rng.random())) for f in np.geomspace(0.1, highest_hz, 12)]
         return size * np.sum(waves, axis=0) / np.sqrt(6.0)
 
-    setpoints = [asked(0.12, 1.2), asked(0.04, 1.2), asked(0.12, 1.5)]
-    names = ("roll_setpoint", "pitch_setpoint", "rudder_setpoint")
+    sizes = (0.0, 0.04, 0.0) if axis == "pitch" else (0.12, 0.0, 0.12)
+    setpoints = [asked(size, high) for size, high in zip(sizes, (1.2, 1.2, 1.5), strict=True)]
+    names = [WING_REFERENCES[name] if closed else f"{name}_setpoint" for name in SURFACES]
     for k, name in enumerate(names):
         if planned is not None and name in planned.references:
             setpoints[k] = on_steps(planned, name, count, WING_STEP_S)
-    surfaces = ("aileron", "elevator", "rudder")
-    trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in surfaces], craft["attitude/theta-rad"]
+    trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in SURFACES], craft["attitude/theta-rad"]
     states = [*(f"velocities/{item}-rad_sec" for item in "pqr"), "aero/beta-rad", "aero/alpha-rad"]
-    seen, exact, commands = np.empty((count, 5)), np.empty((count, 10)), np.empty((count, 3))
+    seen, exact, commands = np.empty((count, 5)), np.empty((count, 11)), np.empty((count, 3))
     errors = noise * rng.standard_normal((count, 5)) * [*WING_NOISE.values()]
     servo, decay = np.zeros(3), np.exp(-0.5 * WING_STEP_S / WING_SERVO_S)
     for k in range(count):
@@ -230,29 +281,32 @@ def wing_flight(
         bank, pitch = craft["attitude/phi-rad"], craft["attitude/theta-rad"] - trimmed_pitch
         aileron = 1.2 * (setpoints[0][k] - bank) - 0.15 * seen[k, 0]
         elevator = 0.4 * seen[k, 1] - 2.0 * (setpoints[1][k] - pitch)
-        commands[k] = np.clip([aileron, elevator, setpoints[2][k]], -0.6, 0.6)
-        derivatives = [craft[f"accelerations/{item}dot-rad_sec2"] for item in "pq"]
+        driven = [aileron, elevator, setpoints[2][k]] if closed else [item[k] for item in setpoints]
+        commands[k] = np.clip(driven, -0.6, 0.6)
+        derivatives = [craft[f"accelerations/{item}dot-rad_sec2"] for item in "pqr"]
         exact[k] = [*true, *servo, *derivatives]
         for _ in range(2):
             servo = decay * servo + (1.0 - decay) * commands[k]
-            for name, trim, value in zip(surfaces, trims, servo, strict=True):
+            for name, trim, value in zip(SURFACES, trims, servo, strict=True):
                 craft[f"fcs/{name}-cmd-norm"] = trim + value
             craft.run()
-    columns = dict(zip(WING_NOISE, seen.T, strict=True)) | dict(zip(surfaces, commands.T, strict=True))
+    columns = dict(zip(WING_NOISE, seen.T, strict=True)) | dict(zip(SURFACES, commands.T, strict=True))
     return {"time": time, **columns, **dict(zip(names, setpoints, strict=True))}, exact
 
 
 def wing_truth(axis: str, exact: np.ndarray) -> dict[str, float]:
     """Least squares of what moved in a flight without noise and turbulence: the plant is not linear."""
-    roll = axis == "roll"
-    names = ("L_p", "L_beta", "L_r", "L_da", "L_dr") if roll else ("M_q", "M_alpha", "M_de")
-    columns = np.column_stack([exact[:, [0, 3, 2, 5, 7] if roll else [1, 4, 6]], np.ones(len(exact))])
-    theta = np.linalg.lstsq(columns[200:], exact[200:, 8 if roll else 9])[0]
+    places = {**dict(zip(WING_NOISE, range(5), strict=True)), **dict(zip(SURFACES, range(5, 8), strict=True))}
+    names = list(WING_TERMS[axis])
+    columns = np.column_stack(
+        [exact[:, [places[of] for of in WING_TERMS[axis].values()]], np.ones(len(exact))]
+    )
+    theta = np.linalg.lstsq(columns[200:], exact[200:, 8 + ["roll", "pitch", "yaw"].index(axis)])[0]
     return dict(zip(names, theta.tolist(), strict=False)) | {"effective_lag": WING_SERVO_S}
 
 
-def _axis(every: int, encoder_m: float, torque_n: float) -> Made:
-    return lambda seeds, planned=None: axis_records(seeds, every, encoder_m, torque_n, planned)
+def _axis(every: int, encoder_m: float, torque_n: float, cogging_n: float = 0.0) -> Made:
+    return lambda seeds, planned=None: axis_records(seeds, every, encoder_m, torque_n, cogging_n, planned)
 
 
 def _boat(waves: float) -> Made:
@@ -264,13 +318,14 @@ def _rover(ground: float) -> Made:
     return simulated("rover", ROVER, 60.0, 0.02, noise, (ground, 0.3), rover_loop)
 
 
-def _wing(axis: str, turbulence: float) -> Made:
+def _wing(axis: str, turbulence: float, *, closed: bool = True) -> Made:
     def made(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
-        machine = wing(axis)
+        machine = wing(axis, closed=closed)
         for seed in seeds:
-            columns, _ = wing_flight(seed, turbulence, 1.0, planned)
+            columns, _ = wing_flight(axis, seed, turbulence, 1.0, planned, closed=closed)
             logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
-            yield machine, wing_truth(axis, wing_flight(seed, 0.0, 0.0, planned)[1]), logged
+            _, exact = wing_flight(axis, seed, 0.0, 0.0, planned, closed=closed)
+            yield machine, wing_truth(axis, exact), logged
 
     return made
 
@@ -284,15 +339,20 @@ ROWS = {
     "axis, 200 Hz of it, 10 um, 10 N": _axis(5, 1e-5, 10.0),
     "axis, 200 Hz of it, 10 um, 1 N": _axis(5, 1e-5, 1.0),
     "axis, 1 kHz, 100 um, 10 N": _axis(1, 1e-4, 10.0),
+    "axis, 1 kHz, 10 um, 1 N, cogging of 1 N": _axis(1, 1e-5, 1.0, 1.0),
+    "axis, 1 kHz, 100 um, 1 N": _axis(1, 1e-4, 1.0),
+    "joint, 1 kHz, 10 urad, 0.3 N m": joint_records,
     "boat, calm": _boat(0.0005),
     "boat, waves": _boat(0.03),
     "boat, heavy waves": _boat(0.08),
     "rover, smooth floor": _rover(0.05),
     "rover, rough ground": _rover(0.6),
-    "wing, roll, calm": _wing("roll", 0.0),
-    "wing, roll, turbulence": _wing("roll", 20.0),
-    "wing, pitch, calm": _wing("pitch", 0.0),
-    "wing, pitch, turbulence": _wing("pitch", 20.0),
+    **{
+        f"wing, {axis}, {air}{'' if closed else ', open loop'}": _wing(axis, gusts, closed=closed)
+        for closed in (True, False)
+        for axis in WING_TERMS
+        for air, gusts in (("calm", 0.0), ("turbulence", 20.0))
+    },
 }
 
 

@@ -27,6 +27,15 @@ SIGNS = {
 _TWO_BLANKS = re.compile(" {2,}")
 
 
+#: A symbol, alone or before its value: it stays as it is.
+_SYMBOL = re.compile(r"\w{1,2}( [-−–±\d].*)?$|[a-z]_")
+
+
+def capitalised(words: str) -> str:
+    """Words with a capital letter first, but for symbols."""
+    return words if _SYMBOL.match(words) else f"{words[:1].upper()}{words[1:]}"
+
+
 def plain_letter(letter: str) -> str:
     """ASCII form of one letter; a question mark where there is none."""
     if letter in SIGNS:

@@ -38,7 +38,6 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
-    capitalised,
     table,
 )
 from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
@@ -47,6 +46,7 @@ from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, axis_of, number_table, plain_numbers, symbol_of
+from eivor.tools import capitalised
 
 Row = Mapping[str, Any]
 #: Sentences of one kind, at most.

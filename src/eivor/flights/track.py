@@ -91,9 +91,7 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
     tracking = result.motion.abilities.tracking
     if tracking is None:
         expected = "a motion with a parameter to follow"
-        raise UsageError(
-            expected, f"{result.motion.name}", "The vertical motion and machines of one equation have some."
-        )
+        raise UsageError(expected, f"{result.motion.name}", "The vertical motion and machines have some.")
     tracked_parameter = tracking(result.fit.problem, result.quantities, result.options, parameter)
     (columns,) = tracked_parameter.runs.columns
     length_s = columns.fixed.shape[0] * columns.step_s

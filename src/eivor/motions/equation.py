@@ -254,6 +254,22 @@ def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleMo
     return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
 
 
+def response_predictions(
+    axes: Sequence[AxisEquation], problem: LaggedRuns, values: Values
+) -> tuple[quantity.PredictedQuantity, ...]:
+    """Response of each axis within the band, of what is measured beside it."""
+    at, theta = ([values[item.name] for item in items] for items in (problem.nuisances, problem.parameters))
+    index = dict(zip((item.name for item in problem.nuisances), at, strict=True))
+    results = []
+    for number in problem.axes:
+        words, unit, *_ = axes[number].trace
+        measured, predicted, _ = problem.series_in_band(index, number, np.array(theta), ()).T
+        results.append(
+            quantity.PredictedQuantity(quantity.Horizon.ONE_STEP, words, unit, measured, predicted)
+        )
+    return tuple(results)
+
+
 #: What it is that everything stays as it is.
 STAYS = "stays as it is"
 

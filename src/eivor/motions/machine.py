@@ -47,11 +47,12 @@ from eivor.motions.equation import (
     Term,
     equation_prediction,
     parsed,
+    response_predictions,
     simple_models,
 )
 from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Channel, DataSheet, Finding, Recording
-from eivor.tools import Bool, Float
+from eivor.tools import Bool, Float, capitalised
 
 # -- Parts of a declaration --
 
@@ -285,12 +286,14 @@ class Machine(DeclaredMotion):
 
     @property
     def words(self) -> Words:  # type: ignore[override]
+        has_rule = bool(self.activity.when or self.activity.moving)
         return Words(
             title=self.title,
             model=self.name,
             fly=self.move,
             no_lag="No actuator is declared:\nthere is no lag to find.",
             where="in use",
+            loosen=f"{self.move} Or declare another [active]." if has_rule else "Widen the window.",
             begins="moves",
             another_log="Give another log.",
             advice=lambda _format: (CardSection("Move", (self.move,)), CardSection("Log", (self.log,))),
@@ -311,10 +314,10 @@ class Machine(DeclaredMotion):
         ahead = partial(equation_prediction, self.axes) if states else None
         return Abilities(
             vehicle=VehicleSupport(None, {"machine": dict(self.record)}, lambda _: self),
-            prediction=Prediction(simple_models, multi_step=ahead),
+            prediction=Prediction(simple_models, partial(response_predictions, self.axes), ahead),
             excitation=self._excitation,
             findings=self._findings,
-            tracking=self._tracked if len(self.axes) == 1 else None,
+            tracking=self._tracked,
             closed_loop_record=self._answers,
         )
 
@@ -335,15 +338,26 @@ class Machine(DeclaredMotion):
         names = tuple(term.name for term in order if not term.is_intercept)
         name = name or names[0]
         checks.index_of("a parameter", name, names)
+        number = next(k for k, axis in enumerate(self.axes) if name in (term.name for term in axis.terms))
+        order = [term for term in order if term in self.axes[number].terms]
         known, sentences = dict[str, Prior](), list[str]()
         for term in order:
             item = quantities.get(term.name)
             if item is not None and term.name != name and item.half_width < math.inf:
                 known[term.name] = Prior(item.value, 0.5 * item.half_width)
-                words = f"{self.quantities[term.name].words} {item.value:.3g} ± {item.half_width:.2g} "
-                sentences.append(f"{words}{term.unit}, as the whole record identifies it.".capitalize())
+                value = f"{item.value:.3g} ± {item.half_width:.2g} {term.unit}".strip()
+                words = capitalised(f"{self.quantities[term.name].words} {value}")
+                sentences.append(f"{words}, as the whole record identifies it.")
         level = next((known.get(term.name) for term in order if term.is_intercept), None)
-        return TrackedParameter(name, problem, known, level, tuple(sentences))
+        # of several equations the one that it stands in
+        columns = next(item for item in problem.columns if item.axis == number)
+        parameters, still = {term.parameter for term in order}, problem.still
+        fixed = [k for k in range(still) if problem.parameters[k] in parameters]
+        own = [problem.parameters[k] for k in fixed]
+        own += [item for item in problem.parameters[still:] if item in parameters]
+        alone = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
+        runs = replace(problem, columns=(alone,), parameters=tuple(own))
+        return TrackedParameter(name, runs, known, level, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
         """Equations with numbers, each for the highest derivative of its state."""

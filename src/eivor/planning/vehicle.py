@@ -295,8 +295,9 @@ def vehicle_of_result(
 ) -> VehicleGuess:
     """Vehicle of a result; what it does not identify is taken as usual."""
     if model != "vertical_motion":
+        expected = "a result of the vertical motion, or of a machine with an estimate"
         remedy = "Others are not planned: the remedies of eivor identify say how to move."
-        raise UsageError("a result of the vertical motion", f"one of '{model}'", remedy)
+        raise UsageError(expected, f"one of '{model}'", remedy)
     # the first of friction, lag and gain that is not identified
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
     try:

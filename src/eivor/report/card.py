@@ -15,9 +15,10 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.logs.read import log_format
 from eivor.motions.vertical.model import curve_in_force, in_common
-from eivor.report.document import Card, CardGroup, CardLine, Look, capitalised
+from eivor.report.document import Card, CardGroup, CardLine, Look
 from eivor.report.rows import QuantityRow, plain_numbers, quantity_rows
 from eivor.signals.channels import common_side
+from eivor.tools import capitalised
 
 #: Causes that other movements mend.
 MOVE = (Cause.ZERO, Cause.WIDE, Cause.EXCITATION)

@@ -18,11 +18,6 @@ def short_name(name: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
-def capitalised(words: str) -> str:
-    """Words with a capital letter first."""
-    return words if len(words) < 3 else f"{words[:1].upper()}{words[1:]}"  # symbols stay as they are
-
-
 class Tone(Enum):
     """How the second lines of a column are meant."""
 

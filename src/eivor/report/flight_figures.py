@@ -19,9 +19,9 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report import figure_panels as plots
-from eivor.report.document import capitalised, short_name
+from eivor.report.document import short_name
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
-from eivor.tools import Float, printable
+from eivor.tools import Float, capitalised, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -28,7 +28,6 @@ from eivor.report.document import (
     Facts,
     Section,
     TableColumn,
-    capitalised,
     table,
 )
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
@@ -46,7 +45,7 @@ from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table
-from eivor.tools import Float, printable
+from eivor.tools import Float, capitalised, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,7 +30,6 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
-    capitalised,
     table,
 )
 from eivor.report.flight import (
@@ -44,6 +43,7 @@ from eivor.report.flight import (
 from eivor.report.json_document import Json, document
 from eivor.report.rows import NO_NUMBER, plain_numbers
 from eivor.signals.recording import Channel, Finding, MadeChannels, Recording
+from eivor.tools import capitalised
 
 #: Of a log that does not fit into memory, in which more was flown, `identify` is tried on so much [s].
 TRIED_WHOLE_S, TRIED_S = 600.0, 180.0

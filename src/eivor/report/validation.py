@@ -173,8 +173,10 @@ class Validation:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.predicts
         farthest, *others = self.by_quantity[-1]
+        # one step ahead least squares leave the least, whatever they mean
+        beside = others if farthest.horizon is Horizon.OPEN_LOOP else []
         return farthest.error.explained > 0.0 and all(
-            farthest.error.rms <= other.error.rms for other in others
+            farthest.error.rms <= other.error.rms for other in beside
         )
 
     @property
@@ -198,6 +200,7 @@ class Validation:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
         farthest, *others = self.by_quantity[-1]
+        others = others if farthest.horizon is Horizon.OPEN_LOOP else []
         runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
         far = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
         share = f"{farthest.error.explained:.1%}" if farthest.error.explained > 0.0 else "nothing"
