@@ -196,6 +196,23 @@ def test_a_record_without_spectra_gets_generalized_ivs_answer(method):
         assert remedy in result.reasons[-1].remedy
 
 
+@pytest.mark.parametrize(
+    ("part", "why"), [("_doubt", "they differ"), ("_with_blend", "its equations have no solution near")]
+)
+def test_doubts_and_equations_without_a_solution_leave_generalized_iv_weak(monkeypatch, part, why):
+    def made(*_):
+        if part == "_doubt":
+            return why
+        raise EstimationError("a solution", "none", "")
+
+    monkeypatch.setattr(spectral_iv, part, made)
+    problem = problem_of("rich", 500, 1)
+    with pytest.warns(FallbackWarning, match=why):
+        result = ev.identify(problem, ev.methods.spectral_giv())
+    np.testing.assert_array_equal(result.values, ev.identify(problem, ev.methods.generalized_iv()).values)
+    assert result.status is Status.WEAK
+
+
 def test_a_short_record_says_what_it_gets():
     result, combined = (ev.identify(problem_of("rich", 300, 1), method()) for method in SPECTRAL[:2])
     np.testing.assert_array_equal(result.values, combined.values)
