@@ -25,7 +25,7 @@ from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.figure_panels import PlottedInterval, draw_forest, estimates_figure, pair_figure
 from eivor.report.figures import residual_figure, save_figure, signals_figure
-from eivor.report.flight_figures import flight_figure
+from eivor.report.flight_figures import fit_pictures, flight_figure
 from refusal_rows import calls, rows, table
 
 
@@ -56,6 +56,16 @@ def test_a_flight_has_its_panels(fit):
     ]
     assert "not identified" not in figure.get_suptitle()
     assert inside(figure)
+
+
+def test_an_ellipse_ends_where_its_quantities_do(fit):
+    """Of lag and delay it reached below zero, where neither is."""
+    (picture,) = [
+        item for item in fit_pictures(fit, fit.fit) if item.title == "Actuator lag and delay together"
+    ]
+    axes = Figure().add_subplot()
+    picture.on(axes)
+    assert axes.get_ylim()[0] == 0.0
 
 
 @dataclass(frozen=True)

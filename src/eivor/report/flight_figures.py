@@ -372,6 +372,10 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Pictu
     def draw(axes: Axes) -> None:
         bounded = np.isfinite(intervals).all()
         plots.draw_ellipse(axes, scaled, "joint 95 % ellipse", intervals if bounded else ())
+        if intervals[0][0] >= 0.0:  # it ends where its quantities do
+            axes.set_xlim(left=max(axes.get_xlim()[0], 0.0))
+        if intervals[1][0] >= 0.0:
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], 0.0))
         plots.labelled(axes, x=axis_of(rows[0].wording), y=axis_of(rows[1].wording))
         plots.legend(axes)
 
