@@ -147,6 +147,8 @@ VEHICLES: Mapping[str, Flyer] = {vehicle.name: vehicle for vehicle in _ALL}
 
 PLANNED_FOR = ("friction", "lag")
 FIRST_S = 40.0
+#: Flights of a plan.
+FLOWN_EACH = 2
 LIMITS = FlightLimits()
 
 
@@ -184,17 +186,19 @@ class Outcome:
 
 
 def outcomes(vehicle: Flyer, seed: int, keys: Sequence[tuple[str, str, int]]) -> Iterator[list[Outcome]]:
-    """Plans after one first flight, and those of their flights that are named."""
-    rng = np.random.default_rng(seed)
-    first = altitude_reference(
-        TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
-    )
-    flight = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
-    for target in dict.fromkeys(target for _, target, _ in keys):
-        made = plan(flight, target=target, limits=LIMITS, seed=seed)
-        assert isinstance(made, FlightPlan)
-        for number in (number for _, other, number in keys if other == target):
-            yield [flown_outcome(vehicle, made, number, seed)]
+    """Plans after first flights, and those of their flights that are named: so many follow each."""
+    for first in dict.fromkeys(number // FLOWN_EACH for *_, number in keys):
+        rng = np.random.default_rng(seed + first)
+        reference = altitude_reference(
+            TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
+        )
+        flight = identify_flight(vehicle.fly(reference, 1000 + seed + first, gains=1.0).recording)
+        numbers = [(target, number) for _, target, number in keys if number // FLOWN_EACH == first]
+        for target in dict.fromkeys(target for target, _ in numbers):
+            made = plan(flight, target=target, limits=LIMITS, seed=seed + first)
+            assert isinstance(made, FlightPlan)
+            for number in (number for other, number in numbers if other == target):
+                yield [flown_outcome(vehicle, made, number, seed)]
 
 
 def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> Outcome:

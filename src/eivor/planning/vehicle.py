@@ -183,10 +183,10 @@ TARGETS = {
 QUICKNESS, LARGEST_VELOCITY_GAIN, POSITION_SHARE, INTEGRAL_SHARE = 0.35, 4.0, 0.3, 0.05
 #: Half a step of a controller at 100 Hz [s].
 HALF_STEP_S = 0.005
-#: Where numbers lie that nobody gave: friction [1/s] and lag [s], evenly in logarithms.
-USUAL = {"viscous_friction": (0.15, 0.9), "lag_s": (0.015, 0.12)}
-#: Places in these ranges of simulated vehicles, the middle first.
-PLACES = {"viscous_friction": (0.5, 0.1, 0.3, 0.7, 0.9), "lag_s": (0.5, 0.7, 0.1, 0.9, 0.3)}
+#: Where numbers lie that nobody gave: evenly, and friction [1/s] and lag [s] evenly in logarithms.
+USUAL = {"viscous_friction": (0.15, 0.9), "lag_s": (0.015, 0.12), "quadratic_share": (0.0, 0.5)}
+#: From one simulated vehicle to the next, of these ranges: with them places fill space evenly (Roberts 2018).
+STRIDES = {"viscous_friction": 0.8192, "lag_s": 0.6710, "quadratic_share": 0.5497}
 
 
 @dataclass(frozen=True)
@@ -197,6 +197,7 @@ class Densities:
     force: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
     accelerometer: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
     velocity: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
+    climb_rms: float = 0.0  # Standard deviation of the climb rate with which they were measured [m/s]
 
     def density_at(self, name: str, frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Density of that name above zero frequency; constant beyond the ends, force falls above them."""
@@ -226,6 +227,8 @@ class VehicleGuess:
     acceleration_noise: Annotated[float, (0.0, 5.0)] = 0.4
     velocity_noise: Annotated[float, (0.0, 1.0)] = 0.03  # Likewise [m/s]
     tilt_rms: Annotated[float, (0.0, 0.2)] = 0.05  # Standard deviation of roll and of pitch [rad]
+    #: Share of the drag that is quadratic: gusts push a vehicle harder the faster it moves
+    quadratic_share: Annotated[float, (0.0, 1.0)] = 0.25
     densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
     controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
     requested: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
@@ -245,12 +248,18 @@ class VehicleGuess:
 
     def drawn(self, number: int) -> VehicleGuess:
         """The vehicle with other usual numbers in place of those that nobody gave."""
-        places = {name: PLACES[name][number % len(PLACES[name])] for name in self.unknown}
-        ends = {name: np.log(USUAL[name]) for name in places}
-        values: dict[str, Any] = {
-            name: math.exp(np.interp(share, (0.0, 1.0), ends[name])) for name, share in places.items()
-        }
+        values: dict[str, Any] = {}
+        for name in self.unknown:
+            low, high = USUAL[name]
+            share = (0.5 + number * STRIDES[name]) % 1.0
+            values[name] = low * (high / low) ** share if low > 0.0 else share * high
         return replace(self, **values)
+
+    def harder(self, climb_rate: Float[np.ndarray, " n"], gust_rms: float) -> Float[np.ndarray, " n"]:
+        """How much harder gusts push at that climb rate [m/s] than where they were measured."""
+        # quadratic drag answers a gust by the speed through the air, which in hover only gusts make
+        share = self.quadratic_share / max(gust_rms, 1e-3)
+        return np.hypot(1.0, share * climb_rate) / math.hypot(1.0, share * self.left.climb_rms)
 
     @property
     def input_gain(self) -> float:
@@ -288,6 +297,7 @@ class FlownRecord(msgspec.Struct):
     residual: dict[str, list[float]] | None = None
     controller: dict[str, float] | None = None
     tilt_rms: float = VehicleGuess.tilt_rms
+    climb_rms: float = 0.0
 
 
 def vehicle_of_result(
@@ -305,12 +315,13 @@ def vehicle_of_result(
         verdicts = {word: quantities[name].verdict for word, name in order.items()}
         unidentified = (word for word, verdict in verdicts.items() if verdict is not Status.IDENTIFIED)
         left = flight.residual
+        arrays = {name: np.array(values) for name, values in (left or {}).items()}
         return VehicleGuess(
             hover_input=_hover(quantities["hover_input"].value, input_map),
             viscous_friction=_within("viscous_friction", flight.taken),
             lag_s=_within("lag_s", flight.taken),
             tilt_rms=_within("tilt_rms", {"tilt_rms": flight.tilt_rms}),
-            densities=None if left is None else Densities(**{k: np.array(v) for k, v in left.items()}),
+            densities=None if left is None else Densities(**arrays, climb_rms=flight.climb_rms),
             controller=None if flight.controller is None else AltitudeController(**flight.controller),
             requested=next(unidentified, ""),
         )

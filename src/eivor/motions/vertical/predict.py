@@ -97,6 +97,7 @@ def closed_loop_record(
     tilt = np.concatenate(
         [flight.signals.channel("cos_tilt")[run] for flight in flights for run in flight.runs]
     )
+    climbs = np.concatenate([flight.velocity[run] for flight in problem.flights for run in flight.runs])
     numbers = taken(problem, estimate)
     return {
         "taken": {
@@ -106,6 +107,7 @@ def closed_loop_record(
         "residual": residual_densities(problem, numbers),
         "controller": controller_gains(problem, numbers, flights),
         "tilt_rms": float(np.sqrt(np.mean(np.arccos(np.clip(tilt, -1.0, 1.0)) ** 2) / 2.0)),
+        "climb_rms": float(climbs.std()),
     }
 
 
