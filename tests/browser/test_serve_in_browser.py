@@ -117,6 +117,7 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
     reasons = page.locator('.files [data-refused="true"] .why').all_text_contents()
     assert reasons
     assert all(len(reason) > 20 for reason in reasons)
+    assert [reason for reason in reasons if "--" in reason] == []  # the page's fields, no options
     with page.expect_download() as saved:
         page.get_by_role("button", name="result.json").click()
     saved.value.save_as(tmp_path / "saved.json")
