@@ -321,6 +321,11 @@ def named_files(tmp_path_factory):
     for name in OF_THRUST.split():
         table.gather_every(4).drop(pl.selectors.starts_with("rotor_command")).write_parquet(folder / name)
     (folder / "masses.csv").write_text("name,mass\none.parquet,0.03\n", encoding="utf-8")
+    turned = np.repeat(np.sign(np.random.default_rng(0).normal(size=100)), 30)
+    steered = {"rudder": 0.3 * turned, "reference_heading": turned}
+    known = {"a": 0.3, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
+    boat = ev.load_machine("boat-yaw").simulate(known, steered, seconds=300.0, step_s=0.1)
+    pl.DataFrame(boat).write_csv(folder / "boat.csv")
     return folder
 
 
