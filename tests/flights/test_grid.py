@@ -540,6 +540,21 @@ def test_feedback_serves_only_when_nothing_else_does(still_log):
     assert prepare_vertical(still, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
 
 
+@pytest.mark.parametrize(("feedback", "planned"), [(0.0, True), (1.5, False)])
+def test_a_velocity_setpoint_that_holds_feedback_is_noticed(still_log, feedback, planned):
+    """As a table may hold what a position loop makes: the friction was covered in .81, without a word."""
+    wanted, speed = (still_log.channels[f"reference_{name}_z"].values for name in ("position", "velocity"))
+    blown = 0.1 * np.sin(1.7 * FLOWN_STEP_S * np.arange(2000))
+    log = changed(still_log, position_z=wanted + blown, reference_velocity_z=speed - feedback * blown)
+    (reference,) = (
+        item
+        for item in prepare_vertical(log, FlightOptions()).references
+        if item.name == "reference_velocity_z"
+    )
+    assert reference.exogenous is reference.usable is planned
+    assert (reference.remark == "contains feedback; others serve") is not planned
+
+
 def test_instruments_may_be_named(still_log):
     prepared = prepare_vertical(still_log, FlightOptions(instruments=("reference_velocity_z", "velocity_z")))
     assert prepared.usable_references == ("reference_velocity_z", "velocity_z")

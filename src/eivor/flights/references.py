@@ -166,6 +166,8 @@ PILOT_SHARE = 0.5
 SMOOTH_GROWTH = 2.5
 #: Jumps are few: the largest bend is so many times that which nine bends out of ten stay below.
 RARE, RARE_SHARE = 8.0, 0.9
+#: A setpoint holds feedback where so much of its power is no slope, and so much of that what the other lacks.
+LEAST_FEEDBACK, FEEDBACK_SHARE = 1e-3, 0.5
 #: Fewer values have no bend over twice the time.
 FEWEST_VALUES = 5
 #: A reference jumps onto what is measured within twice this time [s], from farther than the least [m], by a
@@ -195,6 +197,8 @@ class ReferenceSource:
     axis: str = ""
     #: Channel that measures what it asks for; where it is set to that, it answers the vehicle.
     measured: str = ""
+    #: Reference whose slope it is, and what measures that: their difference in it answers the vehicle.
+    slope_of: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +242,9 @@ def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[
 def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: Mask) -> Reference:
     values, in_force = on_grid(recording.channel(source.channel), grid)
     clean = exogenous(source.channel) or bool(source.open_loop)
+    if all(name in recording.channels for name in source.slope_of):
+        wanted, measured = (on_grid(recording.channel(name), grid)[0] for name in source.slope_of)
+        clean = clean and not holds_feedback(values, wanted, measured, used)
     judged = partial(Reference, source.channel, exogenous=clean, values=values)
     if not used.any():
         return judged(usable=False, remark="no usable sample of flight")
@@ -257,6 +264,18 @@ def _reference(recording: Recording, source: ReferenceSource, grid: Grid, used: 
     why = ", no loop acts on it" if source.open_loop else ""
     reference = judged(usable=True, remark=f"standard deviation {spread:.3g}{why}")
     return _without_resets(reference, recording.channels.get(source.measured), grid, used)
+
+
+def holds_feedback(values: Series, wanted: Series, measured: Series, used: Mask) -> bool:
+    """Whether what a setpoint has beside the slope of another is for the most part what that lacks."""
+    columns = np.column_stack([np.ones(wanted.size), np.gradient(wanted), wanted - measured, values])[used]
+    if len(columns) < FEWEST_VALUES:
+        return False
+    slope, others = np.split(columns, [2], axis=1)
+    lacks, left = (others - slope @ np.linalg.lstsq(slope, others, rcond=None)[0]).T
+    size, power = float(lacks @ lacks), float(left @ left)
+    is_slope = power <= LEAST_FEEDBACK * float(np.sum((others[:, 1] - others[:, 1].mean()) ** 2))
+    return not is_slope and float(lacks @ left) ** 2 > FEEDBACK_SHARE * size * power
 
 
 def _without_resets(reference: Reference, measured: Channel | None, grid: Grid, used: Mask) -> Reference:

@@ -174,7 +174,7 @@ REFERENCES = (
     ReferenceSource("input", open_loop="input_open_loop"),
     ReferenceSource("injected_throttle"),
     ReferenceSource("reference_position_z", measured="position_z"),
-    ReferenceSource("reference_velocity_z"),
+    ReferenceSource("reference_velocity_z", slope_of=("reference_position_z", "position_z")),
     ReferenceSource("reference_acceleration_z"),
     ReferenceSource("pilot_throttle", in_control="pilot_in_control"),
     ReferenceSource("feedback_reference_velocity_z"),
