@@ -119,6 +119,21 @@ def test_what_a_late_sensor_moves_is_known_by_half(log, channel):
         assert moved == pytest.approx(above if moved > 0.0 else -below, rel=0.6)
 
 
+def test_what_was_measured_is_spread_as_slow_commands_are(log):
+    def velocity(every):
+        slower = {
+            name: replace(channel, time_s=channel.time_s[::every], values=channel.values[::every])
+            for name, channel in log.channels.items()
+            if name.startswith("rotor_command")
+        }
+        return prepare(replace(log, channels=log.channels | slower), VERTICAL, FlightOptions()).signals
+
+    as_logged, at_50, at_10 = (velocity(every).channel("velocity_z") for every in (1, 2, 10))
+    np.testing.assert_allclose(at_50, as_logged[: at_50.size], atol=1e-12)
+    expected = np.convolve(as_logged, (1.0 - np.abs(np.arange(-9, 10)) / 10.0) / 10.0, mode="same")
+    np.testing.assert_allclose(at_10[50:-50], expected[50 : at_10.size - 50], atol=1e-9)
+
+
 def sentences(quantity):
     return " ".join(reason.sentence for reason in quantity.reasons)
 

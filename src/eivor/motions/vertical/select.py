@@ -16,6 +16,7 @@ from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.references import ReferenceSource
+from eivor.flights.verdict import SLOW_COMMAND_HZ
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.model import GRAVITY, CurveFamily
 from eivor.signals.recording import Channel, Finding, Recording
@@ -204,6 +205,8 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         constants={"cos_tilt": 1.0},
         at_least={"cos_tilt": float(np.cos(np.deg2rad(options.max_tilt_deg)))},
         band_hz=SLOW_BAND_HZ if velocity.rate_hz < SLOW_VELOCITY_HZ else VERTICAL_BAND_HZ,
+        # what was measured is spread over time as slow commands are by the line between their stamps
+        matched_interpolation_filter=min(command.rate_hz for command in commands) < SLOW_COMMAND_HZ,
         findings=tuple(findings),
     )
 
