@@ -76,10 +76,12 @@ class TomlTable:
         self.files.update(table.files)
         return replace(table, files=self.files)
 
-    def wrong(self, key: str, expected: str, received: str, remedy: str = "Correct the file.") -> InputError:
-        """Return the error for a key."""
+    def wrong(
+        self, key: str, expected: str, received: str, remedy: str = "Correct the file.", line: int = 0
+    ) -> InputError:
+        """Return the error for a key, on its own line or a known one."""
         where = ".".join(part for part in (self.path, key) if part) or "the top"
-        line = self._line(where.partition("[")[0])
+        line = line or self._line(where.partition("[")[0])
         position = f"{where} of {self.file}{f', line {line}' if line else ''}"
         return self.error(f"{expected} at {position}", received, remedy)
 
@@ -109,7 +111,7 @@ class TomlTable:
         """Error of a table that is not of a kind, from the message of msgspec."""
         match = _PLACE.fullmatch(text)
         reason, path = (text, "") if match is None else (match[1], match[2] or "")
-        expected, received, remedy = reason, "another value", "Correct the file."
+        expected, received, remedy, line = reason, "another value", "Correct the file.", 0
         declared, value, where = inspect.type_info(kind), self.values, ""
         for name, number in _STEP.findall(path):
             declared = _inside(declared, name)
@@ -122,6 +124,7 @@ class TomlTable:
         if reason.startswith("Object contains unknown"):
             expected, received = f"no keys but {', '.join(sorted(known))}", f"the unknown key '{quoted[0]}'"
             remedy = did_you_mean(quoted[0], known, "Remove it.")
+            line = self._line(".".join(filter(None, (self.path, where, quoted[0]))))
         elif reason.startswith("Object missing"):
             expected, received = _words(known[quoted[0]]), "nothing"
             near = nearest_names(quoted[0], [name for name in value if name not in known])
@@ -135,7 +138,7 @@ class TomlTable:
             limit = re.search(r"of length .*|[<>]=? .*", reason.partition(" - ")[0])
             expected = f"{_words(declared)}{f' {limit[0]}' if limit else ''}"
             received = repr(value)[:200]
-        return self.wrong(where, expected, received, remedy)
+        return self.wrong(where, expected, received, remedy, line)
 
 
 def _inside(declared: inspect.Type, name: str) -> inspect.Type:

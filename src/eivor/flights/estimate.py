@@ -307,13 +307,16 @@ def build_confidence_sets(state: FlightState) -> FlightState:
         return state  # not by the instruments
     linear = [parameter.name for parameter in state.estimate.rows.parameters]
     maker = ProfileSets(state.problem, state.estimate)
-    known = {name: maker.of_parameter(name) for name in state.motion.quantities.headline if name in linear}
+    headline = [name for name in state.motion.quantities.headline if name in linear]
+    known = {name: maker.of_parameter(name) for name in headline}
     sums = LAG_SUMS.items()
     lags = {name: maker.of_nuisances(parts) for name, parts in sums if name in state.motion.quantities}
     weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
         known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
     sets = {name: item for name, item in known.items() if item is not None}
+    profiled = linear if state.motion.abilities.profiled else ()
+    lags |= {name: known.get(name) or maker.of_parameter(name) for name in profiled}
     profiles = {name: item.profile for name, item in lags.items() if item is not None}
     return replace(state, sets=sets, profiles=profiles)
 

@@ -329,6 +329,7 @@ class Abilities:
         None
     )
     whitened: bool = False  # Direct methods need whitened rows
+    profiled: bool = False  # Intervals of parameters are their profile sets, whatever the instruments
     lag_from: tuple[str, ...] = ()  # Motions that the same actuators make: they may identify the lag
     coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 
-from eivor.errors import ChannelMapError, UsageError, did_you_mean
+from eivor.errors import ChannelMapError, UsageError, did_you_mean, nearest_names
 from eivor.logs.common import TIME_UNITS, UNITS, element_name, unit_fits
 from eivor.signals.channels import CurveSide, canonical_channel, canonical_channels
 from eivor.signals.filters import lagged_between_stamps, time_derivative
@@ -162,14 +162,14 @@ def _formula(text: str, columns: Mapping[str, str]) -> Expression:
     return Expression(quoted, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
 
 
-def _refused(where: str, received: str) -> ChannelMapError:
+def _refused(where: str, received: str, meant: str = "") -> ChannelMapError:
     names = ", ".join(FUNCTIONS)
     return ChannelMapError(
         f"arithmetic over columns, at most {MAX_LENGTH} characters, at {where}",
         received,
-        f"Use column names, numbers, + - * / **, parentheses, < > <= >=, and, or, not, {names}, ddt(x) and "
-        "lag(x, SECONDS). Words of Python, and names of other characters than letters, digits and _, need "
-        "double quotes.",
+        f"{meant}Use column names, numbers, + - * / **, parentheses, < > <= >=, and, or, not, {names}, "
+        "ddt(x) and lag(x, SECONDS). Words of Python, and names of other characters than letters, digits "
+        "and _, need double quotes.",
     )
 
 
@@ -196,8 +196,8 @@ class _Compiler:
             raise self._refuse("with a comment")
         self._add(tree.body, 0)
 
-    def _refuse(self, why: str) -> ChannelMapError:
-        return _refused(self.where, f"{self.text!r}, {why}")
+    def _refuse(self, why: str, meant: str = "") -> ChannelMapError:
+        return _refused(self.where, f"{self.text!r}, {why}", meant)
 
     def _add(self, node: ast.expr, depth: int) -> None:
         """Add the steps of a node; chains of one precedence do not count as depth."""
@@ -282,7 +282,8 @@ class _Compiler:
             raise self._refuse("where ddt(x) or lag(x, SECONDS) with a number of seconds above zero belongs")
         function = FUNCTIONS.get(word.lower())
         if function is None:
-            raise self._refuse(f"with the function {word!r}")
+            near = nearest_names(word.lower(), list(FUNCTIONS))
+            raise self._refuse(f"with the function {word!r}", f"Did you mean '{near[0]}'? " if near else "")
         if len(node.args) != function.nin:
             raise self._refuse(f"where {word.lower()} has {len(node.args)} arguments, not {function.nin}")
         for argument in node.args:

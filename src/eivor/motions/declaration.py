@@ -462,8 +462,9 @@ def _actuators(top: TomlTable) -> dict[str, tuple[Any, Any]]:
         delays = np.linspace(delay, end, DELAYS) if end > delay else np.array([end])
         results[name] = tuple((1e-3 * lags).tolist()), tuple((1e-3 * delays).tolist())
     if len(results) > 1:
-        received = ", ".join(results)
-        raise top.wrong("actuators", "one actuator, which all terms share", received, "Declare the slowest.")
+        received, part = ", ".join(results), top.part("actuators")
+        expected = "one actuator, which all terms share"
+        raise part.wrong(list(results)[-1], expected, received, "Declare the slowest.")
     return results
 
 

@@ -319,6 +319,7 @@ class Machine(DeclaredMotion):
             findings=self._findings,
             tracking=self._tracked,
             closed_loop_record=self._answers,
+            profiled=True,
         )
 
     @property

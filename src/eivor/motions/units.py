@@ -51,7 +51,7 @@ def parsed_unit(text: str) -> Unit:
         elif name in _BASE:
             powers = dict(_times(powers, {name: Fraction(1)}, power))
         else:
-            si = UNITS.get(name, ("", 0.0))[0]
+            si = UNITS.get("deg" if name.startswith("degree") else name, ("", 0.0))[0]
             remedy = f"Give it in {si}, and convert in a channel map." if si else "Units are those of SI."
             names = (*_BASE, *_MADE_OF)
             raise UnitError(f"the unit '{text}'", remedy if si else did_you_mean(name, names, remedy))
