@@ -126,16 +126,38 @@ KNOWN_VEHICLE: dict[str, Any] = {
 }
 
 
-def of_rigid_body(vehicle):
+#: What a flight of the same vehicle identifies whose centre of mass is 4 mm forward, 2 mm to the right and
+#: 2 mm below its rotors.
+BESIDE = {
+    "roll_damping": (0.35, 0.01),
+    "pitch_damping": (0.35, 0.01),
+    "yaw_damping": (0.5, 0.01),
+    "roll_offset": (3.2e-6, 1e-8),
+    "pitch_offset": (6.4e-6, 1e-8),
+    "quadratic_drag_x": (0.065, 0.002),
+    "quadratic_drag_y": (0.069, 0.002),
+    "quadratic_drag_z": (0.13, 0.005),
+    "rotor_reaction": (1e-3, 1e-5),
+    "roll_by_drag_y": (0.002 * 0.0081 / 1.43e-5, 0.01),
+    "pitch_by_drag_x": (-0.002 * 0.0075 / 1.45e-5, 0.01),
+}
+
+
+def of_lopsided(vehicle=KNOWN_VEHICLE, **others):
+    """Its result, with further combinations."""
+    return of_rigid_body(vehicle, COMBINATIONS | BESIDE | others)
+
+
+def of_rigid_body(vehicle, combinations=COMBINATIONS):
     """A result of the rigid body whose combinations are independent."""
     reported = document()
     reported["model"] |= {"name": "rigid_body", "input": "rotor_command", "input_map": "square"}
-    reported["parameters"] = {name: quantity(*pair) for name, pair in COMBINATIONS.items()}
+    reported["parameters"] = {name: quantity(*pair) for name, pair in combinations.items()}
     reported["derived"] = {}
-    values, errors = (np.array([pair[side] for pair in COMBINATIONS.values()]) for side in (0, 1))
+    values, errors = (np.array([pair[side] for pair in combinations.values()]) for side in (0, 1))
     parts = [{"name": "given", "matrix": np.diag(errors**2).tolist(), "degrees": 30.0, "share": 1.0}]
     best = {"at": {}, "best": True, "excess": 0.0, "values": values.tolist(), "parts": parts}
-    reported["covariance"] = {"names": list(COMBINATIONS), "choices": 1, "candidates": [best]}
+    reported["covariance"] = {"names": list(combinations), "choices": 1, "candidates": [best]}
     reported["prediction"] = {"at": {}, "vehicle": vehicle}
     return reported
 

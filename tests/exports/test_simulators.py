@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import tomllib
 from dataclasses import dataclass, field
 from xml.parsers import expat
@@ -75,8 +76,17 @@ TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
 OTHERS = ("px4-gazebo", "sitl")
 XML = ("mujoco", "pybullet", "gazebo", "px4-gazebo")
 
-#: Ends comments and strings in every format.
-WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
+#: Ends comments and strings in every format, and begins what a reader may look for.
+WORSE = (
+    f"{HOSTILE} ---> --> </sdf> ]]> */ \"\"\" ''' \\ # [other]\nmass = 9 <!-- -\x00{{{{ 7 * 7 }}}}"
+    ' {"mass": 9, "exec": "import os"} #{x} ${x} &lt;'
+)
+
+
+def sitl_frame(text):
+    """As ArduPilot's AP_JSON reads it: the object from the first brace on, without what is behind a hash."""
+    frame, _ = json.JSONDecoder().raw_decode(re.sub("#[^\n\r]*", "", text[text.index("{") :]))
+    return frame
 
 
 def test_rotorpy_by_hand(tmp_path):
@@ -149,18 +159,6 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target, tmp_path):
     assert "back by 0.015 s" in documents.exported(target, tmp_path, documents.of_speeds(delay=(0.015, 0.0)))
 
 
-def test_elements_of_px4_by_hand(tmp_path):
-    root = xml_tree(documents.exported("px4-gazebo", tmp_path))
-    (constant,) = root.numbers("motor/motorConstant")
-    assert constant == pytest.approx(0.03 * documents.GAIN / 4 * 9.8 / documents.GRAVITY)
-    assert root.numbers("motor/momentConstant") == [0.034]
-    assert root.numbers("motor/timeConstantUp") == root.numbers("motor/timeConstantDown") == [documents.LAG]
-    assert root.numbers("motor/maxRotVelocity") == pytest.approx([2500.0])
-    assert root.numbers("inertial/mass") == [0.03]
-    inertia = [root.numbers(f"inertial/i{axes}")[0] for axes in ("xx", "yy", "zz")]
-    assert inertia == [1.43e-5, 1.45e-5, 2.7e-5]
-
-
 @pytest.mark.parametrize("target", [*TARGETS, *OTHERS])
 def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
     plain, speeds = documents.exported(target, tmp_path), documents.of_speeds()
@@ -200,7 +198,7 @@ def content(target, text):
     if target == "sih":
         return qgc(text)
     if target == "sitl":
-        return json.loads("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+        return sitl_frame(text)
     return tomllib.loads(text) if target == "drone-models" else ast.dump(ast.parse(text))
 
 
@@ -265,12 +263,12 @@ CHILDREN = {
     "limit": {"lower", "upper"},
 }
 
-#: What gz-sim's motor model reads.
+#: What MulticopterMotorModel of gz-sim reads.
 MOTOR = {
     *("robotNamespace", "jointName", "linkName", "turningDirection", "motorType", "actuator_number"),
     *("timeConstantUp", "timeConstantDown", "maxRotVelocity", "motorConstant", "momentConstant"),
     *("rotorDragCoefficient", "rollingMomentCoefficient", "rotorVelocitySlowdownSim"),
-    *("commandSubTopic", "motorSpeedPubTopic"),
+    "commandSubTopic",
 }
 
 

@@ -132,25 +132,10 @@ def test_drone_models_accelerate_as_the_flight_says(tmp_path):
     assert speeds[0] / 60.0 * 2.0 * np.pi == pytest.approx(0.02 * documents.HOVER / documents.LAG, rel=1e-6)
 
 
-#: What a flight of a lopsided vehicle in fast flight identifies beside `COMBINATIONS`.
-BESIDE = {
-    "roll_damping": (0.35, 0.01),
-    "pitch_damping": (0.35, 0.01),
-    "yaw_damping": (0.5, 0.01),
-    "roll_offset": (3.2e-6, 1e-8),
-    "pitch_offset": (6.4e-6, 1e-8),
-    "quadratic_drag_x": (0.065, 0.002),
-    "quadratic_drag_y": (0.069, 0.002),
-    "quadratic_drag_z": (0.13, 0.005),
-    "rotor_reaction": (1e-3, 1e-5),
-}
-
-
 @pytest.fixture(name="lopsided")
-def of_lopsided(tmp_path, monkeypatch):
+def of_lopsided(tmp_path):
     """Saved result of that vehicle, and its description with commands and states of a manoeuvre."""
-    monkeypatch.setattr("exports.documents.COMBINATIONS", documents.COMBINATIONS | BESIDE)
-    fit = ev.load_fit(documents.written(documents.of_rigid_body(documents.KNOWN_VEHICLE), tmp_path))
+    fit = ev.load_fit(documents.written(documents.of_lopsided(), tmp_path))
     supplied = Supplied(priors={"largest_command": KnownNumber(2500.0)})
     made = describe(fit.fitted, supplied, "all", WITH_LARGEST)
     commands = manoeuvre(made, 20.0)
@@ -170,9 +155,10 @@ def test_what_a_target_cannot_hold_is_said_with_the_error_that_it_makes(lopsided
         to: fit.exported(to, Supplied(priors={"largest_command": KnownNumber(2500.0)}), None, 0).lost
         for to in ("mujoco", "rotorpy", "pybullet", "gazebo", "drone-models", "sih", "px4-gazebo")
     }
-    assert [text.partition(",")[0] for text in lost["mujoco"]] == ["MuJoCo has no rotor inertia"]
+    lacks = [text.partition(",")[0] for text in lost["mujoco"]]
+    assert lacks == ["MuJoCo has no rotor inertia", "MuJoCo has no delay of the commands"]
     for target in ("sih", "px4-gazebo"):
-        (centre,) = [text for text in lost[target] if "centre of mass" in text]
+        (centre,) = [text for text in lost[target] if "centre of mass beside" in text]
         degrees = float(centre.partition("errs by ")[2].split()[0])
         assert degrees > 50.0
     assert any("quadratic drag" in text for text in lost["gazebo"])
@@ -198,7 +184,7 @@ def test_mujoco_turns_as_the_result_predicts(lopsided, tmp_path):
         data.ctrl[:4] = (command / hover) ** 2
         mujoco.mj_step(model, data, 5)
         attitudes.append(data.qpos[3:7].copy())
-    assert off(states, np.array(attitudes)) < 0.4
+    assert off(states, np.array(attitudes)) < 1.0
     assert model.actuator_ctrllimited[:4].all()
     assert model.actuator_ctrlrange[0, 0] == 0.0
 
@@ -222,7 +208,7 @@ def test_rotorpy_turns_as_the_result_predicts(lopsided, tmp_path):
 
 def held(made, commands, lacking):
     """States of a vehicle without what a simulator cannot hold."""
-    names = {name for effect in lacking if effect != LEVER for name in EFFECTS[effect]}
+    names = {name for effect in lacking if effect != LEVER for name in EFFECTS.get(effect, ())}
     rest = {name: column for name, column in made.values.items() if name not in names}
     rest |= dict.fromkeys(names & set(EFFECTS[TURNING]), np.zeros(1))
     return replayed(replace(made, values=rest), commands, lever=LEVER not in lacking)
@@ -395,14 +381,3 @@ def test_the_percentage_of_betaflight_makes_thrust_straight(share):
     assert chosen == pytest.approx(
         minimize_scalar(unlike, bounds=(-10.0, 150.0), method="bounded").x, abs=1.5
     )
-
-
-def test_sitl_hovers_and_drags_as_the_flight_says(lopsided):
-    fit = lopsided[0]
-    text = fit.export("sitl", priors={"largest_command": (2500.0, 0.0)})
-    frame = json.loads("\n".join(line for line in text.splitlines() if not line.startswith("#")))
-    thrust = 2.3e-8 * 2500.0**2 * 4
-    assert frame["hoverThrOut"] == pytest.approx(0.03 * documents.GRAVITY / thrust)
-    speed = frame["refSpd"]
-    push = 0.03 * (0.25 * speed + 0.065 * speed**2)
-    assert push == pytest.approx(0.03 * documents.GRAVITY * np.tan(np.radians(frame["refAngle"])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -35,7 +36,7 @@ def hash_comments(lines: Iterable[str]) -> list[str]:
 
 def xml_comments(lines: Iterable[str]) -> list[str]:
     """Comments of XML, which hold no two hyphens in a row."""
-    return [f"<!-- {one_line(line).replace('--', '- -').rstrip('-')} -->" for line in lines]
+    return [f"<!-- {re.sub('-(?=-)', '- ', one_line(line)).rstrip('-')} -->" for line in lines]
 
 
 def listed(names: Sequence[str]) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -14,16 +15,20 @@ from eivor.errors import EstimationError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
 from eivor.exports.vehicle import (
     BODY,
+    ELSEWHERE,
     JOINT,
+    LATE,
+    LEAST,
     RIGID_BODY,
+    SECOND_STAGE,
     Columns,
     ExportOfDraws,
     VehicleDescription,
     coefficients,
-    delay_comments,
     describe,
     filled,
     manoeuvre,
+    speed_comments,
     turns,
 )
 from eivor.logs.channel_map import Expression
@@ -317,13 +322,32 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != RIGID_BODY:
         if fitted.machine is None:
             supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
-        return Exported(_document(fitted.origin(), state_space(fitted, supplied)))
-    made = describe(fitted, supplied, "a state space", BODY)
+        return _lesser_document(fitted, state_space(fitted, supplied))
+    made = describe(fitted, supplied, "A state space", BODY, lacks=(SECOND_STAGE,))
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
-    text = _document((*made.comments, remark), hover, forward=parts)
-    return Exported(text, made.omitted)
+    comments = (*made.comments, *speed_comments(made, "A state space"), remark)
+    return Exported(_document(comments, hover, forward=parts), made.omitted, made.lost)
+
+
+def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
+    """Of a motion that is no rigid body, with what is identified and not among its numbers."""
+    beside = {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *ELSEWHERE}
+    lost = tuple(_beside(fitted, "A state space", beside))
+    axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
+    absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
+    omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
+    comments = (*fitted.origin(), *(f"{name}: {item.words}" for name, item in made.numbers.items()))
+    return Exported(_document((*comments, *omitted, *lost), made), omitted, lost)
+
+
+def _beside(fitted: Fitted, target: str, names: Collection[str]) -> Iterator[str]:
+    """Sentences about what is identified and has no place in equations."""
+    for name in fitted.quantities:
+        number = fitted.identified_number(name) if name in names else None
+        if number is not None:
+            yield f"{target} has no {name.replace('_', ' ')}, and {name} {number.value:.4g} not in this file."
 
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -354,8 +378,8 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     """A function ``f(x, u)``, the derivative of the state."""
     if fitted.model == RIGID_BODY:
-        made = describe(fitted, supplied, "CasADi", BODY)
-        comments = hash_comments((*made.comments, *delay_comments(made, "The function")))
+        made = describe(fitted, supplied, "CasADi", BODY, lacks=(LATE, SECOND_STAGE))
+        comments = hash_comments((*made.comments, *speed_comments(made, "CasADi")))
         return filled("casadi.txt", made, comments, c=asdict(coefficients(made)))
     if fitted.machine is not None:
         equations = _MachineEquations.of(fitted.machine, fitted, supplied, "CasADi")
@@ -369,7 +393,12 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         return filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
     fitted.check_vertical("CasADi")
     supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
-    numbers = {name: fitted.needed(name, supplied, "CasADi").value for name in (*NEEDED, *LAGS)}
+    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
+    known = {name: fitted.needed(name, supplied, "CasADi") for name in names}
+    drag = fitted.identified_number("quadratic_drag")
+    if drag is not None:
+        known["quadratic_drag"] = drag
+    numbers = {name: number.value for name, number in known.items()}
     match fitted.input_map:
         case Mixed(share):
             curve = f"{1.0 - share!r} * state + {share!r} * state**2"
@@ -377,11 +406,26 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
             curve = f"state**{exponent!r}"
         case _:
             raise UsageError("an input map with a formula", f"'{fitted.map_name}'", "Give --input-map.")
-    vertical = numbers | {
+    vertical = {"quadratic_drag": 0.0, "delay": 0.0, **numbers} | {
+        "actuator_lag": max(numbers.get("actuator_lag", 0.0), LEAST["actuator_lag"]),
         "curve": curve,
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
-    return filled("casadi.txt", None, hash_comments(fitted.origin()), vertical=vertical)
+    lost = tuple(_beside(fitted, "CasADi's function", ELSEWHERE))
+    numbers_of = (f"{name}: {number.words}" for name, number in known.items())
+    comments = hash_comments((*fitted.origin(), *numbers_of, *lost))
+    return replace(filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
+
+
+#: Longest name of a field in MATLAB.
+LONGEST_FIELD = 63
+
+
+def _field(name: str, row: int) -> str:
+    """The name, or one that MATLAB takes in its place."""
+    if name.isascii() and name.isidentifier() and name[0] != "_" and len(name) <= LONGEST_FIELD:
+        return name
+    return f"quantity_{row}_{re.sub('[^A-Za-z0-9]', '_', name)}"[:LONGEST_FIELD]
 
 
 def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -396,21 +440,21 @@ def _matlab(fitted: Fitted, supplied: Supplied) -> Exported:
     kept = np.array([known.get(name, False) for name in fitted.names], dtype=bool)
     content = {
         "quantities": {
-            name: {
+            _field(name, row): {
                 "value": item.value if known[name] else np.nan,
                 "std_error": item.std_error if known[name] else np.nan,
                 "interval": np.array(item.interval) if known[name] else nothing,
-                "unit": item.unit,
+                "unit": one_line(item.unit),
                 "verdict": item.verdict.value,
             }
-            for name, item in fitted.quantities.items()
+            for row, (name, item) in enumerate(fitted.quantities.items())
         },
-        "names": np.array(fitted.names, dtype=object),
+        "names": np.array([one_line(name) for name in fitted.names], dtype=object),
         "covariance": []
         if joint is None
         else np.where(np.outer(kept, kept), joint.covariance.matrix, np.nan),
-        "model": fitted.model,
-        "origin": np.array(list(fitted.origin()), dtype=object),
+        "model": one_line(fitted.model),
+        "origin": np.array([one_line(line) for line in fitted.origin()], dtype=object),
     }
     buffer = io.BytesIO()
     savemat(buffer, {"fit": content}, long_field_names=True, oned_as="column")

@@ -11,22 +11,31 @@ import numpy as np
 from eivor.exports.autopilots import PX4, qgroundcontrol
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
 from eivor.exports.vehicle import (
+    ABOVE,
+    ACROSS,
     BESIDE_ROTORS,
     BODY,
     CENTRE,
     DRAGS,
+    HEIGHT,
     INERTIAS,
     JOINT,
+    LATE,
     LEVER,
+    OTHER_THAN_X,
+    OTHER_THAN_Z,
     QUADRATIC,
+    QUADRATIC_OTHER,
     QUARTERS,
+    SECOND_STAGE,
     TORQUES,
     TURNING,
+    TURNING_OTHER,
     Columns,
     ExportOfDraws,
     VehicleDescription,
+    alike,
     by_quarters,
-    delay_comments,
     describe,
     drag_centre,
     filled,
@@ -37,7 +46,8 @@ from eivor.exports.vehicle import (
     rotors_of,
     speed_comments,
 )
-from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.model import GRAVITY, share_of
+from eivor.signals.thrust_map import InputMap, Mixed
 from eivor.tools import Float
 
 #: What simulators take gravity for [m/s^2].
@@ -55,7 +65,9 @@ DRONE_MODELS_REMARKS = (
     "pwm and motor voltages are not of the flight, and not in this file.",
     "The centre of mass is in mixing_matrix. drone-models turns the gyroscopic torque about x the wrong way.",
 )
-DRONE_MODELS_LACK = (TURNING, LEVER, "quadratic drag", "translational lift")
+#: Of every simulator whose rotors lag.
+TIMING = (LATE, SECOND_STAGE)
+DRONE_MODELS_LACK = (TURNING, LEVER, "quadratic drag", "translational lift", *TIMING)
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
@@ -100,8 +112,10 @@ GAZEBO_LACKS = (
     TURNING,
     "quadratic drag",
     "translational lift",
+    ACROSS,
+    *TIMING,
 )
-PX4_GAZEBO_LACKS = (*GAZEBO_LACKS, "centre of mass beside the rotors' middle", "rotor inertia")
+PX4_GAZEBO_LACKS = (*GAZEBO_LACKS, "centre of mass beside the rotors' middle", "rotor inertia", ABOVE)
 #: What joints are slower than rotors; the inertia of a rotor is larger by as much.
 SLOWDOWN = 10.0
 
@@ -118,10 +132,12 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     if "rotor_inertia" in value:
         disc = SLOWDOWN * value["rotor_inertia"] * np.diag([0.5, 0.5, 1.0])
     # the body without its rotors, about its own centre of mass
-    whole, at = np.array([value.get(name, 0.0) for name in CENTRE]), places(made)[0]
+    height = value.get(HEIGHT, 0.0)
+    at = np.pad(places(made)[0], ((0, 0), (0, 1)), constant_values=height)
+    whole = np.array([*(value.get(name, 0.0) for name in CENTRE), -height])
     centre = 0.0 - each * at.sum(axis=0) / rest
-    inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(*centre)
-    inertia -= sum(disc + each * _of_point(x, y) for x, y in at)
+    inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(centre)
+    inertia -= sum(disc + each * _of_point(place) for place in at)
     return filled(
         "gazebo.sdf",
         made,
@@ -162,9 +178,9 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(text, made.omitted, made.lost)
 
 
-def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
+def _of_point(place: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Inertia of a point of one kilogram about the origin."""
-    return np.array([[y * y, -x * y, 0.0], [-x * y, x * x, 0.0], [0.0, 0.0, x * x + y * y]])
+    return np.asarray(place @ place * np.eye(3) - np.outer(place, place))
 
 
 #: Quantiles that the ranges reach to.
@@ -178,6 +194,11 @@ ISAAC_LAB_REMARKS = (
     "hold vehicles that the flight excludes. draws are the joint ones: set them where you can.",
     "Drag is over mass, as linear_damping has it: of motion along z.",
 )
+
+
+#: Isaac Lab's Thruster takes no thrust_const below it, until an environment is reset [N/rps^2].
+ISAAC_LAB_LEAST_THRUST = 1e-6
+ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above this vehicle's: reset first."
 
 
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -199,6 +220,8 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
         f"com_{axis}": values[name] for axis, name in zip("xy", CENTRE, strict=True) if name in values
     }
     speeds = speed_comments(made, "Isaac Lab", ISAAC_LAB_GRAVITY)
+    if np.any(columns["thrust_const"] < ISAAC_LAB_LEAST_THRUST):
+        speeds = (*speeds, ISAAC_LAB_CLAMPS)
     return filled(
         "isaaclab.txt",
         made,
@@ -216,14 +239,31 @@ MUJOCO_REMARKS = (
     "Drag is along and about the body's axes: the last six controls are its, and do nothing.",
 )
 NO_LIMIT = "No largest command is known: controls are limited to 100 times that at hover."
-MUJOCO_LACKS = ("translational lift", "rotor inertia")
+MUJOCO_LACKS = ("translational lift", "rotor inertia", *TIMING)
 #: Density of a fluid whose added mass is none [kg/m^3].
 THIN = 1e-6
 
 
+def _mujoco_vehicle(fitted: Fitted, supplied: Supplied) -> VehicleDescription:
+    """With all that MuJoCo lacks: an ellipsoid drags along all axes or along none."""
+    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
+    if 0 < sum(name in made.values for name in QUADRATIC) < len(QUADRATIC):
+        return describe(fitted, supplied, "MuJoCo", BODY, lacks=(*MUJOCO_LACKS, "quadratic drag"))
+    return made
+
+
+def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
+    """Drag along and about the axes; drag above the centre of mass also acts against turning."""
+    values, zero = made.values, np.zeros_like(made.values["mass"])
+    along_x, along_y, *_ = drags = [values.get(name, zero) for name in (*DRAGS, *TORQUES)]
+    for row, drag in ((3, along_y), (4, along_x)):
+        drags[row] = np.maximum(drags[row] - drag * values.get(HEIGHT, zero) ** 2, 0.0)
+    return drags
+
+
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     """Numbers stand where MuJoCo's fields have them, so that draws may take their places."""
-    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
+    made = _mujoco_vehicle(fitted, supplied)
     value, rotor = first(made.values), _first_rotor(made)
     limited = "largest_command" in value
     size, fluid = 0.5 * value["arm_scale"] * made.vehicle.arm, None
@@ -235,21 +275,14 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     return filled(
         "mujoco.xml",
         made,
-        xml_comments(
-            (
-                *made.comments,
-                *MUJOCO_REMARKS,
-                *([] if limited else [NO_LIMIT]),
-                *delay_comments(made, "MuJoCo"),
-            )
-        ),
+        xml_comments((*made.comments, *MUJOCO_REMARKS, *([] if limited else [NO_LIMIT]))),
         gravity=GRAVITY,
         size=size,
         fluid=fluid,
         thin=THIN,
         gain=value["mass"] * GRAVITY / made.vehicle.count,
         most=(rotor["largest_speed"] / rotor["hover_speed"]) ** 2 if limited else 100.0,
-        drag=[value.get(name, 0.0) for name in (*DRAGS, *TORQUES)],
+        drag=[float(column[0]) for column in _mujoco_drags(made)],
         hover=" ".join([*["1"] * made.vehicle.count, *["0"] * 6]),
         ones=" ".join("1" * made.vehicle.count),
     )
@@ -257,17 +290,18 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
 
 def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """Controls count as in the model: one hovers the vehicle of the estimates, not that of a row."""
-    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
+    made = _mujoco_vehicle(fitted, supplied)
     drawn = describe(fitted, supplied, "MuJoCo", BODY, draws, seed)
     values = drawn.values
     zero = np.zeros_like(values["mass"])
     middle = np.tile([*drag_centre(made), 0.0], (zero.size, 1, 1))
+    middle[:, 0, 2] = values.get(HEIGHT, zero)
     rotors = np.pad(np.multiply.outer(values["arm_scale"], made.vehicle.positions), ((0, 0), (0, 0), (0, 1)))
     fields: Mapping[str, Float[np.ndarray, "n ..."]] = {  # gears are of a rotor that spins clockwise
         "body_mass": values["mass"],
         "body_inertia": np.stack([values[name] for name in INERTIAS], axis=1),
         "body_ipos": np.stack([*(values.get(name, zero) for name in CENTRE), zero], axis=1),
-        "actuator_biasprm": np.stack([0.0 - values.get(name, zero) for name in (*DRAGS, *TORQUES)], axis=1),
+        "actuator_biasprm": 0.0 - np.stack(_mujoco_drags(drawn), axis=1),
         "actuator_gainprm": values["thrust"] * mapped_hover(made),
         "actuator_dynprm": values["actuator_lag"],
         "actuator_gear": values["torque_ratio"],
@@ -282,7 +316,15 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
 
 
 PYBULLET = "gym-pybullet-drones"
-PYBULLET_LACKS = (TURNING, "quadratic drag", "translational lift", "rotor inertia", "lag of the rotors")
+PYBULLET_LACKS = (
+    TURNING,
+    "quadratic drag",
+    "translational lift",
+    "rotor inertia",
+    "lag of the rotors",
+    ACROSS,
+    LATE,
+)
 PYBULLET_REMARKS = (
     "Ground effect, downwash and largest speed are not of the flight: none, none, and 30 km/h.",
     "Plain pybullet takes the inertia with flags=pybullet.URDF_USE_INERTIA_FROM_FILE.",
@@ -323,21 +365,28 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     )
 
 
-ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia")
+ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia", ACROSS, *TIMING)
 
 
 def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, seed: int = 0) -> Exported:
     """Draws are for ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
     made = describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS)
     comments = (*made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
-    values: dict[str, object] = {"row": first(_rotorpy_columns(made)), "positions": places(made)[0].tolist()}
+    values: dict[str, object] = {"row": first(_rotorpy_columns(made)), "positions": _high(made)[0].tolist()}
     if draws is not None:
         drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
         columns = _rotorpy_columns(drawn)
         varying = {name: column for name, column in columns.items() if column.min() < column.max()}
         comments = (JOINT, *comments)
-        values |= {"draws": varying, "places": places(drawn).tolist()}
+        values |= {"draws": varying, "places": _high(drawn).tolist()}
     return filled("rotorpy.txt", made, hash_comments(comments), **values)
+
+
+def _high(made: VehicleDescription) -> Float[np.ndarray, "n rotors 3"]:
+    """Where the rotors are from the centre of mass, of each vehicle [m]."""
+    at = np.pad(places(made), ((0, 0), (0, 0), (0, 1)))
+    at[:, :, 2] += made.values.get(HEIGHT, np.zeros(1))[:, None]
+    return at
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
@@ -366,10 +415,14 @@ SIH_LACKS = (
     "quadratic drag",
     "translational lift",
     "rotor inertia",
+    ABOVE,
+    OTHER_THAN_Z,
+    TURNING_OTHER,
+    *TIMING,
 )
 SIH_REMARKS = (
     "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
-    "SIH drags in every direction as along z, and about every axis as about x.",
+    "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
 )
 
 
@@ -389,12 +442,12 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIH_L_ROLL": value["arm_scale"] * sideways,
         "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
-        **({"SIH_KDV": value["drag_z"]} if "drag_z" in value else {}),
-        **({"SIH_KDW": value["roll_drag"]} if "roll_drag" in value else {}),
+        "SIH_KDV": alike(value, OTHER_THAN_Z),
+        "SIH_KDW": alike(value, TURNING_OTHER),
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
-    remarks = [*SIH_REMARKS, *delay_comments(made, "SIH")]
+    remarks = list(SIH_REMARKS)
     beyond = PX4.hover.beyond((hover, (hover, hover)))
     if beyond:
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
@@ -405,25 +458,49 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
 
 #: Tilt at which the reference speed is computed [rad], and the fastest that is searched [m/s].
 SITL_TILT, SITL_FASTEST = math.radians(20.0), 100.0
-SITL_LACKS = (*SIH_LACKS, TURNING, "lag of the rotors")
-SITL_REMARKS = (
-    "For sim_vehicle.py -f quad:FILE.json. Battery and PWM are typical values, not the flight's.",
-    "SITL makes the inertia of mass and diagonal_size: the identified moments are not in this file.",
+#: What SITL makes of its numbers: the arm of the yaw torque over the diagonal, turning rates that die away
+#: at this over refRotRate [deg/s], and the density of the air at refAlt 0 [kg/m^3].
+SITL_YAW, SITL_DAMPING, AIR = 0.05, 400.0, 1.225
+SITL_LACKS = (
+    OTHER_THAN_X,
+    QUADRATIC_OTHER,
+    TURNING_OTHER,
+    "translational lift",
+    "rotor inertia",
+    "lag of the rotors",
+    LATE,
 )
+SITL_REMARKS = (
+    "For sim_vehicle.py -f x:FILE.json, with FRAME_CLASS 1 and FRAME_TYPE 1. Motors 1 to 4 are front right, "
+    "rear left, front left and rear right.",
+    "Battery and PWM are typical values, not the flight's. Yaw torque goes with thrust times signal in SITL: "
+    "it is right at hover.",
+)
+#: Positions of `QUARTERS` in the order of ArduPilot's motors.
+SITL_MOTORS = (0, 2, 3, 1)
 
 
 def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
-    """A frame of ArduPilot's simulator."""
+    """A frame of ArduPilot's simulator, as its sources read it: forward, right and down."""
     made = describe(fitted, supplied, "SITL", WITH_LARGEST, lacks=SITL_LACKS)
-    value = first(made.values)
-    largest = made.vehicle.count * value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
-    weight, linear = value["mass"] * GRAVITY, value.get("drag_x", value.get("drag_z", 0.0))
-    quadratic, push = value.get("quadratic_drag_x", 0.0), weight * math.tan(SITL_TILT)
-    steady = max(linear + math.sqrt(linear**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
-    share = getattr(made.thrust_map, "share", 0.0 if made.thrust_map.name == "linear" else 1.0)
+    quarters = by_quarters(made.vehicle, "SITL")
+    order = [quarters[item] for item in SITL_MOTORS]
+    value, at, count = first(made.values), _high(made)[0], made.vehicle.count
+    largest = float(made.values["largest_command"][0])
+    full = count * value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
+    weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
+    signal = made.thrust_map.inverse(float(mapped_hover(made)[0])) / largest
+    share = _share(made.thrust_map, signal, largest)
+    linear, quadratic = alike(value, OTHER_THAN_X), alike(value, QUADRATIC_OTHER)
+    disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
+    push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
+    steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
+    of_rotors = linear / count * float(np.square(at[:, 1:]).sum())
+    damping = (alike(value, TURNING_OTHER) - of_rotors) / value["inertia_xx"]
     frame = {
         "mass": value["mass"],
-        "diagonal_size": 2.0 * value["arm_scale"] * made.vehicle.arm,
+        "diagonal_size": diagonal,
+        "moment_inertia": [value[name] for name in INERTIAS],
         "refSpd": 2.0 * push / steady,
         "refAngle": math.degrees(SITL_TILT),
         "refVoltage": 12.1,
@@ -434,19 +511,35 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
         "maxVoltage": 12.6,
         "battCapacityAh": 0.0,
         "propExpo": share,
-        "refRotRate": 120.0,
-        "hoverThrOut": weight / largest,
+        "refRotRate": math.radians(SITL_DAMPING) / damping if damping > 0.0 else 0.0,
+        "hoverThrOut": weight / full,
         "pwmMin": 1000,
         "pwmMax": 2000,
         "spin_min": 0.0,
         "spin_max": 1.0,
         "slew_max": 0,
-        "num_motors": made.vehicle.count,
+        "disc_area": disc,
+        "mdrag_coef": linear / math.sqrt(AIR * disc * weight),
+        "num_motors": count,
     }
-    if made.vehicle.rotor_radius:
-        frame["disc_area"] = made.vehicle.count * math.pi * made.vehicle.rotor_radius**2
-    lines = [*hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)]
+    for number, rotor in enumerate(order, 1):
+        x, y, z = at[rotor].tolist()
+        frame[f"motor{number}_position"] = [x, -y, -z]
+        yaw = -made.vehicle.spins[rotor] * value["torque_ratio"]
+        frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * signal)
+    # SITL reads from the first brace on: comments stand behind it
+    lines = ["{", *hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
+
+
+def _share(curve: InputMap, signal: float, largest: float) -> float:
+    """Share of the square in thrust over signals from 0 to 1: exact, or the same slope at hover."""
+    if isinstance(curve, Mixed):
+        return curve.share * largest / (1.0 - curve.share + curve.share * largest)
+    exponent = (
+        signal * largest * curve.slope(signal * largest) / float(curve(np.array([signal * largest]))[0])
+    )
+    return min(max(share_of(exponent, signal), 0.0), 1.0)
 
 
 SIMULATORS = (

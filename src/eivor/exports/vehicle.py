@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,13 @@ from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, l
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.distributions import normal_quantile
 from eivor.motions.rigid_body.dynamics import Coefficients, coefficients_of
-from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
+from eivor.motions.rigid_body.physical_parameters import (
+    TILTING,
+    Combinations,
+    Formula,
+    differs_from_zero,
+    physical_parameters,
+)
 from eivor.motions.rigid_body.vehicle import (
     NO_BODY_UNCERTAINTY,
     BodyDrag,
@@ -62,6 +68,8 @@ WORDS = {
     "quadratic_drag_z": "quadratic drag along z [N/(m/s)^2]",
     "translational_lift": "thrust per squared speed across the rotors [N/(m/s)^2]",
     "rotor_inertia": "inertia of a rotor [kg m^2]",
+    "drag_height": "rotors above the centre of mass, by what their drag turns [m]",
+    "second_lag": "lag of the rotors, the shorter of two stages [s]",
     "largest_command": "largest command",
     "speed_scale": "rotor speed per unit of command [rad/s]",
 }
@@ -71,11 +79,15 @@ CENTRE = ("centre_of_mass_forward", "centre_of_mass_left")
 TORQUES = ("roll_drag", "pitch_drag", "yaw_drag")
 QUADRATIC = ("quadratic_drag_x", "quadratic_drag_y", "quadratic_drag_z")
 BEYOND = ("translational_lift", "rotor_inertia")
+HEIGHT = "drag_height"
 #: Of a simulator whose rotors drag where they are.
 TURNING = "torque against turning"
 BESIDE_ROTORS = f"{TURNING} beside that of its rotors' drag"
 #: Of a simulator whose drag acts in the centre of mass.
 LEVER = "drag beside the centre of mass"
+#: Of every simulator.
+LATE, SECOND_STAGE = "delay of the commands", "second stage of the rotors' lag"
+ABOVE = "rotors above the centre of mass"
 #: What not every simulator has, by the words for it.
 EFFECTS = {
     "centre of mass beside the rotors' middle": CENTRE,
@@ -83,11 +95,22 @@ EFFECTS = {
     "drag along the rotors' axes": DRAGS[2:],
     TURNING: TORQUES,
     BESIDE_ROTORS: TORQUES,
-    LEVER: CENTRE,
+    LEVER: (*CENTRE, HEIGHT),
+    ABOVE: (HEIGHT,),
     "quadratic drag": QUADRATIC,
     "translational lift": BEYOND[:1],
     "rotor inertia": BEYOND[1:],
-    "lag of the rotors": ("actuator_lag",),
+    "lag of the rotors": ("actuator_lag", "second_lag"),
+    LATE: ("delay",),
+    SECOND_STAGE: ("second_lag",),
+}
+#: What some simulators have alike: numbers of an effect, and those whose mean takes their place.
+ALIKE = {
+    (OTHER_THAN_Z := "drag across the rotors' axes other than along z"): (DRAGS[:2], DRAGS[2:]),
+    (ACROSS := "drag along x and y other than their mean"): (DRAGS[:2], DRAGS[:2]),
+    (OTHER_THAN_X := "drag along y and z other than along x"): (DRAGS[1:], DRAGS[:1]),
+    (QUADRATIC_OTHER := "quadratic drag along y and z other than along x"): (QUADRATIC[1:], QUADRATIC[:1]),
+    (TURNING_OTHER := "torque against turning other than about x"): (TORQUES[1:], TORQUES[:1]),
 }
 
 
@@ -145,6 +168,11 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
 
 # -- Vehicle description --
 
+#: What is identified and no simulator has, by the words for it.
+ELSEWHERE = {
+    "ground_effect": "ground effect: its thrust is that far from the ground",
+    "voltage_exponent": "voltage: its thrust is that at the flight's",
+}
 #: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
@@ -154,11 +182,19 @@ MADE_OF = {
     VERTICAL: {
         "thrust": "input_gain",
         "drag_z": "viscous_friction",
+        "quadratic_drag_z": "quadratic_drag",
         "actuator_lag": "actuator_lag",
         "delay": "delay",
     },
-    RIGID_BODY: {"thrust": "thrust_gain", "actuator_lag": "actuator_lag", "delay": "delay"},
+    RIGID_BODY: {
+        "thrust": "thrust_gain",
+        "actuator_lag": "actuator_lag",
+        "delay": "delay",
+        "second_lag": "second_lag",
+    },
 }
+#: What few flights look for.
+RARE = ("quadratic_drag_z", "second_lag")
 #: What may be given with --prior beside these.
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
@@ -180,6 +216,7 @@ class VehicleDescription:
     comments: tuple[str, ...]
     omitted: tuple[str, ...]  # What the flight does not identify
     lost: tuple[str, ...] = ()  # What the simulator cannot hold
+    elsewhere: Mapping[str, float] = field(default_factory=dict)  # What no free flight of half a second shows
 
 
 def describe(
@@ -219,7 +256,10 @@ def describe(
     gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
-    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
+    elsewhere = {
+        name: number.value for name in ELSEWHERE if (number := fitted.identified_number(name)) is not None
+    }
+    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone, (), elsewhere)
     lost = tuple(_lost(made, target, lacks)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
 
@@ -329,6 +369,10 @@ def _std(number: Number) -> float:
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 #: Left out where a flight does not distinguish them from zero; a centre of mass may lie on any side.
 FURTHER = (*CENTRE, *TORQUES, *QUADRATIC, *BEYOND)
+#: In the mean of what the drag along y turns about x, and the drag along x about y.
+_HEIGHT = Formula(
+    f"0.5 * ({TILTING['roll']} * roll_by_drag_y / drag_y - {TILTING['pitch']} * pitch_by_drag_x / drag_x)"
+)
 
 
 def _parts(
@@ -341,8 +385,7 @@ def _parts(
     if fitted.model == RIGID_BODY:
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
-        identified = _identified(fitted)
-        implied = physical_parameters(identified, known)
+        implied = physical_parameters(_identified(fitted), known)
         for name in (*PHYSICAL, *FURTHER):
             number, formula = implied.numbers[name], implied.formulas[name]
             value, interval = number.value, number.interval
@@ -358,16 +401,33 @@ def _parts(
             elif name in PHYSICAL:
                 lacking = (item for item in formula.needed if not fitted.is_identified(item))
                 missing[name] = tuple(lacking) or number.sentence
+        parts |= _height(fitted, known)
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
         if root_number is None:
-            missing[name] = (root,)
-        elif name in {"thrust", "drag_z"}:
-            share = 1.0 / vehicle.count if root == "input_gain" else 1.0
-            parts[name] = per_mass(given["mass"], root_number, root, share)
-        else:
-            parts[name] = SimulatorNumber(root_number, itemgetter(root))
+            if name not in RARE or root in fitted.quantities:
+                missing[name] = (root,)
+        elif name not in RARE or root_number.value > 0.0:
+            parts[name] = _root(root_number, name, root, given["mass"], vehicle.count)
     return parts, missing, tuple(bounds)
+
+
+def _root(number: Number, name: str, root: str, mass: Number, rotors: int) -> SimulatorNumber:
+    """What is made of one quantity of a flight."""
+    if name in {"thrust", "drag_z", "quadratic_drag_z"}:
+        return per_mass(mass, number, root, 1.0 / rotors if root == "input_gain" else 1.0)
+    return SimulatorNumber(number, itemgetter(root))
+
+
+def _height(fitted: Fitted, known: KnownVehicle) -> dict[str, SimulatorNumber]:
+    """Rotors above the centre of mass, where a flight distinguishes them from ones in its plane."""
+    identified = _identified(fitted)
+    if not identified.has(*_HEIGHT.needed) or _HEIGHT.missing(known):
+        return {}
+    height = identified.value(_HEIGHT, known)
+    number = Number(height.value, height.interval, fitted.source(*_HEIGHT.needed))
+    at_hand = differs_from_zero(height.interval)
+    return {HEIGHT: SimulatorNumber(number, _HEIGHT.expression.evaluate)} if at_hand else {}
 
 
 def _identified(fitted: Fitted) -> Combinations:
@@ -436,13 +496,15 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
     value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
     drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
-    x, y = (rotor["hover_speed"] * np.sum(at**2, axis=0)).tolist()
+    height, hover = value.get(HEIGHT, 0.0) if lever else 0.0, rotor["hover_speed"]
+    x, y = (hover * np.sum(at**2, axis=0)).tolist()
+    high = made.vehicle.count * hover * across * height**2
     if any(name in value for name in TORQUES):
-        torque -= (along * y, along * x, across * (x + y))
+        torque -= (along * y + high, along * x + high, across * (x + y))
     of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
     lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
     rotors = Rotors(
-        positions=tuple((x, y, 0.0) for x, y in at.tolist()),
+        positions=tuple((x, y, height) for x, y in at.tolist()),
         spins=made.vehicle.spins,
         highest_speed=largest if math.isfinite(largest) else REACH * rotor["hover_speed"],
         thrust_quadratic=rotor["thrust_constant"],
@@ -519,32 +581,68 @@ def replayed(
     return np.array(states)
 
 
+def held_back(
+    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"]
+) -> tuple[VehicleDescription, Float[np.ndarray, "steps rotors"]]:
+    """A vehicle whose rotors have one lag, and commands behind its delay and the other lag, from hover."""
+    value, hover = first(made.values), manoeuvre(made, 0.0)[0]
+    delay, second = value.get("delay", 0.0), value.get("second_lag", 0.0)
+    if delay > 0.0:
+        time = REPLAY_STEP_S * np.arange(len(commands))
+        late = [
+            np.interp(time - delay, time, column, left=still)
+            for column, still in zip(commands.T, hover, strict=True)
+        ]
+        commands = np.stack(late, axis=1)
+    if not 0.0 < second < value["actuator_lag"]:
+        return made, commands
+    passed, state = np.empty_like(commands), hover
+    for row, command in enumerate(commands):
+        state = command + (state - command) * math.exp(-REPLAY_STEP_S / second)
+        passed[row] = state
+    rest = {"actuator_lag": made.values["actuator_lag"] - second}
+    return replace(made, values={**made.values, **rest}), passed
+
+
+def alike(value: Mapping[str, float], effect: str) -> float:
+    """The one number that a simulator has in place of several: zero where none is known."""
+    numbers = [[value[name] for name in names if name in value] for names in reversed(ALIKE[effect])]
+    return float(np.mean(next(filter(None, numbers), [0.0])))
+
+
 def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
     """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
     whole = None
+    value = first(made.values)
     for effect in lacks:
-        names = [name for name in EFFECTS[effect] if made.values.get(name, np.zeros(1))[0]]
+        names, mean = EFFECTS.get(effect, ()), 0.0
+        if effect in ALIKE:
+            names, mean = ALIKE[effect][0], alike(value, effect)
+        names = tuple(name for name in names if not math.isclose(value.get(name, mean), mean, rel_tol=1e-6))
         if not names:
             continue
         if whole is None:
             commands = manoeuvre(made, 20.0)
             tilt = np.arccos(1.0 - 2.0 * np.square(replayed(made, commands)[:, 7:9]).sum(axis=1)).max()
             commands = manoeuvre(made, 20.0 * min(REPLAY_TILT / tilt, 5.0))
-            whole = replayed(made, commands)
+            whole = replayed(*held_back(made, commands))
         rest = {name: column for name, column in made.values.items() if name not in names}
-        if effect == TURNING:
-            rest |= dict.fromkeys(names, np.zeros(1))
+        if effect == TURNING or effect in ALIKE:
+            rest |= dict.fromkeys(names, np.full(1, mean))
         kept = made if effect == LEVER else replace(made, values=rest)
-        without = replayed(kept, commands, lever=effect != LEVER)
+        without = replayed(*held_back(kept, commands), lever=effect != LEVER)
         cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
         speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
-        values = ", ".join(f"{name} {made.values[name][0]:.4g}" for name in names)
-        left_out = "" if effect == LEVER else f", and {values} not in this file"
-        yield (
-            f"{target} has no {effect}{left_out}: a manoeuvre of {REPLAY_S:g} s to "
-            f"{math.degrees(REPLAY_TILT):.0f} degrees errs by {angle:.2g} degrees and {speed:.2g} m/s."
-        )
+        gone = [f"{name} {value[name]:.4g}" for name in names if effect != LEVER or name == HEIGHT]
+        left_out = f", and {', '.join(gone)} not in this file" if gone else ""
+        remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
+        flown = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
+        errors = f"errs by {angle:.2g} degrees and {speed:.2g} m/s"
+        yield f"{target} has no {effect}{left_out}: {flown} {errors}.{remedy}"
+    for name, words in ELSEWHERE.items():
+        if lacks and name in made.elsewhere:
+            yield f"{target} has no {words}, and {name} {made.elsewhere[name]:.4g} not in this file."
 
 
 # -- Templates --
@@ -616,7 +714,7 @@ def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, C
 
 
 def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
-    """What a rotor's speed, gravity and delays are in a simulator, as sentences."""
+    """What a rotor's speed and gravity are in a simulator, as sentences."""
     sentence = []
     if made.thrust_map.name == "square":
         sentence.append("Rotor speeds are the commands times the rotor speed per unit of command.")
@@ -630,10 +728,4 @@ def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GR
             f"{simulator} takes gravity for {gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}, "
             "so that the vehicle hovers with the same command."
         )
-    return (*sentence, *delay_comments(made, simulator))
-
-
-def delay_comments(made: VehicleDescription, simulator: str) -> tuple[str, ...]:
-    """A sentence where there is a delay: none of the simulators has one."""
-    delay = float(np.mean(made.values["delay"])) if "delay" in made.values else 0.0
-    return (f"{simulator} has no delay: hold its commands back by {delay:.4g} s.",) if delay > 0.0 else ()
+    return tuple(sentence)
