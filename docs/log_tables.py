@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from eivor.logs.common import UNITS
-from eivor.logs.crazyflie.reader import LOOKED_FOR as VARIABLES
+from eivor.logs.crazyflie import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.rosbag.channels import ROS_SOURCES as FIELDS
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING

@@ -169,7 +169,7 @@ def head(*parts):
 
 
 def test_a_search_without_end_is_given_up(read, monkeypatch):
-    monkeypatch.setattr("eivor.logs.crazyflie.reader.MAX_SEARCH_BYTES", 2048)
+    monkeypatch.setattr("eivor.logs.crazyflie.MAX_SEARCH_BYTES", 2048)
     log = flight()
     content = log.head() + bytes(log.body[:2000]) + b"\x37" * 8192 + bytes(log.body[2000:])
     r = read(with_checksum(content))

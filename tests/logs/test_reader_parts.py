@@ -23,7 +23,7 @@ from eivor.logs import common, log_format, logging_advice
 from eivor.logs import read as reading
 from eivor.logs.channel_map import parse_expression
 from eivor.logs.common import KeptChannels, LogFormat, begins_with
-from eivor.logs.crazyflie.reader import SOURCES, TO_LOG
+from eivor.logs.crazyflie import SOURCES, TO_LOG
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.logs.read import declare_format, log_formats, readable_formats

@@ -468,9 +468,9 @@ Source = TypeVar("Source")
 MUCH_MORE = 1.5
 
 
-def source_tables(package: str) -> dict[str, Any]:
-    """Tables of the file `sources.toml` of a package."""
-    return tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
+def source_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
+    """Tables of a file of a package."""
+    return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
 
 
 def channel_sources(

@@ -169,7 +169,7 @@ EIGHT_BIT = _in_encoding(
 READERS = (
     "eivor.logs.ulog.reader:FORMATS",
     "eivor.logs.table.columnar:PARQUETS",
-    "eivor.logs.crazyflie.reader:FORMATS",
+    "eivor.logs.crazyflie:FORMATS",
     "eivor.logs.blackbox:FORMATS",
     "eivor.logs.dataflash.reader:FORMATS",
     "eivor.logs.rosbag.channels:FORMATS",

@@ -120,7 +120,7 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
 }
 
 
-_TABLES = common.source_tables("eivor.logs.crazyflie")
+_TABLES = common.source_tables("eivor.logs", "crazyflie.toml")
 #: All sources; of one quantity the preferred first.
 SOURCES = tuple(
     next((make(row[kind]) for kind, make in _MAKERS.items() if kind in row), None) or _source(row)

@@ -1,1 +1,0 @@
-"""Crazyflie microSD logs."""
