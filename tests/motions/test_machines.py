@@ -249,6 +249,34 @@ def test_parameters_of_several_equations_are_followed():
     assert ev.plan(fit).predicted["b"].half_width < 0.1
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_an_equation_may_hold_what_another_one_drives_alone():
+    step_s, count = 0.02, 3000
+    pull = held(np.random.default_rng(4), count, step_s, 1.0, (0.5, 2.0))
+    channels = {"v": "m/s", "angle": "rad", "u": ev.input("1"), "asked": ev.reference("1")}
+    terms = {"gravity": "-sin(angle)", "coupling": "-cos(angle) * v", "damping": "-ddt(angle)"}
+    machine = ev.machine(
+        "hanging",
+        channels=channels,
+        axes={
+            "cart": {"response": "ddt(v)", "terms": {"drag": "-v", "gain": ev.behind("u", "drive")}},
+            "load": {"response": "ddt(ddt(angle))", "terms": terms},
+        },
+        actuators={"drive": ev.actuator(lag_s=(0.02, 0.5), delay_s=(0.0, 0.1))},
+    )
+    truth = {"drag": 0.8, "gain": 2.0, "gravity": 4.0, "coupling": 0.5, "damping": 0.6}
+    truth |= {"actuator_lag": 0.2, "delay": 0.04}
+    noise = {"v": 0.005, "angle": 1e-4}
+    columns = machine.simulate(
+        truth, {"u": pull, "asked": pull}, seconds=60.0, step_s=step_s, noise=noise, disturbance=(0.02, 0.5)
+    )
+    fit = ev.identify_flight(ev.recording_from_columns(columns), model=machine)
+    for name in ("gravity", "coupling", "damping"):
+        low, high = fit.quantities[name].interval
+        assert low - 0.5 * (high - low) < truth[name] < high + 0.5 * (high - low)
+        assert fit.quantities[name].verdict is Status.IDENTIFIED
+
+
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(

@@ -379,6 +379,8 @@ DEGREES = 8
 FEW_PARAMETERS = 8
 #: Instruments that move the rows by less than this share are none of them.
 INDEPENDENT = 1e-6
+#: Equations that nuisances change by less stay the same.
+SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -438,6 +440,9 @@ class ProfileSets:
                 instruments = V[sizes > INDEPENDENT].T / sizes[sizes > INDEPENDENT]
             criterion = self._criterion(involved, moving, instruments)
             position = int(np.sum(moving < position))
+            parts = [member.equations for member in criterion.members]
+            if all(len(E) > 1 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max() for E in parts):
+                return None  # an equation that no nuisance moves
         strange = tuple(other for number, other in enumerate(parameters) if number not in moving)
         unknowns = estimate.unknowns - len(strange) - 1
         degrees = criterion.instruments + len(estimate.misfits) - unknowns + estimate.undetermined

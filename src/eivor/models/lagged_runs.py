@@ -291,12 +291,13 @@ class LaggedRuns(SeparableProblem):
             index = self._places(item)
             for run in item.runs:
                 spectra = next(runs).spectrum(np.concatenate([part[run].T for part in made]).T).T
-                seen = np.concatenate([spectra.real, spectra.imag], axis=1).reshape(len(made), index.size, -1)
+                seen = np.concatenate([spectra.real, spectra.imag], axis=1)
+                seen = seen.reshape(len(made), index.size, 2 * spectra.shape[1])
                 X = np.empty((len(last), between.delays, *seen.shape[1:]))
                 X[:, -1] = seen[len(inputs) :]
                 for k in range(len(inputs) - 1, -1, -1):
                     X[:, k] = seen[k] + decay * (X[:, k + 1] - seen[k])
-                results.append((index, X.reshape(-1, *seen.shape[1:])))
+                results.append((index, X.reshape(len(between.points), *seen.shape[1:])))
         return results
 
     def combined(

@@ -130,7 +130,9 @@ class AxisEquation:
 
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
-        drives = [DrivenSignals(signals, signals.family(name).mean(axis=1)) for name in self.inputs]
+        # an equation may hold what another one drives alone
+        inputs = [signals.family(name).mean(axis=1) for name in self.inputs]
+        drives = [DrivenSignals(signals, item) for item in inputs or [np.zeros(signals.sample_count)]]
         if not isinstance(rule, LaggedReferences):
             return np.column_stack([rule.columns(driven) for driven in drives])
         names = tuple(name for name in rule.channels if name not in others) or rule.channels
