@@ -31,6 +31,7 @@ from eivor.cli.outputs import (
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, Target, known_number, one_line
 from eivor.exports.targets import RANDOMISATIONS, TARGETS, motions_for
+from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
@@ -131,11 +132,11 @@ def export(
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     output = _destination(to, draws, file, output)
     given = supplied(mass, prior, vehicle)
-    fits, notes = load_fits(fit), tuple[str, ...]()
+    fits, omitted, notes = load_fits(fit), tuple[str, ...](), tuple[str, ...]()
     result = fit_among(fits, model, motions_for(to) if to else ())
     try:
         if to == ALL:
-            omitted = _every_target(fits, model, given, accept, Path(output))
+            notes = _every_target(fits, model, given, accept, Path(output))
         elif draws is None or to:
             made = result.exported(to, given, draws, seed, accept)
             if isinstance(made.text, bytes) and output == STANDARD_OUTPUT:
@@ -147,7 +148,7 @@ def export(
                 write(f"{output}: {to}\n")
             omitted, notes = made.omitted, made.lost
         else:
-            omitted = _draw_vehicles(result, draws, seed, given, Path(output))
+            omitted, notes = _draw_vehicles(result, draws, seed, given, accept, Path(output))
     except NotIdentifiedError as error:
         omitted = (str(error),)
     if omitted or notes:
@@ -172,7 +173,7 @@ def _destination(to: str, draws: int | None, file: str, output: str) -> str:
 def _every_target(
     fits: Mapping[str, SavedFit], model: str, given: Supplied, accept: str, folder: Path
 ) -> tuple[str, ...]:
-    """Write every target that the result supports, and a page that says what each holds."""
+    """Write every target that the result supports, and a page that says what each holds; what they lack."""
     sections: list[tuple[Target, str, tuple[str, ...]]] = []
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -196,7 +197,7 @@ def _every_target(
     with writing(folder / PAGE):
         write_atomically(folder / PAGE, page.encode())
     if any(name for _, name, _ in sections):
-        return ()
+        return tuple(dict.fromkeys(note for _, name, notes in sections if name for note in notes))
     raise NotIdentifiedError(
         "a result that one target supports", "none", f"{folder / PAGE} says what each target needs."
     )
@@ -217,16 +218,21 @@ def _page(result: SavedFit, sections: Sequence[tuple[Target, str, tuple[str, ...
 
 
 def _draw_vehicles(
-    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path
-) -> tuple[str, ...]:
+    result: SavedFit, count: int, seed: int, supplied: Supplied, accept: str, path: Path
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What has no column, and what has one that is not identified."""
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
-    table = draws_table(result, count, seed, supplied.mass)
+    table = draws_table(result, count, seed, supplied.mass, accept)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with writing(path):
         write_atomically(path, buffer.getvalue())
     absent = [name for name in result.names if name not in table.columns]
-    return (f"Not identified, hence no column: {', '.join(absent)}.",) if absent else ()
+    columns = ((name, result.quantities[name].verdict) for name in table.columns if name in result.quantities)
+    marked = tuple(
+        f"{name}: {verdict.value}." for name, verdict in columns if verdict is not Status.IDENTIFIED
+    )
+    return ((f"Not identified, hence no column: {', '.join(absent)}.",) if absent else ()), marked
 
 
 def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:

@@ -99,7 +99,8 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
         beyond = autopilot.hover.beyond(thrust)
         beyond = autopilot.curve.beyond(share) or (beyond and f"it goes with {names[0]}, and {beyond}")
         if not beyond:
-            return dict(zip(names, (Number(*thrust), Number(*share)), strict=True)), {}
+            source = fitted.source(HOVER, CURVE)
+            return dict(zip(names, (Number(*thrust, source), Number(*share, source)), strict=True)), {}
         reasons = [beyond]
     sentence = " ".join(reasons)
     if not before:

@@ -69,12 +69,16 @@ class StateSpace:
         return control.ss(self.A, self.B, self.C, self.D, **names)
 
 
-def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
-    """State space about hover of a result."""
+def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> StateSpace:
+    """State space of a result, about hover or flight along x."""
+    if fitted.model == RIGID_BODY:
+        return linearised(describe(fitted, supplied, "A state space", BODY), speed_m_s)
+    if speed_m_s:
+        raise UsageError(
+            "a result of the rigid body, for flight along x", f"one of {fitted.model}", "Leave the speed out."
+        )
     if fitted.model == RATES:
         return _of_rates(fitted, supplied)
-    if fitted.model == RIGID_BODY:
-        return linearised(describe(fitted, supplied, "a state space", BODY))
     if fitted.machine is not None:
         return _at_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
     fitted.check_vertical("a state space")
@@ -351,16 +355,17 @@ def _beside(fitted: Fitted, target: str, names: Collection[str]) -> Iterator[str
 
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
-    """A and B of each draw about hover."""
+    """A, B and delay of each draw about hover, of six axes also A and B about forward flight."""
     if fitted.model == RIGID_BODY:
-        drawn = describe(fitted, supplied, "a state space", BODY, draws, seed)
-        rows: list[Columns] = [
-            {name: column[[row]] for name, column in drawn.values.items()}
+        drawn = describe(fitted, supplied, "A state space", BODY, draws, seed)
+        each = [
+            replace(drawn, values={name: column[[row]] for name, column in drawn.values.items()})
             for row in range(drawn.values["mass"].size)
         ]
-        spaces = [linearised(replace(drawn, values=row)) for row in rows]
+        spaces = [linearised(item) for item in each]
+        further = {"forward": _arrays([linearised(item, FORWARD_M_S) for item in each])}
     else:
-        spaces = []
+        spaces, further = [], {}
         for row in range(next(iter(draws.values())).size):
             values = {name: float(column[row]) for name, column in draws.items()}
             quantities = {
@@ -371,8 +376,15 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
                 hover = fitted.input_map.inverse(GRAVITY / values["input_gain"])
                 quantities["hover_input"] = replace(quantities["hover_input"], value=hover)
             spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
-    drawn_arrays = {name: [getattr(item, name).tolist() for item in spaces] for name in "AB"}
-    return Exported(_document((*fitted.origin(), JOINT), state_space(fitted, supplied), draws=drawn_arrays))
+    made = _state_space_document(fitted, supplied)
+    document = json.loads(made.text)
+    document["comments"].insert(0, one_line(JOINT))
+    document["draws"] = {**_arrays(spaces), "delay_s": [item.delay_s for item in spaces], **further}
+    return replace(made, text=json.dumps(document) + "\n")
+
+
+def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
+    return {name: [getattr(item, name).tolist() for item in spaces] for name in "AB"}
 
 
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:

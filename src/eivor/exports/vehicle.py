@@ -588,12 +588,8 @@ def held_back(
     value, hover = first(made.values), manoeuvre(made, 0.0)[0]
     delay, second = value.get("delay", 0.0), value.get("second_lag", 0.0)
     if delay > 0.0:
-        time = REPLAY_STEP_S * np.arange(len(commands))
-        late = [
-            np.interp(time - delay, time, column, left=still)
-            for column, still in zip(commands.T, hover, strict=True)
-        ]
-        commands = np.stack(late, axis=1)
+        time, known = REPLAY_STEP_S * np.arange(-1, len(commands)), np.vstack([hover, commands])
+        commands = np.stack([np.interp(time[1:] - delay, time, column) for column in known.T], axis=1)
     if not 0.0 < second < value["actuator_lag"]:
         return made, commands
     passed, state = np.empty_like(commands), hover

@@ -518,9 +518,9 @@ class FlightEstimate:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
         return _outputs().saved(self).sample(n, seed)
 
-    def to_statespace(self) -> Any:
-        """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
-        return _outputs().saved(self).to_statespace()
+    def to_statespace(self, speed_m_s: float = 0.0) -> Any:
+        """Arrays of the motion about hover or flight along x, see `eivor.SavedFit.to_statespace`."""
+        return _outputs().saved(self).to_statespace(speed_m_s)
 
     def export(self, to: str, **choices: Any) -> str | bytes:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""

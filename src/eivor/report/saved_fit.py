@@ -171,8 +171,18 @@ class SavedFit:
             draws[ACTUATOR_LAG.name] = both - draws[DELAY.name]
         return {name: np.maximum(draws[name], low) for name, low in zip(self.names, lowest, strict=True)}
 
-    def to_statespace(self) -> StateSpace:
+    def to_statespace(self, speed_m_s: float = 0.0) -> StateSpace:
         """Arrays of the motion about hover or rest, and ``.to_control()`` for python-control.
+
+        Parameters
+        ----------
+        speed_m_s : float
+            Of a rigid body, about steady flight along x at this speed.
+
+        Returns
+        -------
+        StateSpace
+            ``A``, ``B``, ``C``, ``D``, names of ``states``, ``inputs`` and ``outputs``, and ``delay_s``.
 
         Raises
         ------
@@ -181,7 +191,8 @@ class SavedFit:
         UsageError
             When the result is of another motion.
         """
-        return state_space(self.fitted, Supplied())
+        checks.number("speed_m_s", speed_m_s)
+        return state_space(self.fitted, Supplied(), speed_m_s)
 
     def export(
         self,
@@ -452,12 +463,14 @@ def _number(value: float | None, missing: float) -> float:
 MASS_STREAM = 1
 
 
-def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: KnownNumber | None = None) -> pl.DataFrame:
+def draws_table(
+    fit: SavedFit, n: int, seed: int = 0, mass: KnownNumber | None = None, accept: str = "identified"
+) -> pl.DataFrame:
     """Table of joint draws."""
     import polars as pl
 
-    draws = fit.sample(n, seed)
-    selected = [name for name, quantity in fit.quantities.items() if quantity.verdict is Status.IDENTIFIED]
+    draws, fitted = fit.sample(n, seed), replace(fit.fitted, accepted=accepted_verdicts(accept))
+    selected = [name for name in fit.quantities if fitted.is_identified(name)]
     columns = {name: column for name, column in draws.items() if name in selected}
     if not columns:
         raise NotIdentifiedError(
