@@ -254,13 +254,13 @@ def test_an_equation_may_hold_what_another_one_drives_alone():
     step_s, count = 0.02, 3000
     pull = held(np.random.default_rng(4), count, step_s, 1.0, (0.5, 2.0))
     channels = {"v": "m/s", "angle": "rad", "u": ev.input("1"), "asked": ev.reference("1")}
-    terms = {"gravity": "-sin(angle)", "coupling": "-cos(angle) * v", "damping": "-ddt(angle)"}
+    terms = {"gravity": "-sin(angle)", "coupling": "-cos(angle) * ddt(v)", "damping": "-ddt(angle)"}
     machine = ev.machine(
         "hanging",
         channels=channels,
         axes={
-            "cart": {"response": "ddt(v)", "terms": {"drag": "-v", "gain": ev.behind("u", "drive")}},
             "load": {"response": "ddt(ddt(angle))", "terms": terms},
+            "cart": {"response": "ddt(v)", "terms": {"drag": "-v", "gain": ev.behind("u", "drive")}},
         },
         actuators={"drive": ev.actuator(lag_s=(0.02, 0.5), delay_s=(0.0, 0.1))},
     )
@@ -275,6 +275,10 @@ def test_an_equation_may_hold_what_another_one_drives_alone():
         low, high = fit.quantities[name].interval
         assert low - 0.5 * (high - low) < truth[name] < high + 0.5 * (high - low)
         assert fit.quantities[name].verdict is Status.IDENTIFIED
+    space = json.loads(fit.export("statespace"))
+    assert space["states"] == ["v", "angle'", "angle", "u_behind"]
+    expected = fit.quantities["coupling"].value * fit.quantities["drag"].value
+    assert space["A"][1][0] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.thorough

@@ -439,6 +439,11 @@ class LaggedRuns(SeparableProblem):
         spectra = np.concatenate(self._spectra(blocks))
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
+    @property
+    def instrument_bins(self) -> Complex[np.ndarray, "bins p"]:
+        """Instruments in frequency."""
+        return self._fixed_bins[2]
+
     @cached_property
     def _memo(self) -> dict[tuple[float, ...], list[Complex[np.ndarray, "_ k"]]]:
         """Bins of the moving columns: every pass of a weighting visits the same grid again."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
@@ -115,18 +115,22 @@ class AxisEquation:
         columns = [_evaluated(term.expression, signals, states) for term in terms]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
-    def late(self, signals: Signals, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
+    def late(self, signals: Signals) -> Callable[[Values], Float[np.ndarray, "n m"]]:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
-        texts = [term.of for term in self.terms if term.is_steady]
-        step_s, delay_s = signals.step_s, nuisance_values[DELAY.name]
+        texts, step_s = [term.of for term in self.terms if term.is_steady], signals.step_s
         # what is explained may itself be an input, such as the force of a motor
         if any(name in self.inputs for text in self.response for name in parsed(text).columns):
-            return shifted_by(self.columns(signals, texts), step_s=step_s, delay_s=-delay_s)
-        moved = {
-            name: shifted_by(signals.channel(name)[:, None], step_s=step_s, delay_s=delay_s)[:, 0]
-            for name in self.averaged
-        }
-        return self.columns(replace(signals, channels={**signals.channels, **moved}), texts)
+            early = self.columns(signals, texts)
+            return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
+
+        def moved(at: Values) -> Float[np.ndarray, "n m"]:
+            delayed = {
+                name: shifted_by(signals.channel(name)[:, None], step_s=step_s, delay_s=at[DELAY.name])[:, 0]
+                for name in self.averaged
+            }
+            return self.columns(replace(signals, channels={**signals.channels, **delayed}), texts)
+
+        return moved
 
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
@@ -203,7 +207,7 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         for number, flight in enumerate(flights):
             signals = flight.signals
             for axis in logged:
-                others = {source.channel for item in self.axes if item != axis for source in item.references}
+                place = self.axes.index(axis)
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 stays = [term for term in axis.terms if term.is_steady and not late]
                 moves = [term for term in axis.terms if (term.is_steady if late else term.behind)]
@@ -217,10 +221,10 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
                         flight.runs,
                         axis.columns(signals, known),
                         whole,
-                        partial(axis.late if late else axis.driven, signals),
-                        axis.instruments(signals, rule, others),
+                        axis.late(signals) if late else partial(axis.driven, signals),
+                        self.instruments(place, signals, rule),
                         number,
-                        self.axes.index(axis),
+                        place,
                         flight.band_hz,
                         flight.usable,
                         tuple(moving.index(term.parameter) for term in moves),
@@ -235,6 +239,12 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
             lag, prior = lag.known_at(0.0), Prior(0.0, slack_s)
             delay = replace(delay, grid=grid, prior=prior, tolerance=1e-4 * slack_s)
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
+
+    def instruments(self, number: int, signals: Signals, rule: InstrumentRule) -> np.ndarray:
+        """Instruments of one of the axes."""
+        own = self.axes[number]
+        others = {source.channel for item in self.axes if item != own for source in item.references}
+        return own.instruments(signals, rule, others)
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}

@@ -198,13 +198,22 @@ class SolvedEquation:
 
     @cached_property
     def solved(self) -> str:
-        """The derivative that the equation determines."""
-        columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
-        derived = sorted({name for name in columns if name.endswith("'")}, key=len)
-        states = {name.rstrip("'") for name in derived}
+        """The derivative that the equation determines: of the state of the response, if that has one."""
+        of_response = [name for name in self.response.columns if name.endswith("'")]
+        states = {name.rstrip("'") for name in of_response or self._derived}
         expected, remedy = "one state with a derivative in each equation", "Simulate it by other means."
-        checks.require(len(states) == 1, expected, ", ".join(states) or "none", remedy)
-        return derived[-1]
+        checks.require(len(states) == 1, expected, ", ".join(sorted(states)) or "none", remedy)
+        return max((name for name in self._derived if {name.rstrip("'")} == states), key=len)
+
+    @property
+    def _derived(self) -> set[str]:
+        columns = [*self.response.columns, *(name for _, item, _ in self.terms for name in item.columns)]
+        return {name for name in columns if name.endswith("'")}
+
+    @property
+    def needed(self) -> set[str]:
+        """Derivatives that states or other equations give."""
+        return self._derived - {self.solved}
 
     @property
     def lower(self) -> list[str]:
@@ -361,11 +370,11 @@ class Machine(DeclaredMotion):
         return TrackedParameter(name, runs, known, level, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
-        """Equations with numbers, each for the highest derivative of its state."""
+        """Equations with numbers, each for the highest derivative of its state, one after another."""
         _refuse_missing(
             "values", [*(term.name for term in self.terms), *(LAGS if self.has_lag else ())], values
         )
-        return [
+        left = [
             SolvedEquation(
                 _by_order(parsed(axis.response[-1])),
                 tuple((values[term.name], _by_order(term.expression), term.behind) for term in axis.terms),
@@ -373,6 +382,15 @@ class Machine(DeclaredMotion):
             )
             for axis in self.axes
         ]
+        known, results = {name for item in left for name in item.lower}, list[SolvedEquation]()
+        while left:
+            ready = [item for item in left if item.needed <= known]
+            expected = "equations of which each holds highest derivatives of earlier ones only"
+            checks.require(bool(ready), expected, "a circle of them", "Simulate it by other means.")
+            results += ready
+            known |= {item.solved for item in ready}
+            left = [item for item in left if item not in ready]
+        return results
 
     def simulate(
         self,
@@ -501,8 +519,17 @@ class Machine(DeclaredMotion):
         step_s = max(flight.signals.step_s for flight in flights)
         longest_s = max((run.stop - run.start) * f.signals.step_s for f in flights for run in f.runs)
         lags = [lag for lag in TIME_CONSTANTS_S if 2.0 * step_s <= lag <= 0.1 * longest_s] or [2.0 * step_s]
-        problems = [super(Machine, self).problem(flights, replace(rule, lags=(count, lag))) for lag in lags]
-        return max(problems, key=_strength) if count else problems[0]
+        first = super().problem(flights, replace(rule, lags=(count, lags[0])))
+        if not count:
+            return first
+
+        def lagging(lag_s: float) -> LaggedRuns:
+            made = replace(rule, lags=(count, lag_s))
+            signals = ((item, flights[item.flight].signals) for item in first.columns)
+            own = (replace(i, instruments=self.instruments(i.axis, of, made)) for i, of in signals)
+            return replace(first, columns=tuple(own))
+
+        return max(map(lagging, lags), key=partial(_strength, _sought(first)))
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = dict(super().derive(problem, estimate))
@@ -622,8 +649,8 @@ SLOW_SAMPLES = verdict.Rule(
 )
 
 
-def _strength(problem: LaggedRuns) -> float:
-    """Least canonical correlation of the instruments with the columns, that of the lag among them."""
+def _sought(problem: LaggedRuns) -> Float[np.ndarray, "rows n"]:
+    """Basis of what instruments are to identify: the columns, and the slope over the lag."""
     middle = {item.name: float(item.grid[(item.grid.size - 1) // 2]) for item in problem.nuisances}
     bins = problem.bins(middle)
     columns, response = bins.regressors, bins.responses[:, -1]
@@ -631,13 +658,18 @@ def _strength(problem: LaggedRuns) -> float:
         theta = np.linalg.lstsq(columns, response)[0]
         slope = problem.nuisances[0].derivative(lambda at: problem.bins(at).regressors @ theta, middle)
         columns = np.column_stack([columns, slope])
+    return _basis(columns)
 
-    def basis(matrix: np.ndarray) -> np.ndarray:
-        rows = np.concatenate([matrix.real, matrix.imag])
-        sizes = np.linalg.norm(rows, axis=0)
-        return np.asarray(np.linalg.qr(rows / np.where(sizes > 0.0, sizes, 1.0))[0])
 
-    return float(np.linalg.svd(basis(bins.instruments).T @ basis(columns), compute_uv=False)[-1])
+def _strength(sought: Float[np.ndarray, "rows n"], problem: LaggedRuns) -> float:
+    """Least canonical correlation of the instruments with that."""
+    return float(np.linalg.svd(_basis(problem.instrument_bins).T @ sought, compute_uv=False)[-1])
+
+
+def _basis(matrix: np.ndarray) -> Float[np.ndarray, "rows n"]:
+    rows = np.concatenate([matrix.real, matrix.imag])
+    sizes = np.linalg.norm(rows, axis=0)
+    return np.asarray(np.linalg.qr(rows / np.where(sizes > 0.0, sizes, 1.0))[0])
 
 
 def _intercept(problem: LaggedRuns, estimate: Estimate, axis: int, term: Term) -> QuantityEstimate:
