@@ -318,6 +318,12 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     profiled = linear if state.motion.abilities.profiled else ()
     lags |= {name: known.get(name) or maker.of_parameter(name) for name in profiled}
     profiles = {name: item.profile for name, item in lags.items() if item is not None}
+    for name in profiled:
+        value = state.estimate.parameters[name]
+        if name in profiles and not profiles[name].hull[0] <= value <= profiles[name].hull[1]:
+            # another solution of the same instruments fits as well
+            pieces = (*profiles[name].intervals, state.estimate.interval(name))
+            profiles[name] = ConfidenceSet.union(pieces)
     return replace(state, sets=sets, profiles=profiles)
 
 
