@@ -32,17 +32,18 @@ from eivor.exports.vehicle import (
     by_quarters,
     coefficients,
     describe,
+    held_back,
     manoeuvre,
     replayed,
     rotors_of,
 )
 from eivor.motions.rigid_body.dynamics import body_derivative, speed_derivative
-from eivor.motions.rigid_body.vehicle import KnownNumber
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.motions.table import motion_by_name
 from eivor.signals.thrust_map import Mixed, input_map
 from exports import documents
 from exports.documents import document
-from exports.test_simulators import sitl_frame
+from exports.test_simulators import WORSE, sitl_frame
 
 STEP, SECONDS = 1.02, 1.0
 
@@ -303,6 +304,63 @@ def test_drone_models_turn_as_what_they_hold(lopsided, tmp_path):
     assert off(held(made, commands, DRONE_MODELS_LACK), attitudes) < 1.0
 
 
+#: What a flight up and down may identify beside the rest, and a turning one.
+UP_AND_DOWN = {"quadratic_drag": (0.05, 0.01), "ground_effect": (0.1, 0.01), "voltage_exponent": (1.1, 0.1)}
+
+
+@pytest.mark.parametrize(
+    ("to", "lost", "written"),
+    [
+        ("rotorpy", ["delay of the commands", "ground effect", "voltage"], '"c_Dz": 0.0015'),
+        ("mujoco", ["delay of the commands", "quadratic drag", "ground effect", "voltage"], ""),
+        (
+            "sitl",
+            ["lag of the rotors", "delay of the commands", "ground effect", "voltage"],
+            '"propExpo": 0.4',
+        ),
+        ("casadi", ["ground effect", "voltage exponent"], "- 0.05 * ca.fabs(x[1]) * x[1]"),
+        ("statespace", ["quadratic drag", "ground effect", "voltage exponent"], '"delay_s": 0.015'),
+    ],
+)
+def test_a_flight_up_and_down_loses_nothing_in_silence(to, lost, written, tmp_path):
+    reported = document(delay=(0.015, 0.001))
+    reported["model"]["input_map"] = "mixed:0.4"
+    for name, pair in UP_AND_DOWN.items():
+        reported["parameters"][name] = documents.quantity(*pair)
+    fit = ev.load_fit(documents.written(reported, tmp_path))
+    given = {name: KnownNumber(*pair) for name, pair in documents.PRIORS.items() if "inertia" in name}
+    known = Supplied(priors=given, vehicle=load_vehicle(documents.vehicle_file(tmp_path)))
+    made = fit.exported(to, Supplied() if to in ("casadi", "statespace") else known, None, 0)
+    assert [re.split("[:,]", text.partition(" has no ")[2])[0] for text in made.lost] == lost
+    assert written in made.text
+    assert all(text in made.text for text in made.lost)
+
+
+def test_a_second_stage_and_a_lift_that_is_weak_are_said(lopsided, tmp_path):
+    """An ellipsoid of MuJoCo drags along all axes or none; two stages of 10 and 58 ms are late as is one of 68."""
+    reported = documents.of_lopsided(translational_lift=(0.003, 1e-4), quadratic_drag_z=(-0.01, 0.005))
+    reported["parameters"]["translational_lift"]["verdict"] = "weak"
+    reported["parameters"]["second_lag"] = documents.quantity(0.01, 0.001)
+    made = ev.load_fit(documents.written(reported, tmp_path)).exported("mujoco", Supplied(), None, 0)
+    assert "rotors [N/(m/s)^2]: left out. translational_lift is weak." in made.text
+    assert any(
+        "no quadratic drag, and quadratic_drag_x 0.00195, quadratic_drag_y 0.00207 not" in x
+        for x in made.lost
+    )
+    assert any("second stage of the rotors' lag, and second_lag 0.01 not" in text for text in made.lost)
+    vehicle, commands = lopsided[1:3]
+    two = replace(
+        vehicle, values={**vehicle.values, "second_lag": np.array([0.01]), "delay": np.array([0.007])}
+    )
+    fast, late = held_back(
+        two, np.vstack([np.tile(manoeuvre(two, 0.0)[0], (20, 1)), np.tile(commands[3], (400, 1))])
+    )
+    assert fast.values["actuator_lag"][0] == pytest.approx(0.058)
+    reached = (late[20:] - late[0]) / (commands[3] - late[0])
+    # the area that is missed is delay and lag
+    np.testing.assert_allclose(REPLAY_STEP_S * np.sum(1.0 - reached[:200], axis=0), 0.017, atol=0.003)
+
+
 def test_accepted_verdicts_are_written_and_marked(tmp_path):
     reported = documents.of_rigid_body(documents.KNOWN_VEHICLE)
     for name in ("roll_gain", "pitch_gain", "drag_x"):
@@ -362,7 +420,10 @@ def test_a_curve_of_sitl_is_the_map_over_its_largest_command(curve, largest, sha
 
 
 def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
-    path = documents.written(documents.of_rigid_body(documents.KNOWN_VEHICLE), tmp_path)
+    reported = documents.of_lopsided(documents.KNOWN_VEHICLE | {"name": WORSE})
+    reported["provenance"] |= {"version": WORSE, "logs": [{"name": WORSE, "sha256": WORSE}]}
+    reported["parameters"]["drag_z"] |= {"verdict": "refused", "reasons": [WORSE]}
+    path = documents.written(reported, tmp_path)
     command = ["export", str(path), "--to", "all", "--prior", "largest_command=2500"]
     for where in ([str(tmp_path / "all")], ["-o", str(tmp_path / "all")]):  # the second time it is there
         run = CliRunner().invoke(app, [*command, *where])
@@ -372,6 +433,9 @@ def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
     page = (tmp_path / "all" / "README.md").read_text(encoding="utf-8")
     assert "## px4: not written" in page
     assert "errs by" in page
+    # names stand in blocks of code of one line each, and have no control characters on the terminal
+    assert {line.split(" ")[0] for line in page.splitlines()} == {"", "#", "##", "For"}
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", run.stderr)
     for lost in re.findall(r"^    (.* errs by .*)$", page, re.MULTILINE):
         assert lost in run.stderr
 
@@ -450,6 +514,13 @@ def test_a_state_space_of_rates_has_each_axis(tmp_path):
     expected[4:, 2:] = [[150.0, 0.0, -2.0, 0.0], [0.0, 20.0 - 150.0, 0.0, -0.5]]
     expected[5, 1] = 150.0
     np.testing.assert_allclose(json.loads(made.text)["A"], expected, atol=1e-9)
+    for name in ("roll_damping", "yaw_damping"):
+        reported["parameters"][name]["verdict"] = "refused"
+    fit = ev.load_fit(documents.written(reported, tmp_path))
+    with pytest.raises(NotIdentifiedError, match="Expected roll_damping, yaw_damping identified"):
+        fit.export("statespace")
+    priors = {"roll_damping": (2.0, 0.1), "yaw_damping": (0.5, 0.1)}
+    np.testing.assert_allclose(json.loads(fit.export("statespace", priors=priors))["A"], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7])

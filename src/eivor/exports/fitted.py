@@ -163,6 +163,10 @@ class Fitted:
         verdicts = {Status.IDENTIFIED, *self.accepted}
         return name in self.quantities and self.quantities[name].verdict in verdicts
 
+    def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those that are not."""
+        return tuple(name for name in names if not self.is_identified(name))
+
     def source(self, *names: str) -> str:
         """Worst verdict of quantities, as it stands beside a number that is made of them."""
         verdicts = {self.quantities[name].verdict for name in names if name in self.quantities}
@@ -192,26 +196,29 @@ class Fitted:
         sentences = dict.fromkeys(reason.sentence for of_name in reasons for reason in of_name)
         return " ".join((*(f"{listed(items)} {why}." for why, items in verdicts.items()), *sentences))
 
-    def needed(self, name: str, supplied: Supplied, target: str) -> Number:
-        """A quantity that a target cannot do without: identified, or else given."""
-        result = self.identified_number(name)
-        if result is not None:
-            return result
-        given = supplied.priors.get(name)
-        if given is not None:
-            return Number(given.value, given.interval, "given")
-        raise NotIdentifiedError(
-            f"{name} identified, which {target} cannot do without",
-            self.why_not(name).rstrip("."),
-            f"Fly again as the report says, or give what is known: --prior {name}=VALUE:STD."
-            f"{self.acceptance(name)}",
-        )
+    def needed(self, names: Iterable[str], supplied: Supplied, target: str) -> dict[str, Number]:
+        """Quantities that a target cannot do without: identified, or else given."""
+        numbers = {name: self.identified_number(name) or _given(supplied, name) for name in names}
+        missing = [name for name, number in numbers.items() if number is None]
+        if missing:
+            priors = " ".join(f"--prior {name}=VALUE:STD" for name in missing)
+            raise NotIdentifiedError(
+                f"{', '.join(missing)} identified, which {target} cannot do without",
+                self.why_not(*missing).rstrip("."),
+                f"Fly again as the report says, or give what is known: {priors}.{self.acceptance(*missing)}",
+            )
+        return {name: number for name, number in numbers.items() if number is not None}
 
     def acceptance(self, *names: str) -> str:
         """Sentence that says which option would write quantities that are not identified."""
         verdicts = {self.quantities[name].verdict for name in names if name in self.quantities}
         worst = next((item for item in ACCEPTABLE if item in verdicts), None)
         return f" Or write them with their verdict: --accept {worst.value}." if worst else ""
+
+
+def _given(supplied: Supplied, name: str) -> Number | None:
+    given = supplied.priors.get(name)
+    return None if given is None else Number(given.value, given.interval, "given")
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,7 @@ LAGS = ("actuator_lag", "delay")
 #: Name in documents of the motion that turns, and its axes with channels of the inputs and outputs.
 RATES = "body_rates"
 TURNING = {"roll": "x", "pitch": "y", "yaw": "z"}
+KINDS = ("effectiveness", "damping")
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> S
         return _at_rest(_MachineEquations.of(fitted.machine, fitted, supplied, "a state space"))
     fitted.check_vertical("a state space")
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
-    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
+    numbers = fitted.needed(names, supplied, "a state space")
     friction, gain, hover = (numbers[name].value for name in NEEDED)
     lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
     slope = gain * fitted.input_map.slope(hover)
@@ -100,16 +101,15 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
     """Rates by torque setpoints: each axis has a state of its actuators and one of its rate."""
     axes = [axis for axis in TURNING if fitted.is_identified(f"{axis}_effectiveness")]
     if not axes:
-        fitted.needed("roll_effectiveness", supplied, "a state space")
-    kinds = ("effectiveness", "damping")
-    names = (*LAGS, *(f"{axis}_{kind}" for axis in axes for kind in kinds))
-    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
+        fitted.needed([f"{axis}_effectiveness" for axis in TURNING], supplied, "a state space")
+    names = (*LAGS, *(f"{axis}_{kind}" for axis in axes for kind in KINDS))
+    numbers = fitted.needed(names, supplied, "a state space")
     whole, second = max(numbers["actuator_lag"].value, 1e-6), fitted.identified_number("second_lag")
     lags = [whole] if second is None or not second.value > 0.0 else [whole - second.value, second.value]
     n, stages = len(axes), len(lags)
     AB = np.zeros(((stages + 1) * n, (stages + 2) * n))  # Columns of the inputs last
     for row, axis in enumerate(axes):
-        gain, damping = (numbers[f"{axis}_{kind}"].value for kind in kinds)
+        gain, damping = (numbers[f"{axis}_{kind}"].value for kind in KINDS)
         reaction = fitted.identified_number(f"{axis}_reaction")
         jump = 0.0 if reaction is None else reaction.value / lags[-1]
         before = (stages + 1) * n + row
@@ -213,7 +213,7 @@ class _MachineEquations:
         """Equations of a result whose numbers are known."""
         names = (*(term.name for term in machine.terms), *(LAGS if machine.has_lag else ()))
         supplied.check_only(names, target, body=False)
-        numbers = {name: fitted.needed(name, supplied, target) for name in names}
+        numbers = fitted.needed(names, supplied, target)
         equations = machine.solved({name: number.value for name, number in numbers.items()})
         states = [name for equation in equations for name in equation.lower]
         inputs = [c.name for c in machine.logged if c.role in ("input", "state") and c.name not in states]
@@ -325,7 +325,10 @@ def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != RIGID_BODY:
         if fitted.machine is None:
-            supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
+            beside = (
+                [f"{axis}_{kind}" for axis in TURNING for kind in KINDS] if fitted.model == RATES else NEEDED
+            )
+            supplied.check_only((*beside, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
     made = describe(fitted, supplied, "A state space", BODY, lacks=(SECOND_STAGE,))
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
@@ -406,7 +409,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     fitted.check_vertical("CasADi")
     supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
-    known = {name: fitted.needed(name, supplied, "CasADi") for name in names}
+    known = fitted.needed(names, supplied, "CasADi")
     drag = fitted.identified_number("quadratic_drag")
     if drag is not None:
         known["quadratic_drag"] = drag

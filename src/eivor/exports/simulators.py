@@ -192,7 +192,8 @@ ISAAC_LAB_REMARKS = (
     "would make the lag longer by dt.",
     "events and thruster are ranges of 95 % of the draws, for terms that draw each number by itself: they "
     "hold vehicles that the flight excludes. draws are the joint ones: set them where you can.",
-    "Drag is over mass, as linear_damping has it: of motion along z.",
+    "Drag is over mass, as linear_damping has it: of motion along z. com_range is added to the asset's own "
+    "centre of mass, and its inertia goes with the mass unless recompute_inertia is False.",
 )
 
 
@@ -473,8 +474,8 @@ SITL_LACKS = (
 SITL_REMARKS = (
     "For sim_vehicle.py -f x:FILE.json, with FRAME_CLASS 1 and FRAME_TYPE 1. Motors 1 to 4 are front right, "
     "rear left, front left and rear right.",
-    "Battery and PWM are typical values, not the flight's. Yaw torque goes with thrust times signal in SITL: "
-    "it is right at hover.",
+    "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
+    "Yaw torque goes with thrust times signal in SITL: it is right at hover.",
 )
 #: Positions of `QUARTERS` in the order of ArduPilot's motors.
 SITL_MOTORS = (0, 2, 3, 1)

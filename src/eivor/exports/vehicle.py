@@ -396,11 +396,10 @@ def _parts(
             ):
                 source = f"{fitted.source(*formula.needed)}. {number.sentence}"
                 parts[name] = SimulatorNumber(Number(value, interval, source), formula.expression.evaluate)
-            elif name in FURTHER and interval is not None:
-                bounds.append(f"{WORDS[name]}: below {max(interval[1], 0.0):.3g}, left out")
             elif name in PHYSICAL:
-                lacking = (item for item in formula.needed if not fitted.is_identified(item))
-                missing[name] = tuple(lacking) or number.sentence
+                missing[name] = fitted.lacking(formula.needed) or number.sentence
+            else:
+                bounds.extend(_left_out(fitted, WORDS[name], formula, interval))
         parts |= _height(fitted, known)
     for name, root in MADE_OF[fitted.model].items():
         root_number = fitted.identified_number(root) or given.get(root)
@@ -410,6 +409,15 @@ def _parts(
         elif name not in RARE or root_number.value > 0.0:
             parts[name] = _root(root_number, name, root, given["mass"], vehicle.count)
     return parts, missing, tuple(bounds)
+
+
+def _left_out(
+    fitted: Fitted, words: str, formula: Formula, interval: tuple[float, float] | None
+) -> Iterator[str]:
+    if interval is not None:
+        yield f"{words}: below {max(interval[1], 0.0):.3g}, left out"
+    elif set(formula.needed) <= fitted.quantities.keys():
+        yield f"{words}: left out. {fitted.why_not(*fitted.lacking(formula.needed))}"
 
 
 def _root(number: Number, name: str, root: str, mass: Number, rotors: int) -> SimulatorNumber:
