@@ -332,6 +332,58 @@ def test_without_noise_every_method_finds_the_truth(name, known):
     assert result.parameters == pytest.approx(truth, rel=1e-9 if known else 1e-8)
 
 
+#: A cell's ohmic resistance and ZARC element, in derivatives by time.
+CELL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0, ORDER), ev.FractionalDerivative())
+CELL_TRUTH = {"output_coefficient_2": 2.0**0.8, "input_coefficient_1": 0.03}
+CELL_TRUTH |= {"input_coefficient_2": 0.01 * 2.0**0.8, "order": 0.8}
+STEPS_BETWEEN = 40
+
+
+def of_a_cell(seed, correlation, rate_hz=20.0, count=2000):
+    """Estimate of a cell whose current is linear between samples, computed at a fortieth of the step."""
+    rng = np.random.default_rng(seed)
+    current = lfilter([1.0], [1.0, -correlation], rng.standard_normal(count))
+    current -= current[0]
+    between = np.interp(np.arange((count - 1) * STEPS_BETWEEN + 1) / STEPS_BETWEEN, np.arange(count), current)
+    voltage = CELL.simulate(CELL_TRUTH, between, rate_hz=STEPS_BETWEEN * rate_hz)[::STEPS_BETWEEN]
+    true = {"output": voltage, "input": current}
+    noise = {name: ev.WhiteNoise(0.01 * series.std()) for name, series in true.items()}
+    measured = {name: series + noise[name].sample(count, rng) for name, series in true.items()}
+    problem = CELL.problem(
+        ev.Signals(rate_hz, measured, noise=noise),
+        divided_by_output_at=CELL_TRUTH | {"output_coefficient_2": 1.5, "order": 0.7},
+    )
+    return ev.identify(problem, methods.bias_compensated_least_squares())
+
+
+@pytest.mark.parametrize(
+    ("correlation", "status"),
+    [(0.98, "identified"), (0.5, "weak"), (0.0, "weak")],
+    ids=["slow", "rough", "white"],
+)
+def test_errors_of_discretisation_are_in_the_intervals(correlation, status):
+    result = of_a_cell(0, correlation)
+    bare, missed = replace(result, discretisation=None), 0
+    for name, value in CELL_TRUTH.items():
+        low, high = result.interval(name)
+        assert low < value < high
+        low, high = bare.interval(name)
+        missed += not low < value < high
+    assert missed
+    assert result.status.value == status
+    assert ("Sample faster" in result.summary()) is (status == "weak")
+
+
+@pytest.mark.thorough
+@pytest.mark.calibration
+@pytest.mark.parametrize("correlation", [0.98, 0.8, 0.0])
+def test_intervals_of_cells_hold_the_truth(correlation):
+    results = [of_a_cell(seed, correlation) for seed in range(30)]
+    for name, value in CELL_TRUTH.items():
+        intervals = [result.interval(name) for result in results]
+        assert sum(low < value < high for low, high in intervals) >= 26
+
+
 def test_the_estimate_is_one_like_all_others():
     problem = MODEL.problem(record(noise_ratio=0.05), FRACTIONAL_LAGS)
     result = ev.identify(problem, methods.generalized_iv())

@@ -52,6 +52,24 @@ def diagnosed(made, method=None):
     return ev.diagnose(ev.identify(problem(made), method or ev.methods.generalized_iv()))
 
 
+@pytest.mark.parametrize(("period_s", "status"), [(20.3, Status.WEAK), (13.0, Status.IDENTIFIED)])
+def test_what_swings_as_the_input_does_leaves_the_estimate_weak(period_s, status):
+    """A push beside the line of a square wave is not resolved within the record; one elsewhere is noise."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        times = 0.2 * np.arange(2000)
+        u = np.sign(np.sin(2.0 * np.pi * times / 20.0)) + 0.3 * rng.standard_normal(times.size)
+        v = lfilter([0.3], [1.0, -0.7], u)
+        push = 0.3 * np.sin(2.0 * np.pi * times / period_s + rng.uniform(0.0, 6.0))
+        s = 0.5 * u - 0.8 * v + push + 0.1 * autoregression(rng, times.size, 0.8)
+        channels = {"velocity_z": v, "specific_force_z": s, "input": u}
+        noise = {name: ev.WhiteNoise(0.0) for name in channels}
+        made = ev.Signals(rate_hz=5.0, channels=channels, noise=noise)
+        fit = ev.identify(problem(made), methods.generalized_iv())
+        assert fit.status is status
+        assert ("cannot be distinguished from it" in fit.summary()) is (status is Status.WEAK)
+
+
 @pytest.mark.parametrize("lags", [(0, 10), (2, 5)])
 def test_folded_products_are_those_of_rows(lags):
     made = signals(0, FOLDED_FROM + 1237)

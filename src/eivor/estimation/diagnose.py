@@ -415,6 +415,17 @@ class Diagnostics:
         return "\n".join(lines)
 
 
+def periodic(estimate: Estimate) -> tuple[Reason, ...]:
+    """Reason against an estimate that parameters vary periodically."""
+    try:
+        diagnostics = Diagnostics(estimate)
+        found = diagnostics.periodicity
+        reasons = () if found is None else tuple(found.reasons(diagnostics.subject))
+    except (EivorError, np.linalg.LinAlgError):
+        return ()  # what has no covariance has no diagnostics
+    return tuple(reason for reason in reasons if reason.status is Status.WEAK)
+
+
 def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, ...]:
     """Reason against a direct estimate that the problem's own instruments contradict beyond doubt."""
     direct = estimate

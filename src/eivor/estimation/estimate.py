@@ -63,7 +63,10 @@ class Estimate:
     solution: Solution  # Linear parameters, and the condition of their equations
     method: str = ""  # Name of the method
     joint_parameters: tuple[Parameter, ...] = ()  # In the order of the joint vector
-    reasons: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
+    met: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
+    doubts: Callable[[Estimate], tuple[Reason, ...]] | None = (
+        None  # Those that are sought when they are asked for
+    )
     noises: tuple[FittedNoise, ...] = ()  # Fitted together with the parameters, by a spectral method
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
     known: Float[np.ndarray, "k q"] = field(default_factory=lambda: np.empty((0, 0)))  # See `prior_rows`
@@ -75,11 +78,17 @@ class Estimate:
     streamed_covariance: JointCovariance | None = field(default=None, repr=False)
     #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
     flight_criterion: float | None = None
+    #: What a finer discretisation would change of the joint vector.
+    discretisation: Float[np.ndarray, " n"] | None = None
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
 
     def __getstate__(self) -> dict[str, object]:
         """Without the estimating equation and the basis, which are made again when they are requested."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("equation", "_basis")}
+        return {
+            name: value
+            for name, value in self.__dict__.items()
+            if name not in ("equation", "_basis", "reasons")
+        }
 
     @property
     def theta(self) -> Float[np.ndarray, " m"]:
@@ -257,6 +266,11 @@ class Estimate:
             return self.streamed_covariance
         return self.covariance_estimator.joint(self.equation)
 
+    @cached_property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Reasons against the estimate, or of what should be known of it."""
+        return self.met if self.doubts is None else (*self.met, *self.doubts(self))
+
     @property
     def status(self) -> Status:
         """Weak when the instruments are, see `reasons` and `first_stage`.
@@ -433,9 +447,10 @@ def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquatio
 
     make = _moment_equation if estimate.assembler.moment_equations else _direct_equation
     equation = make(estimate, augmented)
-    if shrinkage is None:
-        return equation
-    return replace(equation, move=np.pad(shrinkage.shift, (0, columns.shape[1])))
+    move = estimate.discretisation
+    if shrinkage is not None:
+        move = np.pad(shrinkage.shift, (0, columns.shape[1])) + (0.0 if move is None else move)
+    return equation if move is None else replace(equation, move=move)
 
 
 def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:

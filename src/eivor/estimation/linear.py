@@ -317,7 +317,37 @@ def _plain_estimate(method: LinearMethod, candidate: Estimate, parameters: tuple
         *overstated_noise(candidate.moments, parameters),
         *shrinkage_bias(candidate.solution, parameters),
     )
-    return replace(candidate, method=method.name, joint_parameters=parameters, reasons=reasons)
+    made = replace(candidate, method=method.name, joint_parameters=parameters, met=reasons)
+    finer = None if made.problem is None else made.problem.finer
+    return made if finer is None else _discretised(method, made, finer)
+
+
+#: From what share of a parameter on the error of discretisation makes it weak.
+COARSE = 0.03
+
+
+def _discretised(method: LinearMethod, estimate: Estimate, finer: LinearProblem) -> Estimate:
+    """The estimate with intervals that count its discretisation: what two finer ones change."""
+    try:
+        changes = [
+            method.solve_moments(method.moments(made), made).theta - estimate.theta
+            for made in (finer, finer.finer or finer)
+        ]
+    except EstimationError:
+        return replace(estimate, met=(*estimate.met, _far_apart("leave no solution")))
+    first, second = changes
+    change = np.copysign(np.abs(first) + np.abs(second - first), first)
+    errors = np.array([estimate.std_error(name) for name in estimate.names])
+    beyond = np.abs(change) - np.maximum(COARSE * np.abs(estimate.values), errors)
+    worst = int(beyond.argmax())
+    what = f"move {estimate.names[worst]} by {abs(change[worst]):.2g}"
+    reasons = (_far_apart(what),) if beyond[worst] > 0.0 else ()
+    return replace(estimate, discretisation=change, met=(*estimate.met, *reasons))
+
+
+def _far_apart(what: str) -> Reason:
+    sentence = f"The samples are far apart for derivatives by time: finer ones {what}."
+    return Reason(Status.WEAK, sentence, "Sample faster, or excite more slowly.")
 
 
 def check_linear(method: object) -> None:
@@ -344,7 +374,7 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     return replace(
         solved,
         joint_parameters=(*solved.joint_parameters, *(nuisance.parameter for nuisance in searched)),
-        reasons=shrinkage_bias(solved.solution, solved.joint_parameters),
+        met=shrinkage_bias(solved.solution, solved.joint_parameters),
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
         known=known,
         misfits=misfits,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
-from eivor.estimation.diagnose import contradiction
+from eivor.estimation.diagnose import contradiction, periodic
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import OUTPUT_ERROR, Method, NaturalInstruments, OutputError, Problem
@@ -79,9 +79,11 @@ def identify(problem: Problem, method: Method) -> Estimate:
             "Call the function of eivor.methods that is named so.",
         )
     estimate = method.estimate(problem)
-    if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
+    if not isinstance(problem, LinearProblem):
         return estimate
-    return replace(estimate, reasons=(*estimate.reasons, *contradiction(problem, estimate)))
+    direct = problem.instrument_count and not method.needs_instruments
+    against = contradiction(problem, estimate) if direct else ()
+    return replace(estimate, met=(*estimate.met, *against), doubts=periodic)
 
 
 def iv(

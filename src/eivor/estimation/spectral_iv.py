@@ -108,7 +108,7 @@ def with_reasons(
                 f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}."
             )
             reasons.append(Reason(Status.WEAK, sentence, "Excite more, or record longer."))
-    return replace(estimate, reasons=tuple(reasons))
+    return replace(estimate, met=tuple(reasons))
 
 
 #: What to do about numbers that a search did not reach.
@@ -145,7 +145,7 @@ def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
     """Generalized IV's answer, with the reason as a warning too."""
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
     answer = plain.with_covariance(EqualWeightedCosines())
-    return replace(answer, method=name, reasons=(*plain.reasons, reason))
+    return replace(answer, method=name, met=(*plain.met, reason))
 
 
 #: Passes of noises and parameters, and the change relative to the parameters that ends them.
@@ -212,7 +212,7 @@ def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
 
 def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     reason = fallback(why, "Compare with reference_iv; fly longer, or with more excitation.")
-    return replace(plain, method=name, reasons=(*plain.reasons, reason))
+    return replace(plain, method=name, met=(*plain.met, reason))
 
 
 def _squared_distance(estimate: Estimate, other: Estimate) -> float:
@@ -307,7 +307,7 @@ class SpectralGeneralizedIV(Method):
             "estimate with generalized IV's that has the least variance, and slow drifts are not taken off."
         )
         short = Reason(Status.IDENTIFIED, sentence, "Record longer for the spectral estimate alone.")
-        return replace(answer, reasons=(*answer.reasons, short))
+        return replace(answer, met=(*answer.met, short))
 
 
 def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:
@@ -422,7 +422,7 @@ class WhittleLikelihood(Method):
                 "the input between samples, is not what the likelihood takes it for."
             )
             reasons.append(Reason(Status.WEAK, sentence, USE))
-        return replace(answer, reasons=(*reasons, *_not_held(solution)))
+        return replace(answer, met=(*reasons, *_not_held(solution)))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Reason:
         start = start_of(sampled, plain)

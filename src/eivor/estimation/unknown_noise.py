@@ -335,7 +335,7 @@ class _MomentSearch:
         estimate = replace(
             alone, method=name, joint_parameters=self.shared.parameters, streamed_covariance=covariance
         )
-        return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
+        return replace(estimate, met=tuple(self._reasons(estimate, beta)))
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
         """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""

@@ -57,6 +57,11 @@ class FractionalOperator(ABC):
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
         """Terms c Delta^(order + n) of samples `step_s` apart [s]: c, its derivative by the order, and n."""
 
+    @property
+    def finer(self) -> FractionalOperator | None:
+        """Operator with an error of one order more in the step; None where the step is not in it."""
+        return None
+
     def weights(self, order: float, count: int, step_s: float) -> Float[np.ndarray, " count"]:
         """Weights w_0 ... w_{count-1} of the filter."""
         terms = self.differences(order, step_s)
@@ -93,9 +98,37 @@ class FractionalDerivative(FractionalOperator):
     first order of the step. The second term takes it away, which leaves one of the second order.
     """
 
+    @property
+    def finer(self) -> FractionalOperator:
+        return _Series(3)
+
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
         scale, by_order = step_s**-order, -np.log(step_s) * step_s**-order
         return (scale, by_order, 0), (0.5 * order * scale, 0.5 * (scale + order * by_order), 1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Series(FractionalOperator):
+    """The first terms of (-log(1 - Delta) / step)^order: an error of their number's order in the step."""
+
+    terms: int
+
+    @property
+    def finer(self) -> FractionalOperator:
+        return _Series(self.terms + 1)
+
+    def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
+        scale = step_s**-order
+        made = [(scale, -np.log(step_s) * scale, 0)]
+        for n in range(1, self.terms):  # J. C. P. Miller's recurrence for a power of a series
+            c = by_order = 0.0
+            for k in range(1, n + 1):
+                before, slope, _ = made[n - k]
+                factor = (k * order - n + k) / (n * (k + 1.0))
+                c += factor * before
+                by_order += factor * slope + k / (n * (k + 1.0)) * before
+            made.append((c, by_order, n))
+        return tuple(made)
 
 
 #: Points of the unit circle, from so near to one on, at which the equation's roots are counted.
@@ -390,6 +423,11 @@ class FractionalRegression(LinearProblem):
     @property
     def instrument_count(self) -> int:
         return len(self.instrument_columns)
+
+    @property
+    def finer(self) -> FractionalRegression | None:
+        operator = self.filtered.operator.finer
+        return None if operator is None else replace(self, filtered=replace(self.filtered, operator=operator))
 
     @cached_property
     def _rows(self) -> Regression:

@@ -306,6 +306,7 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception)
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
+    estimate = replace(estimate, doubts=None)  # Periods would cost each trial as much again
     if study.intervals:
         estimate = choice.with_covariance(estimate)
     row: Row = {f"{choice.label}.status": estimate.status.value}

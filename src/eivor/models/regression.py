@@ -205,6 +205,11 @@ class LinearProblem(ABC):
         """Rows in arrays."""
 
     @property
+    def finer(self) -> LinearProblem | None:
+        """The same with a smaller error of discretisation; None where there is none."""
+        return None
+
+    @property
     @abstractmethod
     def instrument_count(self) -> int:
         """Number of instruments, p."""

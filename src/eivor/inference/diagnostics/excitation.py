@@ -82,6 +82,21 @@ class Periodicity(Diagnostic):
         )
         return min(equal, key=lambda item: item.p_value, default=first)
 
+    @property
+    def biased(self) -> Swing | None:
+        """Parameter with a line at twice the frequency of what is left over, where an input has one, too."""
+        doubled = [
+            parameter
+            for parameter in self.parameters
+            if parameter.p_value * len(self.tested) < SIGNIFICANT
+            and any(
+                item.p_value * len(self.tested) < SIGNIFICANT
+                and abs(1.0 / parameter.period - 2.0 / item.period) <= 2.0 * self.resolution
+                for item in self.left_over
+            )
+        ]
+        return min(doubled, key=lambda item: item.p_value, default=None)
+
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """How many were tested with the p-value of all, and period and amplitude of each."""
         likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
@@ -97,7 +112,14 @@ class Periodicity(Diagnostic):
             return
         strongest = self.strongest
         period = f"with a period of {strongest.period:.3g} {self.time_unit} (p-value {self.p_value:.1g})"
-        if strongest in self.left_over:
+        if strongest in self.left_over and self.biased is not None:
+            yield Reason(
+                Status.WEAK,
+                f"What the model leaves over of {strongest.of} swings by {strongest.extent} {period}, as an "
+                f"input does: {self.biased.of} cannot be distinguished from it.",
+                "Excite at other frequencies, or record longer.",
+            )
+        elif strongest in self.left_over:
             yield Reason(
                 Status.IDENTIFIED,
                 f"What the model leaves over of {strongest.of} swings by {strongest.extent} {period}.",
