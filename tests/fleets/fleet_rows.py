@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from eivor.atomic_file import parquet_bytes
-from eivor.fleet.logs import here
 from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, NamedRow, PageOf, flight_frame
+from eivor.logs.addresses import here
 
 
 def row(name, **values):

@@ -6,6 +6,7 @@ import io
 import os
 import re
 from functools import partial
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,13 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import eivor as ev
+from eivor.atomic_file import parquet_bytes
+from eivor.cli.parsing import log_argument
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import PathPattern, given_covariates, here, logs_found, path_of, with_covariates
+from eivor.fleet.logs import PathPattern, given_covariates, logs_found, with_covariates
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
+from eivor.logs.addresses import here, path_of
 from fleets.fleet_rows import row, rows_of, write_fleet, write_logs
 from refusal_rows import calls, rows, table, without
 from validation.simulated_fleets import FleetSpec, fleet_rows
@@ -97,7 +101,8 @@ def test_the_questions_of_the_page(tmp_path, monkeypatch):
 @pytest.fixture
 def bucket(monkeypatch):
     """Address of a bucket of a local S3 server."""
-    pytest.importorskip("upath"), pytest.importorskip("s3fs")
+    pytest.importorskip("upath")
+    pytest.importorskip("s3fs").S3FileSystem.clear_instance_cache()  # of a server that has stopped
     server = pytest.importorskip("moto.server").ThreadedMotoServer(
         ip_address="127.0.0.1", port=0, verbose=False
     )
@@ -122,7 +127,7 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
     rows_of(monkeypatch)
     texts = {"logs/a.csv": "one", "logs/b/c.csv": "two!", "logs/b/d.csv": "one", "logs/README": "no log"}
     write_logs(tmp_path, texts)
-    path_of(bucket).mkdir()
+    path_of(bucket).mkdir(exist_ok=True)
     for name, text in texts.items():
         path_of(f"{bucket}/{name}").write_text(text)
 
@@ -148,6 +153,31 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
         logs_found(f"{bucket}/nothing")
     with pytest.raises(InputError, match="whose files can be listed"):
         logs_found("s3://no-such-bucket/logs")
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(
+    os.environ.get("EIVOR_SHAPE_CHECKS") != "0", reason="places elsewhere do as paths do, and are none"
+)
+@pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_logs_elsewhere_are_read_as_here(bucket, tmp_path, command_line):
+    """The same result from an address, whole or in part; outputs beside it are written here."""
+    flight = pl.read_parquet(resources.files("eivor.data").joinpath("example_flight.parquet"))
+    (tmp_path / "x.parquet").write_bytes(parquet_bytes(flight))
+    path_of(bucket).mkdir(exist_ok=True)
+    path_of(f"{bucket}/x.parquet").write_bytes(parquet_bytes(flight))
+    local = tmp_path / "x.parquet"
+    for number, log in enumerate((str(local), local.as_uri(), f"{bucket}/x.parquet")):
+        for command in ("identify", "inspect"):
+            made = tmp_path / f"{command}-{number}.json"
+            run = command_line(command, f"{log}@5:60", "--json", made)
+            assert run.code == 0, run.err
+            assert made.read_bytes() == (tmp_path / f"{command}-0.json").read_bytes()
+    run = command_line("identify", f"{bucket}/nothing.ulg")
+    assert run.code == 1
+    assert "Expected an address that can be read; received 's3://bucket/nothing.ulg'" in run.err
 
 
 def of_list(text, tmp_path, name="list.csv"):
@@ -190,7 +220,7 @@ test_refused = table(
         (lambda: logs_found("nowhere"), InputError, "received '.*nowhere', which does not exist"),
         (lambda: pytest.importorskip("upath") and path_of("s4://a"), UsageError,
             "a scheme that fsspec knows"),
-        (without("upath", lambda _: logs_found("s3://bucket/logs")), UsageError,
-            r"packages for addresses s3://.*eivor\[cloud\]"),
+        *((without("upath", lambda _, read=read: read("s3://bucket/a.ulg")), UsageError,
+            r"packages for addresses s3://.*eivor\[cloud\]") for read in (logs_found, log_argument)),
     ),
 )  # fmt: skip

@@ -67,6 +67,8 @@ def log_paths(text: str) -> Iterable[Path]:
 
     # By name, since help loads no reader of logs.
     path: Path = resolve_name("eivor.cli.parsing:log_argument")(text).path
+    if not resolve_name("eivor.logs.addresses:is_local")(path):
+        return []
     return resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
 
 

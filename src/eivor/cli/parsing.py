@@ -25,6 +25,7 @@ from eivor.flights.references import ESTIMATE, Declared
 from eivor.flights.result import LogEstimate
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
+from eivor.logs.addresses import here, path_of
 from eivor.logs.common import UNITS, unit_fits
 from eivor.logs.read import example_flight
 from eivor.models.separable import Bounds, Prior
@@ -54,8 +55,8 @@ def log_argument(text: str) -> LogArgument:
     """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins."""
     name, index, tail = text.rpartition("@")
     if not index or not name or ":" not in tail or os.path.lexists(text):
-        return LogArgument(Path(text))
-    return LogArgument(Path(name), parse_window(tail))
+        return LogArgument(path_of(text))
+    return LogArgument(path_of(name), parse_window(tail))
 
 
 def parse_window(text: str) -> Window:
@@ -206,8 +207,9 @@ def read_logs(
     else:
         read = {}
         for path in dict.fromkeys(log.path for log in logs):
-            with step(f"Reading {path.name}"), named(str(path), several=len(logs) > 1):
-                read[path] = read_log(path, channel_map=channel_map or None)
+            typed = str(path)
+            with step(f"Reading {path.name}"), named(typed, several=len(logs) > 1), here(typed) as file:
+                read[path] = read_log(file, channel_map=channel_map or None)
         recordings = with_distinct_names(logs, [read[log.path] for log in logs])
     windows = [log.window for log in logs] or [None]
     check_windows(recordings, [window or options.window for window in windows])

@@ -45,11 +45,12 @@ from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
-from eivor.fleet.logs import given_covariates, is_address, logs_found, path_of
+from eivor.fleet.logs import given_covariates, logs_found
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
 from eivor.fleet.run import FleetRun, compact_fleet, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
+from eivor.logs.addresses import is_address, path_of
 from eivor.process_pool import InProcess, Limits, LocalThreads, useful_workers
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_text

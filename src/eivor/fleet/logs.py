@@ -9,71 +9,21 @@ import os
 import re
 import stat
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain, islice, takewhile
 from pathlib import Path, PurePosixPath
-from shutil import copyfileobj
-from tempfile import TemporaryDirectory
 from typing import Any, cast
-from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 import polars as pl
 
 from eivor.errors import EivorError, InputError, UsageError
+from eivor.logs.addresses import is_address, path_of
 from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
 from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
-
-_ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://")
-
-
-def is_address(text: str) -> bool:
-    """Whether a text is an address of another file system, such as s3://bucket/logs."""
-    return _ADDRESS.match(text) is not None and not text.startswith("file://")
-
-
-def is_local(path: object) -> bool:
-    """Whether what `path_of` gave is a path of this machine."""
-    return isinstance(path, Path)
-
-
-def path_of(text: str) -> Path:
-    """Path of a text; of an address one that does the same as far as fleets need it."""
-    if text.startswith("file://"):
-        return Path(url2pathname(urlsplit(text).path))
-    if not is_address(text):
-        return Path(text)
-    scheme = text.partition("://")[0]
-    try:
-        import upath
-
-        remote = upath.UPath(text, use_listings_cache=False)
-        remote.fs  # noqa: B018 - loads what the scheme needs
-    except ImportError as error:
-        expected = f"the packages for addresses {scheme}://"
-        remedy = "Install them: pip install 'eivor[cloud]'."
-        raise UsageError(expected, f"an installation without them ({error})", remedy) from error
-    except ValueError as error:
-        remedy = "Give a path, or an address such as s3://bucket/logs or gs://bucket/logs."
-        raise UsageError("a scheme that fsspec knows", f"'{text}'", remedy) from error
-    return cast("Path", remote)
-
-
-@contextmanager
-def here(path: str) -> Iterator[Path]:
-    """A log as a local file, which is fetched when it is elsewhere."""
-    if not is_address(path):
-        yield Path(path)
-        return
-    with TemporaryDirectory(prefix="eivor-") as folder:
-        local = Path(folder) / path.rpartition("/")[2]
-        with path_of(path).open("rb") as source, local.open("wb") as target:
-            copyfileobj(source, target)
-        yield local
 
 
 def _elsewhere(given: str) -> LogsFound:

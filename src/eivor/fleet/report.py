@@ -25,10 +25,10 @@ from eivor.fleet.analysis import (
     is_share,
     omission_reason,
 )
-from eivor.fleet.logs import is_local
 from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
+from eivor.logs.addresses import is_local
 from eivor.report.document import (
     Bullets,
     Cell,

@@ -17,7 +17,7 @@ import polars as pl
 
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound, is_address, is_local, path_of
+from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound
 from eivor.fleet.table import (
     COPY,
     FAILED,
@@ -36,6 +36,7 @@ from eivor.fleet.table import (
     reports_there,
     write_report,
 )
+from eivor.logs.addresses import is_address, is_local, path_of
 from eivor.logs.common import folder_sha256, folder_size
 from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts
 from eivor.process_pool import (

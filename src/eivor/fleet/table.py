@@ -26,10 +26,11 @@ import polars as pl
 from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import Log, LogList, PathPattern, here, is_address, is_local, path_of
+from eivor.fleet.logs import Log, LogList, PathPattern
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
+from eivor.logs.addresses import here, is_address, is_local, path_of
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.logs.read import format_at, read_log
 from eivor.motions.identify import identify_flight
