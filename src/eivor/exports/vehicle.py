@@ -381,7 +381,7 @@ def _parts(
     """What a flight identifies of a vehicle, why it does not identify the rest, and bounds."""
     parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, tuple[str, ...] | str] = {}
-    bounds = []
+    bounds: list[str] = []
     if fitted.model == RIGID_BODY:
         mass, speed = (KnownNumber(given[name].value, _std(given[name])) for name in ("mass", "speed_scale"))
         known = replace(vehicle, mass=mass, speed_scale=speed)
