@@ -177,6 +177,7 @@ def test_motors_of_gazebo(file):
 
 def test_elements_of_px4(file):
     root = xml_tree(file("px4-gazebo"))
+    assert "SIM_GZ_EC_MAX1, ... of 2500 rad/s" in file("px4-gazebo")
     assert {child.name for child in root.one("motor").children} <= MOTOR
     inertial = {"mass": MASS, **dict(zip(("ixx", "iyy", "izz"), INERTIA, strict=True))}
     rows = {f"motor.{name}": [[x]] for name, x in OF_MOTOR.items()}

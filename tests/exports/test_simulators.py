@@ -265,7 +265,7 @@ CHILDREN = {
 
 #: What MulticopterMotorModel of gz-sim reads.
 MOTOR = {
-    *("robotNamespace", "jointName", "linkName", "turningDirection", "motorType", "actuator_number"),
+    *("jointName", "linkName", "turningDirection", "motorType", "actuator_number"),
     *("timeConstantUp", "timeConstantDown", "maxRotVelocity", "motorConstant", "momentConstant"),
     *("rotorDragCoefficient", "rollingMomentCoefficient", "rotorVelocitySlowdownSim"),
     "commandSubTopic",

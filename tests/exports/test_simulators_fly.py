@@ -337,7 +337,7 @@ def test_a_flight_up_and_down_loses_nothing_in_silence(to, lost, written, tmp_pa
 
 
 def test_a_second_stage_and_a_lift_that_is_weak_are_said(lopsided, tmp_path):
-    """An ellipsoid of MuJoCo drags along all axes or none; stages of 10 and 58 ms are as late as one of 68."""
+    """An ellipsoid of MuJoCo drags along all axes or none; stages of 10 and 58 ms are late as one of 68."""
     reported = documents.of_lopsided(translational_lift=(0.003, 1e-4), quadratic_drag_z=(-0.01, 0.005))
     reported["parameters"]["translational_lift"]["verdict"] = "weak"
     reported["parameters"]["second_lag"] = documents.quantity(0.01, 0.001)

@@ -107,6 +107,8 @@ GAZEBO_REMARKS = (
     "One lag was identified: it stands for speeding up and for slowing down.",
     "Of the mass each rotor has half a percent; body and rotors together have mass and inertia as above.",
 )
+#: Of PX4 with Gazebo, whose outputs are rotor speeds.
+OUTPUTS = "PX4 flies it with SIM_GZ_EC_MIN1, ... of 0 and SIM_GZ_EC_MAX1, ... of {:.0f} rad/s."
 GAZEBO_LACKS = (
     "drag along the rotors' axes",
     TURNING,
@@ -123,8 +125,9 @@ SLOWDOWN = 10.0
 def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Commands are rotor speeds on the topic command/motor_speed."""
     made = describe(fitted, supplied, "Gazebo", WITH_LARGEST, lacks=GAZEBO_LACKS)
-    comments = [*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *GAZEBO_REMARKS]
-    value = first(made.values)
+    value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
+    remarks = (*GAZEBO_REMARKS, OUTPUTS.format(rotor["largest_speed"]))
+    comments = [*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *remarks]
     mass, arm = value["mass"], value["arm_scale"]
     each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
     radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
@@ -142,7 +145,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
         "gazebo.sdf",
         made,
         xml_comments(comments),
-        rotor=_first_rotor(made, GAZEBO_GRAVITY),
+        rotor=rotor,
         rest=rest,
         each=each,
         centre=(whole + centre).tolist(),
@@ -156,7 +159,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
 
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
-    made = describe(fitted, supplied, "a model of PX4", WITH_LARGEST, lacks=PX4_GAZEBO_LACKS)
+    made = describe(fitted, supplied, "A model of PX4", WITH_LARGEST, lacks=PX4_GAZEBO_LACKS)
     value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
     motor = {
         "timeConstantUp": value["actuator_lag"],
@@ -167,10 +170,11 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
         "rotorDragCoefficient": rotor["drag_across"],
     }
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in INERTIAS}}
-    remark = (
-        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the whole vehicle."
+    remarks = (
+        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle.",
+        OUTPUTS.format(rotor["largest_speed"]),
     )
-    lines = xml_comments((*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), remark))
+    lines = xml_comments((*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *remarks))
     for tag, rows in (("motor", motor), ("inertial", inertial)):
         inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
         lines += [f"<{tag}>", *inside, f"</{tag}>"]
