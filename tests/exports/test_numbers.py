@@ -31,11 +31,14 @@ DRAGGED = np.sqrt(TRIM) @ AT / np.sqrt(TRIM).sum()
 PER_MINUTE = 2.0 * np.pi / 60.0
 
 
+GIVEN = {"priors": {"largest_command": (FASTEST, 0.0)}}
+
+
 @pytest.fixture(name="file")
 def of_lopsided(tmp_path):
     """The text for a target."""
     fit = ev.load_fit(documents.written(documents.of_lopsided(translational_lift=(0.003, 1e-4)), tmp_path))
-    return lambda to, **others: fit.export(to, priors={"largest_command": (FASTEST, 0.0)}, **others)
+    return lambda to, **others: fit.export(to, **GIVEN, **others)
 
 
 def numbers(read):
@@ -198,9 +201,15 @@ def test_sih(file):
     assert min(expected.values()) >= 0.0
 
 
-def test_sitl(file):
+def test_sitl(file, tmp_path):
     """Forces and torques of ArduPilot's SIM_Frame and SIM_Motor: forward, right and down."""
     frame, full = sitl_frame(file("sitl")), 4 * THRUST * FASTEST**2
+    reversed_ = documents.of_lopsided(documents.KNOWN_VEHICLE | {"spins": (-SPINS).tolist()})
+    other = ev.load_fit(documents.written(reversed_, tmp_path))
+    turned = (
+        "turn against those of FRAME_TYPE 1" in text for text in (file("sitl"), other.export("sitl", **GIVEN))
+    )
+    assert list(turned) == [False, True]
     signal, diagonal = HOVER / FASTEST, 0.086
     disc = 4 * np.pi * 0.0215**2
     # motors 1 to 4: front right, rear left, front left, rear right

@@ -171,7 +171,8 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     }
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in INERTIAS}}
     remarks = (
-        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle.",
+        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
+        "model keeps its geometry.",
         OUTPUTS.format(rotor["largest_speed"]),
     )
     lines = xml_comments((*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *remarks))
@@ -481,6 +482,13 @@ SITL_REMARKS = (
     "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
     "Yaw torque goes with thrust times signal in SITL: it is right at hover.",
 )
+SITL_REVERSED = "Its rotors turn against those of FRAME_TYPE 1, which turns it to the other side in yaw."
+#: Battery, air, outputs and no limit to their slew.
+SITL_TYPICAL: dict[str, object] = {
+    "refVoltage": 12.1, "refCurrent": 20.0, "refBatRes": 0.01, "maxVoltage": 12.6, "battCapacityAh": 0.0,
+    "refAlt": 0.0, "refTempC": 15.0, "pwmMin": 1000, "pwmMax": 2000, "spin_min": 0.0, "spin_max": 1.0,
+    "slew_max": 0,
+}  # fmt: skip
 #: Positions of `QUARTERS` in the order of ArduPilot's motors.
 SITL_MOTORS = (0, 2, 3, 1)
 
@@ -502,27 +510,15 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
     of_rotors = linear / count * float(np.square(at[:, 1:]).sum())
     damping = (alike(value, TURNING_OTHER) - of_rotors) / value["inertia_xx"]
-    frame = {
+    frame = SITL_TYPICAL | {
         "mass": value["mass"],
         "diagonal_size": diagonal,
         "moment_inertia": [value[name] for name in INERTIAS],
         "refSpd": 2.0 * push / steady,
         "refAngle": math.degrees(SITL_TILT),
-        "refVoltage": 12.1,
-        "refCurrent": 20.0,
-        "refAlt": 0.0,
-        "refTempC": 15.0,
-        "refBatRes": 0.01,
-        "maxVoltage": 12.6,
-        "battCapacityAh": 0.0,
         "propExpo": share,
         "refRotRate": math.radians(SITL_DAMPING) / damping if damping > 0.0 else 0.0,
         "hoverThrOut": weight / full,
-        "pwmMin": 1000,
-        "pwmMax": 2000,
-        "spin_min": 0.0,
-        "spin_max": 1.0,
-        "slew_max": 0,
         "disc_area": disc,
         "mdrag_coef": linear / math.sqrt(AIR * disc * weight),
         "num_motors": count,
@@ -533,7 +529,8 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
         yaw = -made.vehicle.spins[rotor] * value["torque_ratio"]
         frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * signal)
     # SITL reads from the first brace on: comments stand behind it
-    lines = ["{", *hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
+    remarks = (*SITL_REMARKS, *([SITL_REVERSED] if made.vehicle.spins[order[0]] > 0 else []))
+    lines = ["{", *hash_comments((*made.comments, *remarks)), json.dumps(frame, indent=2)[2:]]
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
 
 

@@ -41,7 +41,7 @@ from eivor.cli.outputs import (
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
-from eivor.exports.vehicle import BODY, describe, simulated_vehicle
+from eivor.exports.vehicle import BODY, SECOND_STAGE, describe, simulated_vehicle
 from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
 from eivor.lab.figures import (
     by_reading,
@@ -298,9 +298,9 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
         expected = "a result of the rigid body for --from"
         remedy = "Identify the log with --model rigid-body --vehicle FILE.toml."
         raise UsageError(expected, f"one of {fitted.model}", remedy)
-    made = describe(fitted, supplied(mass, (), ""), "a simulated flight", BODY)
-    if made.omitted:
-        complain(*made.omitted)
+    made = describe(fitted, supplied(mass, (), ""), "A simulated flight", BODY, lacks=(SECOND_STAGE,))
+    if made.omitted or made.lost:
+        complain(*made.omitted, *made.lost)
     return replace(scenario, vehicle=simulated_vehicle(made))
 
 
