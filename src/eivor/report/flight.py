@@ -33,7 +33,16 @@ from eivor.report.document import (
     TableOf,
     table,
 )
-from eivor.report.rows import NO_NUMBER, QuantityRow, bounded_numbers, plain_numbers, quantity_rows, symbol_of
+from eivor.report.rows import (
+    BOUND,
+    NO_NUMBER,
+    QuantityRow,
+    bounded_numbers,
+    holds_zero,
+    plain_numbers,
+    quantity_rows,
+    symbol_of,
+)
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
@@ -438,8 +447,7 @@ def _facts(result: FlightEstimate) -> Facts:
 def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
     rows = []
     for row in quantities:
-        status, wording = row.quantity.verdict, row.wording
-        verdict = Cell(status.label, status=status)
+        verdict, wording = Cell(row.label, status=row.quantity.verdict), row.wording
         symbol = ", ".join(filter(None, (wording.symbol, wording.field_symbol.replace("-", "−"))))
         rows.append((wording.words, symbol, *row.texts, wording.shown_unit, verdict))
     return table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
@@ -450,7 +458,8 @@ def _implied(implications: Implications) -> Iterator[Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            verdict = Cell(number.verdict.label, status=number.verdict)
+            bound = number.verdict is Status.IDENTIFIED and holds_zero(number.interval)
+            verdict = Cell(BOUND if bound else number.verdict.label, status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
             rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
     if rows:

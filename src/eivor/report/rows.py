@@ -7,12 +7,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from eivor.flights.quantity import Quantity, QuantitySpec
+from eivor.inference.verdict import Status
 from eivor.report.document import Cell, TableColumn, TableOf, table
 
 #: What to print where there is no number.
 NO_NUMBER = "–"
 #: Values outside this range are written with an exponent.
 PLAIN_RANGE = (1e-3, 1e6)
+#: The verdict on what is identified to be at most so large.
+BOUND = "bound"
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +29,19 @@ class QuantityRow:
     @property
     def texts(self) -> tuple[str, str]:
         """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"."""
-        if self.quantity.value == 0.0:  # the equations are better without it
+        if self.is_bound or self.quantity.value == 0.0:  # the equations are better without it
             return bounded_numbers(self.value, self.interval)
         return plain_numbers(self.value, self.interval)
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether the flight says how large the quantity is at most, and not that there is any."""
+        return self.quantity.verdict is Status.IDENTIFIED and holds_zero(self.interval)
+
+    @property
+    def label(self) -> str:
+        """The verdict in words of screens and pages."""
+        return BOUND if self.is_bound else self.quantity.verdict.label
 
     @property
     def value(self) -> float:
@@ -65,12 +78,18 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
 def bounded_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
     """The same, with a bound of the size where an interval holds zero: "0.04", "size below 0.21"."""
     number, text = plain_numbers(value, interval)
-    low, high = interval
-    if text == NO_NUMBER or low == high or not low <= 0.0 <= high:
+    if not holds_zero(interval):
         return number, text
-    bound = max(-low, high)
+    bound = max(-interval[0], interval[1])
     exponent = _exponent(bound)
-    return number, f"size below {_number(bound, _decimals(bound), exponent)}"
+    words = "size below" if interval[0] < 0.0 else "below"
+    return number, f"{words} {_number(bound, _decimals(bound), exponent)}"
+
+
+def holds_zero(interval: tuple[float, float]) -> bool:
+    """Whether an interval with two ends holds zero and more."""
+    low, high = interval
+    return -math.inf < low <= 0.0 <= high < math.inf and low < high
 
 
 def _decimals(spread: float, digits: int = 2) -> int:
