@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
 import re
 import tomllib
@@ -11,6 +12,7 @@ from xml.parsers import expat
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 import eivor as ev
 from eivor.errors import NotIdentifiedError, UsageError
@@ -174,6 +176,31 @@ def test_no_name_and_no_reason_breaks_out_of_a_comment(target, tmp_path):
     assert len(hostile.splitlines()) == len(without.splitlines())
     assert content(target, plain) != content(target, without) or "gazebo" in target  # no drag along there
     assert "drag_z is not written: viscous_friction is refused. a" in hostile
+
+
+def test_fields_of_matlab_have_names_that_it_takes(tmp_path):
+    reported = documents.document()
+    names = ("_hidden", "g\u00fc", WORSE, "t" * 70)
+    for name in names:
+        reported["parameters"][name] = documents.quantity(1.5, 0.1, unit=f"{WORSE}m/s\u00b2")
+    reported["provenance"] |= {"version": WORSE, "logs": [{"name": WORSE, "sha256": "ab" * 32}]}
+    content = ev.load_fit(documents.written(reported, tmp_path)).export("matlab")
+    read = loadmat(io.BytesIO(content), simplify_cells=True)["fit"]["quantities"]
+    assert len(read) == len(reported["parameters"]) + 1
+    assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,62}", name) for name in read)
+    assert [row["value"] for row in read.values()].count(1.5) == len(names)
+    numbers = read["input_gain"]
+    assert [numbers["value"], numbers["std_error"], *numbers["interval"]] == pytest.approx(
+        [23.9, 0.1, 23.7, 24.1]
+    )
+
+
+def test_a_state_space_about_hover_by_hand(tmp_path):
+    space = ev.load_fit(documents.written(documents.document(delay=(0.015, 0.001)), tmp_path)).to_statespace()
+    np.testing.assert_allclose(space.A, [[-1.0 / 0.05, 0.0], [23.9, -0.3]])
+    np.testing.assert_allclose(space.B, [[1.0 / 0.05], [0.0]])
+    np.testing.assert_array_equal(space.C, [[0.0, 1.0]])
+    assert space.delay_s == 0.015
 
 
 @pytest.mark.parametrize("target", ["casadi", "statespace"])

@@ -141,7 +141,7 @@ def of_lopsided(tmp_path):
     fit = ev.load_fit(documents.written(documents.of_lopsided(), tmp_path))
     supplied = Supplied(priors={"largest_command": KnownNumber(2500.0)})
     made = describe(fit.fitted, supplied, "all", WITH_LARGEST)
-    commands = manoeuvre(made, 20.0)
+    commands = manoeuvre(made, 26.0)
     return fit, made, commands, replayed(made, commands)
 
 
@@ -154,6 +154,7 @@ def off(states, attitudes):
 def test_what_a_target_cannot_hold_is_said_with_the_error_that_it_makes(lopsided):
     fit, made, _, states = lopsided
     assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
+    assert np.abs(states[:, 10:13]).max() > 3.0
     lost = {
         to: fit.exported(to, Supplied(priors={"largest_command": KnownNumber(2500.0)}), None, 0).lost
         for to in ("mujoco", "rotorpy", "pybullet", "gazebo", "drone-models", "sih", "px4-gazebo")
@@ -521,6 +522,21 @@ def test_a_state_space_of_rates_has_each_axis(tmp_path):
         fit.export("statespace")
     priors = {"roll_damping": (2.0, 0.1), "yaw_damping": (0.5, 0.1)}
     np.testing.assert_allclose(json.loads(fit.export("statespace", priors=priors))["A"], expected, atol=1e-9)
+
+
+def test_a_line_of_betaflight_is_all_that_is_set(tmp_path):
+    reported = document()
+    reported["parameters"]["thrust_curve"] = documents.quantity(0.3, 0.02)
+    reported["model"] |= {"input_map": "mixed:0.3", "autopilot_curve": {"side": "behind"}}
+    reported["logs"] = [{"name": WORSE, "format": "blackbox"}]
+    reported["provenance"]["logs"][0]["name"] = WORSE
+    *comments, line, end = (
+        ev.load_fit(documents.written(reported, tmp_path)).export("betaflight").splitlines()
+    )
+    low, value, high = (thrust_linear(Mixed(share)) for share in (0.26, 0.3, 0.34))
+    assert (line, end) == (f"set thrust_linear = {value}", "save")
+    assert f"thrust_linear: {value}, 95 % interval [{low}, {high}]" in comments[-1]
+    assert all(comment.startswith("#") for comment in comments)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7])
