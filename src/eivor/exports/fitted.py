@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from eivor.errors import NotIdentifiedError, UsageError, did_you_mean
@@ -185,6 +185,14 @@ class Fitted:
         if item is None:
             return "not estimated."
         return f"{item.verdict.value}. {' '.join(reason.sentence for reason in item.reasons)}".rstrip()
+
+    def beside(self, target: str, names: Collection[str]) -> Iterator[str]:
+        """Sentences about what is identified and a target has no place for."""
+        for name in self.quantities:
+            number = self.identified_number(name) if name in names else None
+            if number is not None:
+                words = name.replace("_", " ")
+                yield f"{target} has no {words}, and {name} {number.value:.4g} not in this file."
 
     def why_not(self, *names: str) -> str:
         """Why quantities are not written; a sentence that several share stands once."""

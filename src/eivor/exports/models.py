@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -341,20 +341,12 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
 def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
     """Of a motion that is no rigid body, with what is identified and not among its numbers."""
     beside = {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *ELSEWHERE}
-    lost = tuple(_beside(fitted, "A state space", beside))
+    lost = tuple(fitted.beside("A state space", beside))
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
     absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
     omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
     comments = (*fitted.origin(), *(f"{name}: {item.words}" for name, item in made.numbers.items()))
     return Exported(_document((*comments, *omitted, *lost), made), omitted, lost)
-
-
-def _beside(fitted: Fitted, target: str, names: Collection[str]) -> Iterator[str]:
-    """Sentences about what is identified and has no place in equations."""
-    for name in fitted.quantities:
-        number = fitted.identified_number(name) if name in names else None
-        if number is not None:
-            yield f"{target} has no {name.replace('_', ' ')}, and {name} {number.value:.4g} not in this file."
 
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -426,7 +418,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "curve": curve,
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
-    lost = tuple(_beside(fitted, "CasADi's function", ELSEWHERE))
+    lost = tuple(fitted.beside("CasADi's function", ELSEWHERE))
     numbers_of = (f"{name}: {number.words}" for name, number in known.items())
     comments = hash_comments((*fitted.origin(), *numbers_of, *lost))
     return replace(filled("casadi.txt", None, comments, vertical=vertical), lost=lost)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -168,11 +168,8 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
 
 # -- Vehicle description --
 
-#: What is identified and no simulator has, by the words for it.
-ELSEWHERE = {
-    "ground_effect": "ground effect: its thrust is that far from the ground",
-    "voltage_exponent": "voltage: its thrust is that at the flight's",
-}
+#: What is identified, no simulator has, and no free flight of half a second shows.
+ELSEWHERE = ("ground_effect", "voltage_exponent")
 #: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
@@ -216,7 +213,6 @@ class VehicleDescription:
     comments: tuple[str, ...]
     omitted: tuple[str, ...]  # What the flight does not identify
     lost: tuple[str, ...] = ()  # What the simulator cannot hold
-    elsewhere: Mapping[str, float] = field(default_factory=dict)  # What no free flight of half a second shows
 
 
 def describe(
@@ -256,11 +252,8 @@ def describe(
     gone = _not_written(fitted, {name: why for name, why in missing.items() if name not in selected})
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
-    elsewhere = {
-        name: number.value for name in ELSEWHERE if (number := fitted.identified_number(name)) is not None
-    }
-    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone, (), elsewhere)
-    lost = tuple(_lost(made, target, lacks)) if draws is None else ()
+    made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
+    lost = (*_lost(made, target, lacks), *fitted.beside(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
 
 
@@ -644,9 +637,6 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         flown = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
         errors = f"errs by {angle:.2g} degrees and {speed:.2g} m/s"
         yield f"{target} has no {effect}{left_out}: {flown} {errors}.{remedy}"
-    for name, words in ELSEWHERE.items():
-        if lacks and name in made.elsewhere:
-            yield f"{target} has no {words}, and {name} {made.elsewhere[name]:.4g} not in this file."
 
 
 # -- Templates --
