@@ -143,7 +143,7 @@ def peak_above(action: object) -> float:
 def main() -> None:
     small = arguments(__doc__).small
     print(machine())
-    repeats = 1 if small else 5
+    repeats = 3 if small else 5
 
     data = arrays(50_000 if small else 1_000_000)
     current, peer = (
@@ -175,7 +175,7 @@ def main() -> None:
         data = arrays(int(count))
         seconds.append(least_seconds(lambda data=data: fit(*data), repeats))
     slope = np.polyfit(np.log10(counts), np.log10(seconds), 1)[0]
-    short_records(1 if small else 5)
+    short_records(repeats)
     studies(80 if small else 2_000)
     print(f"time against N, {counts[0]:.0e} to {counts[-1]:.0e}: slope {slope:.2f} (target 0.9 to 1.1)")
 

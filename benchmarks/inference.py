@@ -29,7 +29,7 @@ def peer_intervals(v: np.ndarray, s: np.ndarray, u: np.ndarray) -> object:
 def main() -> None:
     small = arguments(__doc__).small
     print(machine())
-    repeats = 1 if small else 7
+    repeats = 3 if small else 7
     data = arrays(50_000 if small else 1_000_000)
     cov = ev.covariances
 

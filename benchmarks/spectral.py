@@ -79,7 +79,7 @@ def main() -> None:
             ratio = f"   of half the samples {seconds / half:5.2f}" if half else ""
             print(f"N = {size:9,d}   {method.name:22s} {1e3 * seconds:9.1f} ms{ratio}")
             before[method.name] = seconds
-    print_responses(1 if small else 5)
+    print_responses(3 if small else 5)
 
 
 if __name__ == "__main__":
