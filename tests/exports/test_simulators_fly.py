@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import eivor as ev
@@ -360,6 +361,43 @@ def test_a_second_stage_and_a_lift_that_is_weak_are_said(lopsided, tmp_path):
     reached = (late[20:] - late[0]) / (commands[3] - late[0])
     # the area that is missed is delay and lag
     np.testing.assert_allclose(REPLAY_STEP_S * np.sum(1.0 - reached[:200], axis=0), 0.017, atol=0.003)
+
+
+def sitl_flown(frame, commands):
+    """Attitudes w, x, y, z by the equations of SIM_Frame and SIM_Motor: forces and torques of each motor."""
+    weight, step_s, attitudes = frame["mass"] * documents.GRAVITY, 0.0005, []
+    at = np.array([frame[f"motor{number}_position"] for number in range(1, 5)])
+    yaw = 0.05 * frame["diagonal_size"] * np.array([frame[f"motor{number}_yaw"] for number in range(1, 5)])
+    momentum = frame["mdrag_coef"] * np.sqrt(1.225 * frame["disc_area"] / 4)
+    turn, velocity, rates = Rotation.identity(), np.array([REPLAY_SPEED, -REPLAY_SPEED, 0.0]), np.zeros(3)
+    for signal in commands:
+        mapped = (1.0 - frame["propExpo"]) * signal + frame["propExpo"] * signal**2
+        thrust = weight / frame["hoverThrOut"] / 4 * mapped
+        for _ in range(round(REPLAY_STEP_S / step_s)):
+            air = turn.inv().apply(velocity) + np.cross(rates, at)
+            forces = -momentum * air * np.sqrt(thrust)[:, None] - np.outer(thrust, [0.0, 0.0, 1.0])
+            torque = np.cross(at, forces).sum(axis=0)
+            torque[2] += yaw @ (signal * thrust)
+            velocity += step_s * (turn.apply(forces.sum(axis=0)) / frame["mass"] + [0, 0, documents.GRAVITY])
+            rates += step_s * torque / frame["moment_inertia"]
+            turn *= Rotation.from_rotvec(step_s * rates)
+        attitudes.append(turn.as_quat()[[3, 0, 1, 2]] * [1.0, 1.0, -1.0, -1.0])
+    return np.array(attitudes)
+
+
+def test_a_frame_of_sitl_turns_as_what_it_holds(tmp_path):
+    fit = ev.load_fit(documents.written(documents.of_rigid_body(documents.KNOWN_VEHICLE), tmp_path))
+    supplied = Supplied(priors={"largest_command": KnownNumber(2500.0)})
+    made = describe(fit.fitted, supplied, "SITL", WITH_LARGEST)
+    frame = sitl_frame(fit.exported("sitl", supplied, None, 0).text)
+    assert frame["refRotRate"] == 0.0
+    commands = manoeuvre(made, 20.0)
+    like_x = made.values | dict.fromkeys(("drag_y", "drag_z"), made.values["drag_x"])
+    without = replace(made, values={name: x for name, x in like_x.items() if name != "actuator_lag"})
+    states = replayed(without, commands)
+    assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
+    # motors 1 to 4: front right, rear left, front left, rear right
+    assert off(states, sitl_flown(frame, commands[:, [0, 2, 3, 1]] / 2500.0)) < 0.5
 
 
 def test_accepted_verdicts_are_written_and_marked(tmp_path):

@@ -480,7 +480,7 @@ SITL_REMARKS = (
     "For sim_vehicle.py -f x:FILE.json, with FRAME_CLASS 1 and FRAME_TYPE 1. Motors 1 to 4 are front right, "
     "rear left, front left and rear right.",
     "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
-    "Yaw torque goes with thrust times signal in SITL: it is right at hover.",
+    "Yaw torque goes with thrust times signal in SITL: its change is right at hover. Unequal rotors turn it.",
 )
 SITL_REVERSED = "Its rotors turn against those of FRAME_TYPE 1, which turns it to the other side in yaw."
 #: Battery, air, outputs and no limit to their slew.
@@ -502,8 +502,9 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     largest = float(made.values["largest_command"][0])
     full = count * value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
     weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
-    signal = made.thrust_map.inverse(float(mapped_hover(made)[0])) / largest
-    share = _share(made.thrust_map, signal, largest)
+    mapped = float(mapped_hover(made)[0])
+    command = made.thrust_map.inverse(mapped)
+    exponent, signal = command * made.thrust_map.slope(command) / mapped, command / largest
     linear, quadratic = alike(value, OTHER_THAN_X), alike(value, QUADRATIC_OTHER)
     disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
@@ -516,7 +517,7 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
         "moment_inertia": [value[name] for name in INERTIAS],
         "refSpd": 2.0 * push / steady,
         "refAngle": math.degrees(SITL_TILT),
-        "propExpo": share,
+        "propExpo": _share(made.thrust_map, exponent, signal, largest),
         "refRotRate": math.radians(SITL_DAMPING) / damping if damping > 0.0 else 0.0,
         "hoverThrOut": weight / full,
         "disc_area": disc,
@@ -526,7 +527,7 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     for number, rotor in enumerate(order, 1):
         x, y, z = at[rotor].tolist()
         frame[f"motor{number}_position"] = [x, -y, -z]
-        yaw = -made.vehicle.spins[rotor] * value["torque_ratio"]
+        yaw = -made.vehicle.spins[rotor] * value["torque_ratio"] * exponent / (1.0 + exponent)
         frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * signal)
     # SITL reads from the first brace on: comments stand behind it
     remarks = (*SITL_REMARKS, *([SITL_REVERSED] if made.vehicle.spins[order[0]] > 0 else []))
@@ -534,13 +535,10 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
 
 
-def _share(curve: InputMap, signal: float, largest: float) -> float:
-    """Share of the square in thrust over signals from 0 to 1: exact, or the same slope at hover."""
+def _share(curve: InputMap, exponent: float, signal: float, largest: float) -> float:
+    """Share of the square in thrust over signals from 0 to 1: exact, or of the same exponent at hover."""
     if isinstance(curve, Mixed):
         return curve.share * largest / (1.0 - curve.share + curve.share * largest)
-    exponent = (
-        signal * largest * curve.slope(signal * largest) / float(curve(np.array([signal * largest]))[0])
-    )
     return min(max(share_of(exponent, signal), 0.0), 1.0)
 
 
