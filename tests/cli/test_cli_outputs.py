@@ -44,7 +44,7 @@ WORDS = frozenset(
         *("--window", "--axis", "--reference", "--input", "--input-map", "--instruments", "--model"),
         *("--method", "--lag", "--order", "--parameter", "--pool-friction", "--term", "--noise", "--for"),
         *("--accept", "--like", "--height", "--shape", "--home", "--to", "--mass", "--prior", "--dask"),
-        *("--readings", "--vehicle-from", "[WHAT]", "NAME"),
+        *("--readings", "--limit", "--vehicle-from", "[WHAT]", "NAME"),
     )
 )
 #: What the installation of completions brings.

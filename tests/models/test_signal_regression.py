@@ -675,6 +675,8 @@ LAYOUTS = rows("layout", ShapeError, lambda problem, changes: replace(problem, *
 NO_PROBLEM = rows("columns", None,
     lambda which, parameters: LaggedRuns(which, parameters, (LAG,)).rows(RUN_AT),
     ((columns(1, runs=()),), PAIR, TooFewSamplesError, "at least one usable run"),
+    ((columns(1, runs=(slice(0, 40),), band_hz=(0.04, 0.25)),), PAIR, TooFewSamplesError,
+        "2 frequencies or more between 0.04 and 0.25 Hz in the runs used; received none"),
     ((columns(1), columns(2, instruments=3, flight=1)), PAIR, InstrumentError, r"\[4, 3\] columns"),
     ((columns(1, candidates=3),), PAIR, ShapeError, "one or two candidates.*received 3"),
     ((columns(1),), (*PAIR, Parameter("c")), ShapeError,

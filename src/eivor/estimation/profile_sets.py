@@ -441,7 +441,9 @@ class ProfileSets:
             criterion = self._criterion(involved, moving, instruments)
             position = int(np.sum(moving < position))
             parts = [member.equations for member in criterion.members]
-            if all(len(E) > 1 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max() for E in parts):
+            if all(
+                len(E) > 1 and E.size > 0 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max() for E in parts
+            ):
                 return None  # an equation that no nuisance moves
         strange = tuple(other for number, other in enumerate(parameters) if number not in moving)
         unknowns = estimate.unknowns - len(strange) - 1
