@@ -64,6 +64,8 @@ BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
 #: So many rows of a record are worth threads.
 THREADED_FROM_ROWS = 8_000_000
+#: Of shorter records the products of lags are multiplied out: to fold them costs more.
+LAGS_FOLDED_FROM = 4_000
 #: Shorter records are one block, and their diagnostics are made of rows.
 FOLDED_FROM = 250_000
 
@@ -79,7 +81,7 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: 
     psi = problem.instrument_columns if instruments else problem.regressor_columns
     columns = (*problem.regressor_columns, problem.equation.response)
     count, p = row_count(problem), len(psi)
-    if problem.used is None and successive_lags(psi) is not None:
+    if problem.used is None and count >= LAGS_FOLDED_FROM and successive_lags(psi) is not None:
         blocks = block_count(count // FOLD, p) if instruments and whole and count >= FOLDED_FROM else 1
         products = _folded(problem, psi, columns, blocks)
         return products if whole else products.equations_only
