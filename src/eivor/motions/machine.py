@@ -40,11 +40,11 @@ from eivor.inference.verdict import Status
 from eivor.logs.channel_map import Expression, InTime
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import InstrumentRule, LaggedReferences, Prior
-from eivor.motions.answers import answers_of
 from eivor.motions.equation import (
     AxisEquation,
     DeclaredMotion,
     Term,
+    answers_of,
     equation_prediction,
     parsed,
     response_predictions,
@@ -327,7 +327,7 @@ class Machine(DeclaredMotion):
             excitation=self._excitation,
             findings=self._findings,
             tracking=self._tracked,
-            closed_loop_record=self._answers,
+            closed_loop_record=partial(answers_of, self.axes, self.activity.counted, self.delays_s),
             profiled=True,
         )
 
@@ -335,10 +335,6 @@ class Machine(DeclaredMotion):
     def delays_s(self) -> Sequence[float]:
         """Delays that are searched [s]."""
         return self.grids[1] if self.grids else (0.0,)
-
-    def _answers(self, problem: LaggedRuns, estimate: Estimate, flights: Flights) -> Mapping[str, object]:
-        counted = self.activity.counted
-        return answers_of(self.axes, counted, self.delays_s, problem, estimate, flights)
 
     def _tracked(
         self, problem: LaggedRuns, quantities: Mapping[str, Quantity], _options: FlightOptions, name: str

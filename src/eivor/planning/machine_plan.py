@@ -13,7 +13,7 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.distributions import normal_quantile
-from eivor.motions.answers import SLOW, Answers, faster
+from eivor.motions.equation import SLOW, Answers, faster
 from eivor.motions.machine import Machine
 from eivor.planning.vehicle import KINDS, STEP_S, Shape, candidates
 from eivor.tools import Float
