@@ -57,8 +57,7 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
     vehicle_text,
 )
-from eivor.planning.machine_plan import MachinePlan
-from eivor.planning.plan import WRITTEN
+from eivor.planning.plan import WRITTEN, MachinePlan
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report.inspection import (
     calibration_document,

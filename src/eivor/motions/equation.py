@@ -392,9 +392,8 @@ class Answers(msgspec.Struct):
     levels: dict[str, float]
     #: Largest distance from the level; of references the largest rate and acceleration as well
     sizes: dict[str, tuple[float, ...]]
-    highest_hz: dict[
-        str, float
-    ]  # Of references: all but a little of the power of their acceleration is below
+    #: Of references: all but a little of the power of their acceleration is below
+    highest_hz: dict[str, float]
     weights: dict[str, list[float]]  # Of each channel: answers to every reference at the knots
     densities: list[list[float]]  # One-sided, of each axis
     std_errors: dict[str, float] = {}  # By the formula, of what was logged
@@ -420,12 +419,11 @@ class Answers(msgspec.Struct):
         if mask is not None and mask.mean() < LEAST_IN_USE:
             return {}, math.inf
         run = SpectralRun(0, count, self.step_s, self.band_hz, counted=mask)
-        lags = [
-            item for item in (ACTUATOR_LAG.name, DELAY.name) if any(t.behind for a in axes for t in a.terms)
-        ]
+        terms = [term for axis in axes for term in axis.terms if not term.is_intercept]
+        lags = [ACTUATOR_LAG.name, DELAY.name] if any(term.behind for term in terms) else []
+        names = [term.name for term in terms] + lags
         # a lag costs more than a delay, and data hardly tell them apart
         at = dict(zip(lags, (sum(values[name] for name in lags), 0.0), strict=False))
-        names = [term.name for axis in axes for term in axis.terms if not term.is_intercept] + lags
         triangle = np.zeros((0, len(names)))
         if lags:
             triangle = np.eye(1, len(names), len(names) - 1)
@@ -479,16 +477,13 @@ def answers_of(
     used = [flight.usable for flight in flights]
     levels = {name: float(np.mean(_joined(series, used))) for name, series in parts.items()}
     about = {name: [np.nan_to_num(item - levels[name]) for item in series] for name, series in parts.items()}
-    sizes = {
-        name: tuple(
-            float(
-                max(np.abs(np.diff(item, n)[keep[n:]]).max() for item, keep in zip(series, used, strict=True))
-            )
-            / step_s**n
-            for n in range(3 if name in references else 1)
-        )
-        for name, series in about.items()
-    }
+
+    def largest(name: str, order: int) -> float:
+        pairs = zip(about[name], used, strict=True)
+        moves = (np.abs(np.diff(item, order)[keep[order:]]).max() for item, keep in pairs)
+        return float(max(moves)) / step_s**order
+
+    sizes = {name: tuple(largest(name, n) for n in range(3 if name in references else 1)) for name in about}
     highest = {name: max(_highest_hz(item, step_s) for item in about[name]) for name in references}
     answering = [name for name in about if name not in references]
     columns = np.concatenate(
@@ -500,27 +495,17 @@ def answers_of(
     bins = problem.bins(estimate.nuisances)
     power = (np.abs(bins.residuals(estimate.theta)) ** 2).T
     of_bin = np.concatenate([np.full(run.count, run.axis) for run in bins.layout.runs])
-    noises = [
-        np.min(
-            [
-                densities(
-                    [run for run in bins.layout.runs if run.axis == number],
-                    item[of_bin == number],
-                    _nodes(first.band_hz),
-                )
-                for item in power
-            ],
-            axis=0,
-        )
-        for number in range(len(axes))
-    ]
-    noises = [np.maximum(item, 1e-300).tolist() for item in noises]
+    noises = []
+    for number in range(len(axes)):
+        runs = [run for run in bins.layout.runs if run.axis == number]
+        each = [densities(runs, item[of_bin == number], _nodes(first.band_hz)) for item in power]
+        noises.append(np.maximum(np.min(each, axis=0), 1e-300).tolist())
     made = Answers(step_s, first.band_hz, references, levels, sizes, highest, weights, noises)
-    values = dict(zip((item.name for item in problem.parameters), estimate.theta.tolist(), strict=True))
+    values = {**estimate.nuisances, **estimate.parameters}
     every: dict[str, float] = {}
     for k in range(len(flights)):
         logged = made.channels({name: about[name][k] for name in references})
-        errors, _ = made.expected(axes, counted, logged, {**values, **estimate.nuisances}, delays_s)
+        errors, _ = made.expected(axes, counted, logged, values, delays_s)
         every = {
             name: 1.0 / math.hypot(1.0 / every.get(name, math.inf), 1.0 / error)
             for name, error in errors.items()

@@ -1,21 +1,26 @@
-"""Plan of a flight: ranking of setpoints by simulation, and files that fly it."""
+"""Plans: of a flight by simulation, with files that fly it, and of a machine by the formula."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.resources import files
 
+import msgspec
 import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError, did_you_mean
+from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
+from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
+from eivor.motions.equation import SLOW, Answers, faster
 from eivor.motions.identify import identify_flight
+from eivor.motions.machine import Machine
 from eivor.planning.vehicle import (
     KINDS,
     STEP_S,
@@ -172,7 +177,7 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     return np.linalg.norm(inverse, axis=1)
 
 
-# -- Plan --
+# -- Plan of a flight --
 
 #: So many shapes are flown in simulation. A flight of each chooses among them, so many others predict.
 FINALISTS, RUNS = 3, 10
@@ -280,11 +285,7 @@ def make_plan(
     checks.kind("vehicle", vehicle, VehicleGuess, "a VehicleGuess", "Give ev.VehicleGuess(hover_input=0.5).")
     limits = FlightLimits() if limits is None else limits
     checks.kind("limits", limits, FlightLimits, "FlightLimits", "Give ev.FlightLimits(), or nothing.")
-    checks.text("target", target)
-    checks.text("shape", shape)
-    checks.whole("seed", seed)
-    if seed < 0:
-        raise UsageError("a seed of zero or more", f"{seed}", "Any such integer will do.")
+    _check_choices(target, shape, seed)
     target = target or vehicle.requested or "friction"
     if target not in TARGETS:
         known = ", ".join(TARGETS)
@@ -311,6 +312,14 @@ def make_plan(
     speed = max(float(np.abs(item.velocity).max()) for item in best)
     reached = (float(heights.min()), float(heights.max()), speed)
     return FlightPlan(vehicle, limits, target, best[0].shape, predicted, reached)
+
+
+def _check_choices(target: str, shape: str, seed: int) -> None:
+    checks.text("target", target)
+    checks.text("shape", shape)
+    checks.whole("seed", seed)
+    if seed < 0:
+        raise UsageError("a seed of zero or more", f"{seed}", "Any such integer will do.")
 
 
 def _finalists(
@@ -356,6 +365,182 @@ def _half_width(result: FlightEstimate, target: str) -> float:
     quantity = result.quantities[target_quantity.quantity]
     width = quantity.half_width / (abs(quantity.value) if target_quantity.relative else 1.0)
     return width if math.isfinite(width) else math.inf
+
+
+# -- Plan of a machine --
+
+#: Candidates are so many times as quick as those of flights.
+PACES = (0.25, 1.0, 4.0)
+#: Length of what can be planned [s].
+SECONDS = (10.0, 3600.0)
+#: Intervals are wider than the formula by what those of the log were, within these.
+WIDER = (1.0, 4.0)
+#: References are so many times as quick as those of the log, at most.
+BEYOND = 1.75
+#: Any target.
+ALL = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedWidth:
+    """Half-width of a 95 % interval that a record is expected to give."""
+
+    words: str
+    value: float
+    half_width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class MachinePlan:
+    """References of a machine, and what they are expected to identify."""
+
+    machine: Machine
+    target: str  # A parameter, or "all"
+    shape: Shape  # Of the first reference
+    references: Mapping[str, Float[np.ndarray, " n"]]  # Every `STEP_S`, about their levels in the log
+    limits: Mapping[str, tuple[float, ...]]  # As in `Answers.sizes`
+    predicted: Mapping[str, ExpectedWidth]
+
+    @property
+    def time_s(self) -> Float[np.ndarray, " n"]:
+        """Time from the first setpoint [s]."""
+        return STEP_S * np.arange(self.shape.offset.size)
+
+    @property
+    def _sought(self) -> list[ExpectedWidth]:
+        names = self.machine.headline if self.target == ALL else (self.target,)
+        return [self.predicted[name] for name in names if name in self.predicted]
+
+    @property
+    def is_informative(self) -> bool:
+        """Whether the target, or the headline, is expected to be identified."""
+        most = self.machine.half_widths[0]
+        return all(item.half_width <= most * abs(item.value) for item in self._sought)
+
+    @property
+    def sentence(self) -> str:
+        """What is planned and expected, in a sentence."""
+        widths = (f"{item.words} within ± {item.half_width:.2g} {item.unit}".strip() for item in self._sought)
+        where = " and ".join(self.references)
+        return f"{self.time_s.size * STEP_S:g} s of {self.shape.words} in {where}: {' and '.join(widths)}."
+
+    def summary(self) -> str:
+        """References and expected half-widths, as plain text."""
+        rows = (
+            f"{item.words:<18}{item.value:.3g} ± {item.half_width:.2g} {item.unit}".rstrip()
+            for item in self.predicted.values()
+        )
+        return "\n".join([self.sentence, *rows])
+
+    def __repr__(self) -> str:
+        return f"<MachinePlan for {self.machine.name}: {self.sentence}>"
+
+    def csv_text(self) -> str:
+        """Setpoints at 100 Hz, under the names of their channels."""
+        columns = np.column_stack([self.time_s, *self.references.values()])
+        return _csv(("time", *self.references), columns, 6)
+
+
+def plan_machine(
+    machine: Machine,
+    quantities: Mapping[str, Quantity],
+    record: object,
+    limits: Mapping[str, tuple[float, ...]],
+    seconds: float,
+    seed: int,
+    *,
+    target: str = "",
+    shape: str = "",
+) -> MachinePlan:
+    """References for the smallest joint uncertainty, or the smallest interval of one parameter."""
+    try:
+        answers = msgspec.convert(record, Answers)
+    except msgspec.ValidationError as error:
+        expected = "a result of a log whose references move, with prediction.flown in its JSON"
+        raise InputError(
+            expected, f"one without ({error})", "Log a reference, and identify it again."
+        ) from None
+    _check_choices(target, shape, seed)
+    checks.index_of("a shape", shape or KINDS[0], KINDS)
+    values = {name: item.value for name, item in quantities.items()}
+    known = [name for name in answers.std_errors if name in machine.quantities]
+    target = target or ALL
+    checks.index_of("a target", target, (ALL, *known))
+    inputs = [item.name for item in machine.logged if item.role == "input"]
+    allowed = {name: answers.sizes[name] for name in (*answers.references, *inputs)}
+    for name, sizes in limits.items():
+        checks.index_of("a channel", name, tuple(answers.sizes))
+        if not sizes or not all(item > 0.0 for item in sizes):
+            received = f"{tuple(sizes)} for {name}"
+            raise UsageError("a size, and maybe a rate, above zero", received, "Such as 0.5.")
+        allowed[name] = (*sizes, *allowed.get(name, ())[len(sizes) :])
+    counted, least = machine.activity.counted, math.inf
+    best: tuple[Shape, dict[str, Float[np.ndarray, " n"]], dict[str, float]] | None = None
+    for shapes in _candidates(len(answers.references), seconds, (shape or KINDS[0],), seed):
+        moves = _within(answers, shapes, allowed)
+        ends = answers.highest_hz.items()
+        if any(faster(moves[name], answers.step_s, BEYOND * high) > 2.0 * SLOW for name, high in ends):
+            continue  # nobody knows how it would answer
+        channels = answers.channels(moves)
+        errors, volume = answers.expected(machine.axes, counted, channels, values, machine.delays_s)
+        score = volume if target == ALL else errors.get(target, math.inf)
+        if score < least:
+            least, best = score, (shapes[0], moves, errors)
+    if best is None:
+        raise InputError("a reference that moves within its limits", f"{allowed}", "Widen the limits.")
+    chosen, moves, errors = best
+    wide, predicted = normal_quantile(0.95), {}
+    for name in known:
+        item = quantities[name]
+        measured = item.half_width / (wide * answers.std_errors[name])
+        factor = float(np.clip(measured, *WIDER)) if math.isfinite(measured) else WIDER[1]
+        words = machine.quantities[name].words
+        predicted[name] = ExpectedWidth(words, item.value, factor * wide * errors[name], item.unit)
+    every = np.arange(chosen.offset.size) * STEP_S
+    setpoints = {
+        name: answers.levels[name] + _between(answers.step_s, series, every) for name, series in moves.items()
+    }
+    return MachinePlan(machine, target, chosen, setpoints, allowed, predicted)
+
+
+def _candidates(count: int, seconds: float, kinds: tuple[str, ...], seed: int) -> Iterator[tuple[Shape, ...]]:
+    """Shapes of one kind and pace for each reference."""
+    for pace in PACES:
+        yield from zip(*(candidates(seconds, kinds, seed + k, pace) for k in range(count)), strict=True)
+
+
+def _within(
+    answers: Answers, shapes: tuple[Shape, ...], limits: Mapping[str, tuple[float, ...]]
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """References as large as limits of channels allow."""
+    moves = {}
+    for name, shape in zip(answers.references, shapes, strict=True):
+        at = np.arange(0.0, STEP_S * shape.offset.size, answers.step_s)
+        series = _between(STEP_S, shape.offset, at)
+        moves[name] = series * _factor(series, answers.step_s, limits[name])
+    channels = answers.channels(moves)
+    levels = answers.levels
+    factor = min(
+        _factor(channels[name] - levels[name], answers.step_s, limit) for name, limit in limits.items()
+    )
+    return {name: min(factor, 1.0) * series for name, series in moves.items()}
+
+
+def _factor(series: Float[np.ndarray, " n"], step_s: float, limit: Sequence[float]) -> float:
+    """The largest scale within limits of a series, its rate and its acceleration."""
+    used = (float(np.abs(np.diff(series, n)).max()) / step_s**n for n in range(len(limit)))
+    return min(most / max(item, 1e-300) for item, most in zip(used, limit, strict=True))
+
+
+def _between(
+    step_s: float, series: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
+    """A smooth curve through samples, at other times; it stays where it ends."""
+    from scipy.interpolate import CubicSpline
+
+    time = step_s * np.arange(series.size)
+    return np.asarray(CubicSpline(time, series)(np.minimum(at, time[-1])))
 
 
 # -- Files --
@@ -460,8 +645,12 @@ TABLE_RATE_HZ = 50.0
 
 def csv_text(plan: FlightPlan) -> str:
     """Setpoints at 50 Hz: seconds, metres above the place of take-off, m/s, m/s^2."""
-    rows = [",".join(f"{value:.5g}" for value in row) for row in sampled(plan, TABLE_RATE_HZ).tolist()]
-    return "\n".join([",".join(COLUMNS), *rows]) + "\n"
+    return _csv(COLUMNS, sampled(plan, TABLE_RATE_HZ), 5)
+
+
+def _csv(names: Sequence[str], columns: Float[np.ndarray, "n k"], digits: int) -> str:
+    rows = (",".join(f"{value:.{digits}g}" for value in row) for row in columns.tolist())
+    return "\n".join([",".join(names), *rows]) + "\n"
 
 
 def rotorpy_text(plan: FlightPlan) -> str:

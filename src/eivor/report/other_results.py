@@ -16,8 +16,7 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
-from eivor.planning.machine_plan import SECONDS, MachinePlan, plan_machine
-from eivor.planning.plan import FlightPlan, make_plan
+from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
     Bullets,

@@ -27,8 +27,7 @@ from eivor.logs.rosbag.containers import METADATA
 from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
 from eivor.motions.table import motion_by_name, motion_names
-from eivor.planning.machine_plan import MachinePlan
-from eivor.planning.plan import WRITTEN
+from eivor.planning.plan import WRITTEN, MachinePlan
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
 from eivor.report.other_results import plan as planned
