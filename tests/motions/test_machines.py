@@ -362,6 +362,7 @@ def test_a_machine_is_planned_within_limits(boat_fit, tmp_path):
     assert "steps, one every" in steps.output
     refused = {"--limit=rudder": "NAME=SIZE", "--limit=rudde=1": "rudder", "--speed=3": "--speed"}
     refused |= {"--for=h": "out of all, a, g", "--time=5": "10 to 3600 s", "--limit=rudder=0": "above zero"}
+    refused |= {"--seed=-1": "a seed of zero or more"}
     for option, words in refused.items():
         run = CliRunner().invoke(app, ["plan", str(tmp_path / "fit.json"), option])
         assert (run.exit_code, words in " ".join(run.output.split())) == (2, True), option
