@@ -226,12 +226,7 @@ def result_of(given: dict[str, Any], needs: str) -> tuple[LogEstimate, tuple[str
 
 
 def pooled_result(
-    motions: Motions,
-    options: FlightOptions,
-    logs: list[str] | None,
-    *,
-    example: bool,
-    channel_map: str,
+    motions: Motions, options: FlightOptions, logs: list[str] | None, *, example: bool, channel_map: str
 ) -> LogEstimate:
     """Read logs and identify them with options of the library."""
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)

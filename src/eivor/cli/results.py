@@ -11,14 +11,7 @@ from typing import Any
 from eivor.atomic_file import write_atomically
 from eivor.cli import outputs
 from eivor.cli.options import DEFAULT_MODEL
-from eivor.cli.parsing import (
-    flight_options,
-    named_motions,
-    parse_window,
-    pooled_result,
-    read_logs,
-    result_of,
-)
+from eivor.cli.parsing import flight_options, named_motions, parse_window, pooled_result, read_logs, result_of
 from eivor.errors import UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import LogEstimate

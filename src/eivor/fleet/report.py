@@ -29,17 +29,7 @@ from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.logs.addresses import is_local
-from eivor.report.document import (
-    Bullets,
-    Cell,
-    Document,
-    Figure,
-    Section,
-    TableColumn,
-    TableOf,
-    Tone,
-    table,
-)
+from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone, table
 from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures

@@ -57,15 +57,7 @@ from eivor.lab.figures import (
 from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import SIMULATED, Simulated, shipped_file, study_from_table
-from eivor.lab.study import (
-    TOGETHER,
-    MethodScore,
-    StudyResult,
-    failure,
-    run_study,
-    scores,
-    study_executor,
-)
+from eivor.lab.study import TOGETHER, MethodScore, StudyResult, failure, run_study, scores, study_executor
 from eivor.logs.table.columnar import write_recording
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits

@@ -116,9 +116,7 @@ class Expression:
         return not any(isinstance(step, InTime) for step in self.steps)
 
     def evaluate(
-        self,
-        columns: Mapping[str, np.ndarray | float],
-        time: Float[np.ndarray, " n"] | float | None = None,
+        self, columns: Mapping[str, np.ndarray | float], time: Float[np.ndarray, " n"] | float | None = None
     ) -> np.ndarray:
         """Value for each row, at stamps or even steps [s] for `ddt` and `lag`; not finite where undefined."""
         stack: list[np.ndarray | float] = []

@@ -34,9 +34,7 @@ SHRINKAGE = 1e-6
 
 
 def cross_fitted(
-    exogenous: Float[np.ndarray, "n p"],
-    values: Float[np.ndarray, "n k"],
-    used: Bool[np.ndarray, " n"],
+    exogenous: Float[np.ndarray, "n p"], values: Float[np.ndarray, "n k"], used: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n k"]:
     """Predictions of each column, by least squares with a constant over the samples used of other blocks."""
     design = _scaled(exogenous, used)

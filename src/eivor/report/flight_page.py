@@ -21,15 +21,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
 from eivor.report.card import CardEntry, card_entries, result_card
-from eivor.report.document import (
-    Bullets,
-    Cell,
-    Document,
-    Facts,
-    Section,
-    TableColumn,
-    table,
-)
+from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, table
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import log_documents, reported_rows, row_quantities, spans_of

@@ -19,12 +19,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.references import ReferenceSource, exogenous
 from eivor.flights.result import FlightEstimate
-from eivor.models.frequency_response import (
-    FIRST_CYCLES,
-    FREQUENCIES,
-    FrequencyResponse,
-    frequency_response,
-)
+from eivor.models.frequency_response import FIRST_CYCLES, FREQUENCIES, FrequencyResponse, frequency_response
 from eivor.models.transfer_functions import (
     BAND_HZ,
     SHARED,

@@ -18,16 +18,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
-from eivor.report.document import (
-    Bullets,
-    Document,
-    Facts,
-    Section,
-    TableColumn,
-    TableOf,
-    Tone,
-    table,
-)
+from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, TableOf, Tone, table
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import section
 from eivor.report.flight_figures import flight_runs, within_band

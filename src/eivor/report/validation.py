@@ -20,28 +20,13 @@ from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import LARGEST_INPUT_RATIO, check_options, prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import (
-    Horizon,
-    Kind,
-    PredictedQuantity,
-    Quantity,
-    QuantityTable,
-    SimpleModel,
-)
+from eivor.flights.quantity import Horizon, Kind, PredictedQuantity, Quantity, QuantityTable, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.report import figure_panels as plots
-from eivor.report.document import (
-    Document,
-    Facts,
-    Section,
-    TableColumn,
-    TableOf,
-    short_name,
-    table,
-)
+from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, short_name, table
 from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows

@@ -80,9 +80,7 @@ class DirectScores:
 
 
 def endogeneity(
-    products: EquationProducts,
-    weights: Float[np.ndarray, "p n"],
-    direct: DirectScores | None = None,
+    products: EquationProducts, weights: Float[np.ndarray, "p n"], direct: DirectScores | None = None
 ) -> Endogeneity | None:
     """Test of a direct estimate, by default of least squares, against an instrumental one; no checks."""
     GG = np.asarray(products.regressors.sum(axis=0))
