@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,8 @@ AXIS = {"M": 95.1, "Fv": 203.5, "Fc": 20.4, "offset": -3.16}
 BOAT = {"a": 1.0 / 3.0, "g": 0.2, "actuator_lag": 0.35, "delay": 0.2}
 ROVER = {"drive_gain": 4.0, "rolling_drag": 0.8, "dry_friction": 0.3, "actuator_lag": 0.15, "delay": 0.05}
 
-#: Machine, parameters and columns of one record.
-Record = tuple[Any, dict[str, float], dict[str, np.ndarray]]
-#: Records of some seeds, or of references that were planned.
-Made = Callable[..., Iterator[Record]]
+#: Machine, parameters and columns of each record: of some seeds, and of references where they are planned.
+Records = Iterator[tuple[Any, dict[str, float], dict[str, np.ndarray]]]
 
 
 def held(rng: np.random.Generator, count: int, step_s: float, size: float, lasting: Any) -> np.ndarray:
@@ -40,10 +39,12 @@ def held(rng: np.random.Generator, count: int, step_s: float, size: float, lasti
     return levels
 
 
-def on_steps(plan: Any, name: str, count: int, step_s: float) -> np.ndarray:
-    """A planned reference on steps of a simulation."""
-    at = np.minimum(step_s * np.arange(count), plan.time_s[-1])
-    return np.asarray(CubicSpline(plan.time_s, plan.references[name])(at))
+def on_steps(planned: Any, name: str, made: np.ndarray, step_s: float) -> np.ndarray:
+    """A planned reference on steps of a simulation; the one that was made where none is planned."""
+    if planned is None or name not in planned.references:
+        return made
+    at = np.minimum(step_s * np.arange(len(made)), planned.time_s[-1])
+    return np.asarray(CubicSpline(planned.time_s, planned.references[name])(at))
 
 
 def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
@@ -54,16 +55,16 @@ def lagged(values: np.ndarray, step_s: float, *lags_s: float) -> np.ndarray:
 
 
 def axis_records(
-    seeds: Sequence[int], every: int, encoder_m: float, torque_n: float, cogging_n: float, planned: Any
-) -> Iterator[Record]:
+    every: int, encoder_m: float, torque_n: float, cogging_n: float, seeds: Sequence[int], planned: Any = None
+) -> Records:
     """A linear axis of 25 s at 1 kHz, logged every few samples; cogging comes again every 24 mm."""
     step_s, count, records = 0.001, 25_000, len(seeds)
     streams = [np.random.default_rng(seed) for seed in seeds]
     if planned is None:
-        levels = np.stack([held(rng, count, step_s, 0.15, (0.2, 0.9)) for rng in streams])
+        levels = [held(rng, count, step_s, 0.15, (0.2, 0.9)) for rng in streams]
         asked = np.stack([lagged(row, step_s, 0.1, 0.1, 0.1) for row in levels])
     else:
-        asked = on_steps(planned, "reference_position", count, step_s)[None]
+        asked = on_steps(planned, "reference_position", np.zeros(count), step_s)[None]
     speeds = np.gradient(asked, step_s, axis=1)
     forward = AXIS["M"] * np.gradient(speeds, step_s, axis=1) + AXIS["Fv"] * speeds
     forward += AXIS["Fc"] * np.tanh(speeds / 0.01) + AXIS["offset"]
@@ -90,9 +91,8 @@ def axis_records(
             speed = following
     time = step_s * np.arange(count)
     machine = ev.load_machine("linear-axis")
-    for record in range(records):
-        columns = (time, seen[:, record], forces[:, record], asked[record])
-        names = ("time", "position", "force", "reference_position")
+    names = ("time", "position", "force", "reference_position")
+    for columns in zip([time] * records, seen.T, forces.T, asked, strict=True):
         yield machine, AXIS, {name: item[::every] for name, item in zip(names, columns, strict=True)}
 
 
@@ -105,7 +105,7 @@ solreffriction="0.001 1"/><inertial mass="1" pos="{x} 0 {z}" diaginertia="1e-3 1
 </worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
 
 
-def joint_records(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
+def joint_records(seeds: Sequence[int], planned: Any = None) -> Records:
     """A revolute joint of 25 s at 1 kHz under position control, by MuJoCo, with an encoder of 10 urad."""
     import mujoco
 
@@ -117,16 +117,9 @@ def joint_records(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]
     for seed in seeds:
         rng, state = np.random.default_rng(seed), mujoco.MjData(model)
         asked = lagged(held(rng, count, step_s, 1.2, (0.3, 1.2)), step_s, 0.1, 0.1, 0.1)
-        if planned is not None:
-            asked = on_steps(planned, "reference_angle", count, step_s)
-        rate = np.gradient(asked, step_s)
-        pushes, push, decay, filtered, last = (
-            rng.standard_normal(count),
-            0.0,
-            np.exp(-step_s / 0.02),
-            0.0,
-            0.0,
-        )
+        asked = on_steps(planned, "reference_angle", asked, step_s)
+        rate, pushes, decay = np.gradient(asked, step_s), rng.standard_normal(count), np.exp(-step_s / 0.02)
+        push = filtered = last = 0.0
         columns = np.empty((count, 2))
         for k in range(count):
             seen = round(state.qpos[0] / 1e-5) * 1e-5
@@ -136,39 +129,24 @@ def joint_records(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]
             push = decay * push + np.sqrt(1.0 - decay**2) * 0.3 * pushes[k]
             columns[k], state.ctrl[0] = (seen, torque), torque - JOINT["offset"] + push
             mujoco.mj_step(model, state, 4)
-        names = ("angle", "torque")
-        made = {"time": step_s * np.arange(count), **dict(zip(names, columns.T, strict=True))}
+        made = {"time": step_s * np.arange(count), "angle": columns[:, 0], "torque": columns[:, 1]}
         yield machine, JOINT, made | {"reference_angle": asked}
 
 
 def simulated(
-    name: str, truth: dict[str, float], seconds: float, step_s: float, noise: Any, disturbance: Any, loop: Any
-) -> Made:
+    name: str, truth: Any, loop: Any, settings: Any, seeds: Sequence[int], planned: Any = None
+) -> Records:
     """Records of a shipped machine in a loop of its own for each record."""
-
-    def made(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
-        machine, count = ev.load_machine(name), round(seconds / step_s)
-        for seed in seeds:
-            signals = loop(np.random.default_rng(seed), count, step_s, planned)
-            columns = machine.simulate(
-                truth,
-                signals,
-                seconds=seconds,
-                step_s=step_s,
-                noise=noise,
-                disturbance=disturbance,
-                seed=seed,
-            )
-            yield machine, truth, columns
-
-    return made
+    machine, step_s = ev.load_machine(name), settings["step_s"]
+    for seed in seeds:
+        signals = loop(np.random.default_rng(seed), round(settings["seconds"] / step_s), step_s, planned)
+        yield machine, truth, machine.simulate(truth, signals, seed=seed, **settings)
 
 
 def boat_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any) -> dict[str, Any]:
     """Headings that are steered to."""
     asked, heading = held(rng, count, step_s, 0.8, (10.0, 25.0)), 0.0
-    if planned is not None:
-        asked = on_steps(planned, "reference_heading", count, step_s)
+    asked = on_steps(planned, "reference_heading", asked, step_s)
 
     def rudder(time: float, measured: Any) -> Any:
         nonlocal heading
@@ -181,8 +159,7 @@ def boat_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any)
 def rover_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any) -> dict[str, Any]:
     """Speeds that are driven at."""
     asked = lagged(held(rng, count, step_s, 2.0, (1.5, 5.0)), step_s, 0.2)
-    if planned is not None:
-        asked = on_steps(planned, "reference_forward_speed", count, step_s)
+    asked = on_steps(planned, "reference_forward_speed", asked, step_s)
 
     def drive(time: float, measured: Any) -> Any:
         error = asked[round(time / step_s)] - measured["forward_speed"]
@@ -192,17 +169,8 @@ def rover_loop(rng: np.random.Generator, count: int, step_s: float, planned: Any
 
 
 #: A light aeroplane at 95 kt, by JSBSim: what is logged, with the noise of each.
-WING_NOISE = {
-    "angular_rate_x": 0.003,
-    "angular_rate_y": 0.003,
-    "angular_rate_z": 0.003,
-    "sideslip": 0.004,
-    "angle_of_attack": 0.004,
-}
+WING_NOISE = {f"angular_rate_{axis}": 0.003 for axis in "xyz"} | {"sideslip": 0.004, "angle_of_attack": 0.004}
 WING_SERVO_S, WING_STEP_S = 0.05, 0.01
-WING_UNITS = {name: "rad/s" if "rate" in name else "rad" for name in WING_NOISE}
-
-
 #: Terms of each axis by their channel, and the references that move it under control.
 WING_TERMS = {
     "roll": {"L_p": "angular_rate_x", "L_beta": "sideslip", "L_r": "angular_rate_z"}
@@ -215,32 +183,36 @@ SURFACES = ("aileron", "elevator", "rudder")
 WING_REFERENCES = {"aileron": "roll_setpoint", "elevator": "pitch_setpoint", "rudder": "rudder_setpoint"}
 
 
-def wing(axis: str, *, closed: bool = True) -> Any:
-    """The declared equation of roll, pitch or yaw; in open loop surfaces are their own references."""
-    terms = {name: ev.behind(of, "servo") if of in SURFACES else of for name, of in WING_TERMS[axis].items()}
-    moved = [of for of in WING_TERMS[axis].values() if of in SURFACES]
-    references = [WING_REFERENCES[name] if closed else f"{name}_setpoint" for name in moved]
-    rate = next(iter(WING_TERMS[axis].values()))
-    names = list(WING_TERMS[axis])
+def reference_of(surface: str, closed: bool) -> str:
+    """The reference that moves a surface; in open loop its own."""
+    return WING_REFERENCES[surface] if closed else f"{surface}_setpoint"
+
+
+def wing(axis: str, closed: bool) -> Any:
+    """The declared equation of roll, pitch or yaw."""
+    terms = WING_TERMS[axis]
+    names, channels = list(terms), list(terms.values())
+    moved = [of for of in channels if of in SURFACES]
+    references = [reference_of(of, closed) for of in moved]
     units = {"roll_setpoint": "rad", "pitch_setpoint": "rad"}
     return ev.machine(
         f"wing-{axis}",
-        response=f"ddt({rate})",
-        channels={name: unit for name, unit in WING_UNITS.items() if name in WING_TERMS[axis].values()}
-        | {name: ev.input("1") for name in moved}
-        | {name: ev.reference(units.get(name, "1")) for name in references},
-        terms=terms,
+        response=f"ddt({channels[0]})",
+        channels={of: "rad/s" if "rate" in of else "rad" for of in WING_NOISE if of in channels}
+        | {of: ev.input("1") for of in moved}
+        | {of: ev.reference(units.get(of, "1")) for of in references},
+        terms={name: ev.behind(of, "servo") if of in SURFACES else of for name, of in terms.items()},
         actuators={"servo": ev.actuator(lag_s=(0.002, 0.3), delay_s=(0.0, 0.04))},
         headline=(names[0], names[3] if axis != "pitch" else names[2]),
     )
 
 
 def wing_flight(
-    axis: str, seed: int, turbulence: float, noise: float, planned: Any = None, *, closed: bool = True
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    axis: str, turbulence: float, noise: float, closed: bool, seed: int, planned: Any
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """60 s under control of the attitude, or of surfaces alone, for one axis: pitch alone, or the others.
 
-    Columns of a log; and states, servos and derivatives without noise.
+    Columns of a log; and states, servos and derivatives of the rates by axis, without noise.
     """
     import jsbsim
 
@@ -268,11 +240,9 @@ def wing_flight(
         return size * np.sum(waves, axis=0) / np.sqrt(6.0)
 
     sizes = (0.0, 0.04, 0.0) if axis == "pitch" else (0.12, 0.0, 0.12)
-    setpoints = [asked(size, high) for size, high in zip(sizes, (1.2, 1.2, 1.5), strict=True)]
-    names = [WING_REFERENCES[name] if closed else f"{name}_setpoint" for name in SURFACES]
-    for k, name in enumerate(names):
-        if planned is not None and name in planned.references:
-            setpoints[k] = on_steps(planned, name, count, WING_STEP_S)
+    names = [reference_of(of, closed) for of in SURFACES]
+    made = [asked(size, high) for size, high in zip(sizes, (1.2, 1.2, 1.5), strict=True)]
+    setpoints = [on_steps(planned, name, of, WING_STEP_S) for name, of in zip(names, made, strict=True)]
     trims, trimmed_pitch = [craft[f"fcs/{name}-cmd-norm"] for name in SURFACES], craft["attitude/theta-rad"]
     states = [*(f"velocities/{item}-rad_sec" for item in "pqr"), "aero/beta-rad", "aero/alpha-rad"]
     seen, exact, commands = np.empty((count, 5)), np.empty((count, 11)), np.empty((count, 3))
@@ -294,64 +264,53 @@ def wing_flight(
                 craft[f"fcs/{name}-cmd-norm"] = trim + value
             craft.run()
     columns = dict(zip(WING_NOISE, seen.T, strict=True)) | dict(zip(SURFACES, commands.T, strict=True))
-    return {"time": time, **columns, **dict(zip(names, setpoints, strict=True))}, exact
+    columns |= dict(zip(names, setpoints, strict=True))
+    return {"time": time} | columns, dict(zip((*WING_NOISE, *SURFACES, *WING_TERMS), exact.T, strict=True))
 
 
-def wing_truth(axis: str, exact: np.ndarray) -> dict[str, float]:
+def wing_truth(axis: str, exact: dict[str, np.ndarray]) -> dict[str, float]:
     """Least squares of what moved in a flight without noise and turbulence: the plant is not linear."""
-    places = {**dict(zip(WING_NOISE, range(5), strict=True)), **dict(zip(SURFACES, range(5, 8), strict=True))}
-    names = list(WING_TERMS[axis])
-    columns = np.column_stack(
-        [exact[:, [places[of] for of in WING_TERMS[axis].values()]], np.ones(len(exact))]
-    )
-    theta = np.linalg.lstsq(columns[200:], exact[200:, 8 + ["roll", "pitch", "yaw"].index(axis)])[0]
-    return dict(zip(names, theta.tolist(), strict=False)) | {"effective_lag": WING_SERVO_S}
+    columns = [exact[of] for of in WING_TERMS[axis].values()]
+    moved = np.column_stack([*columns, np.ones_like(exact[axis])])
+    theta = np.linalg.lstsq(moved[200:], exact[axis][200:])[0]
+    return dict(zip(WING_TERMS[axis], theta.tolist(), strict=False)) | {"effective_lag": WING_SERVO_S}
 
 
-def _axis(every: int, encoder_m: float, torque_n: float, cogging_n: float = 0.0) -> Made:
-    return lambda seeds, planned=None: axis_records(seeds, every, encoder_m, torque_n, cogging_n, planned)
+def wing_records(
+    axis: str, turbulence: float, closed: bool, seeds: Sequence[int], planned: Any = None
+) -> Records:
+    """Flights of the wing, each beside one without noise and turbulence."""
+    machine = wing(axis, closed)
+    for seed in seeds:
+        columns, _ = wing_flight(axis, turbulence, 1.0, closed, seed, planned)
+        logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
+        _, exact = wing_flight(axis, 0.0, 0.0, closed, seed, planned)
+        yield machine, wing_truth(axis, exact), logged
 
 
-def _boat(waves: float) -> Made:
-    return simulated("boat-yaw", BOAT, 300.0, 0.1, {"yaw_rate": 0.002}, (waves, 1.0), boat_loop)
-
-
-def _rover(ground: float) -> Made:
-    noise = {"forward_speed": 0.01, "forward_acceleration": 0.1}
-    return simulated("rover", ROVER, 60.0, 0.02, noise, (ground, 0.3), rover_loop)
-
-
-def _wing(axis: str, turbulence: float, *, closed: bool = True) -> Made:
-    def made(seeds: Sequence[int], planned: Any = None) -> Iterator[Record]:
-        machine = wing(axis, closed=closed)
-        for seed in seeds:
-            columns, _ = wing_flight(axis, seed, turbulence, 1.0, planned, closed=closed)
-            logged = {name: columns[name] for name in ("time", *machine.record["channels"])}
-            _, exact = wing_flight(axis, seed, 0.0, 0.0, planned, closed=closed)
-            yield machine, wing_truth(axis, exact), logged
-
-    return made
-
-
-#: Records of each row.
-ROWS = {
-    "axis, 1 kHz, 10 um, 10 N": _axis(1, 1e-5, 10.0),
-    "axis, 1 kHz, 10 um, 1 N": _axis(1, 1e-5, 1.0),
-    "axis, 1 kHz, 1 um, 10 N": _axis(1, 1e-6, 10.0),
-    "axis, 1 kHz, 1 um, 1 N": _axis(1, 1e-6, 1.0),
-    "axis, 200 Hz of it, 10 um, 10 N": _axis(5, 1e-5, 10.0),
-    "axis, 200 Hz of it, 10 um, 1 N": _axis(5, 1e-5, 1.0),
-    "axis, 1 kHz, 100 um, 10 N": _axis(1, 1e-4, 10.0),
-    "axis, 1 kHz, 10 um, 1 N, cogging of 1 N": _axis(1, 1e-5, 1.0, 1.0),
-    "axis, 1 kHz, 100 um, 1 N": _axis(1, 1e-4, 1.0),
-    "joint, 1 kHz, 10 urad, 0.3 N m": joint_records,
-    "boat, calm": _boat(0.0005),
-    "boat, waves": _boat(0.03),
-    "boat, heavy waves": _boat(0.08),
-    "rover, smooth floor": _rover(0.05),
-    "rover, rough ground": _rover(0.6),
+BOATS = (simulated, "boat-yaw", BOAT, boat_loop)
+ROVERS = (simulated, "rover", ROVER, rover_loop)
+AT_SEA = {"seconds": 300.0, "step_s": 0.1, "noise": {"yaw_rate": 0.002}}
+ON_GROUND = {"seconds": 60.0, "step_s": 0.02, "noise": {"forward_speed": 0.01, "forward_acceleration": 0.1}}
+#: Maker of each row's records, and what it is given.
+ROWS: dict[str, tuple[Any, ...]] = {
+    "axis, 1 kHz, 10 um, 10 N": (axis_records, 1, 1e-5, 10.0, 0.0),
+    "axis, 1 kHz, 10 um, 1 N": (axis_records, 1, 1e-5, 1.0, 0.0),
+    "axis, 1 kHz, 1 um, 10 N": (axis_records, 1, 1e-6, 10.0, 0.0),
+    "axis, 1 kHz, 1 um, 1 N": (axis_records, 1, 1e-6, 1.0, 0.0),
+    "axis, 200 Hz of it, 10 um, 10 N": (axis_records, 5, 1e-5, 10.0, 0.0),
+    "axis, 200 Hz of it, 10 um, 1 N": (axis_records, 5, 1e-5, 1.0, 0.0),
+    "axis, 1 kHz, 100 um, 10 N": (axis_records, 1, 1e-4, 10.0, 0.0),
+    "axis, 1 kHz, 10 um, 1 N, cogging of 1 N": (axis_records, 1, 1e-5, 1.0, 1.0),
+    "axis, 1 kHz, 100 um, 1 N": (axis_records, 1, 1e-4, 1.0, 0.0),
+    "joint, 1 kHz, 10 urad, 0.3 N m": (joint_records,),
+    "boat, calm": (*BOATS, AT_SEA | {"disturbance": (0.0005, 1.0)}),
+    "boat, waves": (*BOATS, AT_SEA | {"disturbance": (0.03, 1.0)}),
+    "boat, heavy waves": (*BOATS, AT_SEA | {"disturbance": (0.08, 1.0)}),
+    "rover, smooth floor": (*ROVERS, ON_GROUND | {"disturbance": (0.05, 0.3)}),
+    "rover, rough ground": (*ROVERS, ON_GROUND | {"disturbance": (0.6, 0.3)}),
     **{
-        f"wing, {axis}, {air}{'' if closed else ', open loop'}": _wing(axis, gusts, closed=closed)
+        f"wing, {axis}, {air}{'' if closed else ', open loop'}": (wing_records, axis, gusts, closed)
         for closed in (True, False)
         for axis in WING_TERMS
         for air, gusts in (("calm", 0.0), ("turbulence", 20.0))
@@ -359,24 +318,28 @@ ROWS = {
 }
 
 
+def records_of(name: str, seeds: Sequence[int], planned: Any = None) -> Records:
+    maker, *given = ROWS[name]
+    return maker(*given, seeds, planned)
+
+
 def row(name: str, records: int) -> dict[str, Any]:
     """Coverage, median bias and half-width of each parameter, statuses, and identified ones far off."""
-    statuses, values = dict[str, int](), dict[str, list[tuple[float, ...]]]()
+    statuses, values = Counter[str](), defaultdict[str, list[tuple[float, ...]]](list)
     far = judged = 0
-    for model, truth, columns in ROWS[name](range(records)):
+    for model, truth, columns in records_of(name, range(records)):
         try:
             fit = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
         except EivorError as error:
-            statuses[type(error).__name__] = statuses.get(type(error).__name__, 0) + 1
+            statuses[type(error).__name__] += 1
             continue
-        statuses[fit.verdict.status.value] = statuses.get(fit.verdict.status.value, 0) + 1
+        statuses[fit.verdict.status.value] += 1
         for parameter, value in truth.items():
             quantity = fit.quantities[parameter]
             low, high = quantity.interval
             half, off = 0.5 * (high - low), abs(quantity.value - value)
-            values.setdefault(parameter, []).append(
-                (float(low <= value <= high), quantity.value / value - 1.0, half / abs(value))
-            )
+            numbers = (float(low <= value <= high), quantity.value / value - 1.0, half / abs(value))
+            values[parameter].append(numbers)
             if quantity.verdict.value == "identified":
                 judged, far = judged + 1, far + int(off > 2.0 * half)
     shown = {
@@ -389,18 +352,18 @@ def row(name: str, records: int) -> dict[str, Any]:
 
 def plans(name: str, records: int) -> dict[str, Any]:
     """Half-widths that planned records reached over those that were expected: median, tenth and ninetieth."""
-    shares = dict[str, list[float]]()
+    shares = defaultdict[str, list[float]](list)
     for seed in range(records):
-        ((model, _, columns),) = ROWS[name]([seed])
+        ((model, _, columns),) = records_of(name, [seed])
         first = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
         seconds = round(float(columns["time"][-1]))
         planned = ev.plan(first, seconds=seconds)
-        ((_, _, columns),) = ROWS[name]([1000 + seed], planned)
+        ((_, _, columns),) = records_of(name, [1000 + seed], planned)
         fit = ev.identify_flight(ev.recording_from_columns(columns, name=name), model=model)
         for parameter, item in planned.predicted.items():
             now, before = (result.quantities[parameter].half_width for result in (fit, first))
-            shares.setdefault(parameter, []).append(now / item.half_width)
-            shares.setdefault(f"{parameter}, first", []).append(now / before)
+            shares[parameter].append(now / item.half_width)
+            shares[f"{parameter}, first"].append(now / before)
     spread = {k: np.quantile(v, (0.5, 0.1, 0.9)).round(2).tolist() for k, v in shares.items()}
     return {"plan": name, "reached over expected": spread}
 
