@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from eivor.logs.common import on_channel_clock
 from eivor.motions.vertical.model import GRAVITY
@@ -28,6 +28,8 @@ from validation.real_logs.closed_loop import STEP_S, FlightSpec, Flown, Jitter, 
 LARGEST_JITTER = 0.35
 #: The logger is lost for so long at least [s].
 DROPOUT_S = 0.05
+SOURCE = "simulated sensor"
+REFERENCES = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +78,18 @@ class Writer:
     gaps: Float[np.ndarray, "m 2"]  # Begin and end [s] of what is lost
     rng: np.random.Generator  # Picks what is written twice
 
-    def channel(self, name: str, clock: Clock, values: Float[np.ndarray, " n"], source: str) -> Channel:
-        kept = ~self._lost(clock.instants)
-        times = np.where(self.rng.random(int(kept.sum())) < self.spec.logger.duplicates, 2, 1)
-        stamps, series = (np.repeat(part[kept], times) for part in (clock.stamps, values))
-        return clean_channel(name, stamps, series, unit_of(name), source=source, held=held_by_default(name))
-
-    def _lost(self, instants: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        after = instants[:, None]
-        return np.asarray(((after >= self.gaps[:, 0]) & (after < self.gaps[:, 1])).any(axis=1))
+    def channels(
+        self, clock: Clock, values: Mapping[str, Float[np.ndarray, " n"]], source: str = SOURCE
+    ) -> list[Channel]:
+        """Channels of one clock, by name."""
+        after, results = clock.instants[:, None], []
+        kept = ~((after >= self.gaps[:, 0]) & (after < self.gaps[:, 1])).any(axis=1)
+        for name, series in values.items():
+            times = np.where(self.rng.random(int(kept.sum())) < self.spec.logger.duplicates, 2, 1)
+            stamps, written = (np.repeat(part[kept], times) for part in (clock.stamps, series))
+            unit, held = unit_of(name), held_by_default(name)
+            results.append(clean_channel(name, stamps, written, unit, source=source, held=held))
+        return results
 
 
 def writer(spec: FlightSpec, rng: np.random.Generator) -> Writer:
@@ -147,9 +152,7 @@ def fly_rotorpy(spec: FlightSpec) -> Flown:
         command=np.stack(
             [log[f"rotor_command_{rotor + 1}"] for rotor in range(flight.truth.rotor_state.shape[1])], axis=1
         ),
-        reference=Trajectory(
-            *(log[f"reference_{part}_z"] for part in ("position", "velocity", "acceleration"))
-        ),
+        reference=Trajectory(*(log[f"reference_{part}_z"] for part in REFERENCES)),
         position=log["position_z"],
         velocity=log["velocity_z"],
         horizontal=None,
@@ -159,7 +162,6 @@ def fly_rotorpy(spec: FlightSpec) -> Flown:
     )
 
 
-SOURCE = "simulated sensor"
 #: Voltage of the full battery, and the rate at which it is logged.
 FULL_VOLTAGE, VOLTAGE_HZ = 16.0, 10.0
 
@@ -184,13 +186,10 @@ class Topics:
 def topics(spec: FlightSpec) -> Topics:
     """Clocks and errors of a flight's log; they are known before it flies, for its controller sees them."""
     logger = spec.logger
-    rates = {
-        "reference": logger.reference_hz,
-        "velocity": logger.velocity_hz,
-        "acceleration": logger.acceleration_hz,
-        "attitude": logger.attitude_hz,
+    clocks = {
+        name: topic_clock(spec, getattr(logger, f"{name}_hz"), stream(spec, f"clock {name}"))
+        for name in ("reference", "velocity", "acceleration", "attitude")
     }
-    clocks = {name: topic_clock(spec, rate, stream(spec, f"clock {name}")) for name, rate in rates.items()}
     clocks["command"] = command_clock(spec, stream(spec, "clock command"))
 
     def errors(name: str) -> SensorErrors:
@@ -202,14 +201,9 @@ def topics(spec: FlightSpec) -> Topics:
 
 def log_of(spec: FlightSpec, flight: Flown, record: Topics) -> Recording:
     written = writer(spec, stream(spec, "writer"))
-    channels = [*_commands(flight, record, written), *_references(flight, record, written)]
-    if spec.logger.bias_time > 0.0:
-        channels += _estimates(spec, flight, record, written)
-    else:
-        channels += [*_velocities(spec, flight, record, written), *_forces(spec, flight, record, written)]
-    channels += _attitude(spec, flight, record, written)
-    if spec.logger.voltage_logged:
-        channels.append(_voltage(spec, written))
+    moved = [_estimates] if spec.logger.bias_time > 0.0 else [_velocities, _forces]
+    makers = [_commands, _references, *moved, _attitude, *([_voltage] if spec.logger.voltage_logged else [])]
+    channels = [channel for maker in makers for channel in maker(flight, record, written)]
     return Recording(
         name=f"flight {spec.seed}",
         format="simulation",
@@ -228,63 +222,43 @@ def _commands(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
         instants = stamps = np.arange(instants[0], instants[-1], 1.0 / logger.filled_hz)
         held = held[np.searchsorted(clock.instants, instants + 1e-9, side="right") - 1]
     clock = Clock(instants, stamps * (1.0 + logger.command_drift))
-    return [
-        on_channel_clock(written.channel(f"rotor_command_{number + 1}", clock, values[held], SOURCE))
-        for number, values in enumerate(flight.command.T)
-    ]
+    commands = {f"rotor_command_{number + 1}": each[held] for number, each in enumerate(flight.command.T)}
+    return [on_channel_clock(channel) for channel in written.channels(clock, commands)]
 
 
 def _references(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
-    clock, time = record.clocks["reference"], flight.truth.time_s
-    held = np.searchsorted(time, clock.instants + 1e-9, side="right") - 1
-    parts = ("position", "velocity", "acceleration")
-    return [
-        written.channel(
-            f"reference_{part}_z", clock, np.asarray(getattr(flight.reference, part))[held], SOURCE
-        )
-        for part in parts
-    ]
+    clock = record.clocks["reference"]
+    held = np.searchsorted(flight.truth.time_s, clock.instants + 1e-9, side="right") - 1
+    parts = {part: np.asarray(getattr(flight.reference, part)) for part in REFERENCES}
+    return written.channels(clock, {f"reference_{part}_z": values[held] for part, values in parts.items()})
 
 
-def _velocities(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
-    clock, logger, errors = record.clocks["velocity"], spec.logger, record.slow
+def _velocities(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock, logger, errors = record.clocks["velocity"], written.spec.logger, record.slow
     late = {"delay": logger.velocity_delay, "filtered": logger.velocity_filter}
     scale = logger.velocity_scale
-    up = scale * _read(flight, flight.velocity, clock.instants, **late) + errors.velocity[:, 2]
-    height = _read(flight, flight.position, clock.instants, **late) + errors.position[:, 2]
-    channels = [
-        written.channel("position_z", clock, height, SOURCE),
-        written.channel("velocity_z", clock, up, SOURCE),
-    ]
-    if flight.horizontal is None:
-        return channels
-    along = scale * _read(flight, flight.horizontal, clock.instants, **late) + errors.velocity[:, 0]
-    return [
-        *channels,
-        written.channel("velocity_x", clock, along, SOURCE),
-        written.channel("velocity_y", clock, errors.velocity[:, 1], SOURCE),
-    ]
+    values = {
+        "position_z": _read(flight, flight.position, clock.instants, **late) + errors.position[:, 2],
+        "velocity_z": scale * _read(flight, flight.velocity, clock.instants, **late) + errors.velocity[:, 2],
+    }
+    if flight.horizontal is not None:
+        along = scale * _read(flight, flight.horizontal, clock.instants, **late)
+        values |= {"velocity_x": along + errors.velocity[:, 0], "velocity_y": errors.velocity[:, 1]}
+    return written.channels(clock, values)
 
 
-def _forces(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
-    clock = record.clocks["acceleration"]
-    return [
-        written.channel(f"specific_force_body_{axis}", clock, values, SOURCE)
-        for axis, values in zip("xyz", _accelerometer(spec, flight, record).T, strict=True)
-    ]
-
-
-def _accelerometer(spec: FlightSpec, flight: Flown, record: Topics) -> Float[np.ndarray, "n 3"]:
-    """What the accelerometer reads at its instants [m/s^2]."""
-    clock, logger = record.clocks["acceleration"], spec.logger
+def _forces(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock, logger = record.clocks["acceleration"], written.spec.logger
     late = {"delay": logger.acceleration_delay, "filtered": logger.acceleration_filter}
     read = np.stack([_read(flight, axis, clock.instants, **late) for axis in flight.force_body.T], axis=1)
-    return (
+    measured = (
         logger.acceleration_scale * read + record.quick.acceleration + [0.0, 0.0, logger.accelerometer_bias]
     )
+    values = zip("xyz", measured.T, strict=True)
+    return written.channels(clock, {f"specific_force_body_{axis}": item for axis, item in values})
 
 
-def _attitude(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+def _attitude(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     from scipy.spatial.transform import Rotation
 
     clock = record.clocks["attitude"]
@@ -292,45 +266,33 @@ def _attitude(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) 
         [np.interp(clock.instants, flight.truth.time_s, part) for part in flight.attitude.T], axis=1
     )
     true = Rotation.from_quat(parts[:, [1, 2, 3, 0]])
-    wrong = Rotation.from_rotvec([0.0, spec.logger.tilt_error, 0.0])
+    wrong = Rotation.from_rotvec([0.0, written.spec.logger.tilt_error, 0.0])
     measured = (wrong * true * Rotation.from_rotvec(record.attitude)).as_quat()
-    return [
-        written.channel(f"attitude_{axis}", clock, values, SOURCE)
-        for axis, values in zip("xyzw", measured.T, strict=True)
-    ]
+    values = zip("xyzw", measured.T, strict=True)
+    return written.channels(clock, {f"attitude_{axis}": item for axis, item in values})
 
 
-def _estimates(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+def _estimates(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     """Height, velocity and acceleration as an estimator of the vehicle's state makes them."""
-    clock, logger = record.clocks["velocity"], spec.logger
-    force = told_vertical_force(spec, flight, record)
-    fused = (
-        _read(flight, flight.velocity, clock.instants, delay=logger.fused_late) + record.slow.velocity[:, 2]
-    )
+    clock, logger = record.clocks["velocity"], written.spec.logger
+    noise = record.quick.acceleration[:, 2]
+    latest = np.searchsorted(record.clocks["acceleration"].instants, clock.instants)
+    force = _read(flight, flight.truth.specific_force_z, clock.instants)
+    force = force + noise[np.minimum(latest, noise.size - 1)] + logger.accelerometer_bias
+    fused = _read(flight, flight.velocity, clock.instants, delay=logger.fused_late)
+    fused = fused + record.slow.velocity[:, 2]
     velocity, acceleration = estimated(clock.instants, force - GRAVITY, fused, bias_time=logger.bias_time)
     height = _read(flight, flight.position, clock.instants) + record.slow.position[:, 2]
-    source = "estimator"
-    return [
-        written.channel("position_z", clock, height, source),
-        written.channel("velocity_z", clock, velocity, source),
-        written.channel("acceleration_z", clock, acceleration, source),
-    ]
+    values = {"position_z": height, "velocity_z": velocity, "acceleration_z": acceleration}
+    return written.channels(clock, values, "estimator")
 
 
-def told_vertical_force(spec: FlightSpec, flight: Flown, record: Topics) -> Float[np.ndarray, " n"]:
-    """Vertical specific force that the accelerometer gives the estimator, at the velocity's instants."""
-    instants = record.clocks["velocity"].instants
-    true = _read(flight, flight.truth.specific_force_z, instants)
-    noise = record.quick.acceleration[:, 2]
-    index = np.minimum(np.searchsorted(record.clocks["acceleration"].instants, instants), noise.size - 1)
-    return true + noise[index] + spec.logger.accelerometer_bias
-
-
-def _voltage(spec: FlightSpec, written: Writer) -> Channel:
+def _voltage(_flight: Flown, _record: Topics, written: Writer) -> list[Channel]:
+    spec = written.spec
     clock = topic_clock(spec, VOLTAGE_HZ, stream(spec, "clock voltage"))
     left = 1.0 - spec.vehicle.voltage_sag * clock.instants / spec.duration
     noise = 0.02 * stream(spec, "errors voltage").standard_normal(left.size)
-    return written.channel("battery_voltage", clock, FULL_VOLTAGE * left + noise, SOURCE)
+    return written.channels(clock, {"battery_voltage": FULL_VOLTAGE * left + noise})
 
 
 def _read(
