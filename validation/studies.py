@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import polars as pl
@@ -357,19 +357,23 @@ def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
 TABLES_ONLY = frozenset({"study.py"})
 
 
-@runtime_checkable
-class StudyTask(Protocol):
+@dataclass(frozen=True, slots=True)
+class Task:
     """Some flights of a study, whose rows are kept in one file."""
 
-    @property
-    def file_name(self) -> str: ...  # without its ending
-    @property
-    def facts(self) -> Mapping[str, str]: ...  # whose flights, and which: the file is sealed with it
-    @property
-    def flights(self) -> int: ...  # how many
+    of: tuple[str, ...]  # Family, or scenario and vehicle
+    first: int  # First flight, and the one after the last; of pools likewise
+    last: int
+    file_name: str  # Without its ending
+    flights: int  # How many
+    share: float  # Of all flights those before
 
 
-Task = TypeVar("Task", bound=StudyTask)
+def tasks_of(of: tuple[str, ...], place: str, count: int, together: int, pool: int = 1) -> Iterator[Task]:
+    """Tasks of so many flights, or pools, together."""
+    for first in range(0, count, together):
+        last = min(first + together, count)
+        yield Task(of, first, last, f"{place}-{first:03d}-{last:03d}", (last - first) * pool, first / count)
 
 
 @dataclass(frozen=True)
@@ -397,11 +401,11 @@ def read_study_table(path: Path) -> StudyTable:
 
 
 @dataclass(frozen=True)
-class StudyFolder(Generic[Task]):
+class StudyFolder:
     """Where the tasks' rows are kept."""
 
     folder: Path  # Made when it is not there
-    tasks: Sequence[Task]  # In the order in which they are done
+    tasks: Sequence[Task]
     name: str  # Of the study's grid
     text: str
     package: str  # The study's own, whose code makes rows beside Eivor's
@@ -410,7 +414,9 @@ class StudyFolder(Generic[Task]):
 
     def missing(self) -> list[Task]:
         """Tasks whose file is not there, not whole, or was made by other code."""
-        return [task for task in self.tasks if self._content(task) is None]
+        missing = [task for task in self.tasks if self._content(task) is None]
+        # a run that is cut short has flown the same share of each kind
+        return sorted(missing, key=lambda task: task.share)
 
     def write(self, task: Task, rows: Sequence[Row]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -448,7 +454,7 @@ class StudyFolder(Generic[Task]):
         return self.folder / f"{task.file_name}.parquet"
 
     def _facts(self, task: Task) -> Mapping[str, str]:
-        return {**task.facts, "code": self._code}
+        return {"part": task.file_name, "code": self._code}
 
     @cached_property
     def _code(self) -> str:
@@ -466,7 +472,7 @@ def folder_command(
     doc: str | None,
     part: str,
     word: str,  # option that names what is flown
-    folder_of: Callable[[argparse.Namespace], StudyFolder[Any]],
+    folder_of: Callable[[argparse.Namespace], StudyFolder],
     answer: Callable[[StudyTable], Answer],
 ) -> StudyCommand:
 

@@ -7,8 +7,8 @@ default options, and with the lag where the family gives it one.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -30,7 +30,7 @@ from validation.drawn import Drawn, Value, check_apart, sensor_noise
 from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE
 from validation.real_logs.closed_loop import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec, stream
 from validation.real_logs.flights import LoggedFlight, logged_flight
-from validation.studies import GridStruct, StudyFolder, read_as
+from validation.studies import GridStruct, Row, StudyFolder, Task, read_as, tasks_of
 
 #: What is told in sentences.
 SENTENCES: dict[str, re.Pattern[str]] = {
@@ -170,37 +170,6 @@ FLIGHTS_TOGETHER = 10
 #: Verdict of a flight that the recipe did not take.
 FAILED = "failed"
 
-Row = dict[str, str | float | int | bool]
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """Some flights, or pools, of a family."""
-
-    family: str  # Its name
-    first: int  # First flight, and the one after the last; of pools likewise
-    last: int
-
-    @property
-    def file_name(self) -> str:
-        index = [family.name for family in published_grid().families].index(self.family)
-        return f"family-{index + 1:02d}-{self.first:03d}-{self.last:03d}"
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        return {"family": self.family, "flights": f"{self.first} to {self.last - 1}"}
-
-    @property
-    def flights(self) -> int:
-        return (self.last - self.first) * published_grid().family(self.family).pool
-
-
-def family_tasks(family: Family) -> tuple[Task, ...]:
-    size = _together(family)
-    return tuple(
-        Task(family.name, first, min(first + size, family.count)) for first in range(0, family.count, size)
-    )
-
 
 def _together(family: Family) -> int:
     """Flights, or pools, that take about as long as ten flights of a minute; RotorPy's take as ten."""
@@ -211,7 +180,7 @@ def _together(family: Family) -> int:
 
 def rows_of(task: Task) -> tuple[Row, ...]:
     """Rows of a task: one for each flight."""
-    family = published_grid().family(task.family)
+    family = published_grid().family(task.of[0])
     if family.pool > 1:
         return tuple(row for pool in range(task.first, task.last) for row in _pool_rows(family, pool))
     return tuple(_flight_row(family, number) for number in range(task.first, task.last))
@@ -228,7 +197,7 @@ def _row(
 ) -> Row:
     """Row of a flight; without a result of one that was not identified at all."""
     spec, said = family.flight(number), {} if result is None else named(result)
-    row: Row = {
+    row: dict[str, str | int | float] = {
         "class": family.name,
         "number": number,
         "reference": str(spec.reference),
@@ -309,13 +278,14 @@ def _options(family: Family, spec: FlightSpec) -> FlightOptions:
     return FlightOptions(lag=Prior(max(true + std * draw.standard_normal(), 0.1 * std), std))
 
 
-def interleaved(families: Sequence[Family]) -> list[Task]:
-    """Tasks of all families, so that a run that is cut short has flown the same share of each."""
-    tasks = [(task.first / family.count, task) for family in families for task in family_tasks(family)]
-    return [task for _, task in sorted(tasks, key=lambda each: each[0])]
-
-
-def folder_of(path: Path, grid: Grid) -> StudyFolder[Task]:
+def folder_of(path: Path, grid: Grid) -> StudyFolder:
     planned = sum(family.count * family.pool for family in grid.families)
-    tasks = interleaved(grid.families)
+    numbers = {family.name: number for number, family in enumerate(published_grid().families, start=1)}
+    tasks = [
+        task
+        for each in grid.families
+        for task in tasks_of(
+            (each.name,), f"family-{numbers[each.name]:02d}", each.count, _together(each), each.pool
+        )
+    ]
     return StudyFolder(path, tasks, grid.name, grid.text, "validation.real_logs", planned, rows_of)

@@ -10,7 +10,6 @@ in the folder: a run that was interrupted goes on there, and `--tables` makes th
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,18 +19,8 @@ import polars as pl
 
 from eivor.lab.study import Share
 from validation.pages import markdown
-from validation.rigid_body.trials import (
-    GRID,
-    GROUPS,
-    Grid,
-    Scenario,
-    Task,
-    published_grid,
-    rows_of,
-    tasks_of,
-    unit_of_error,
-)
-from validation.studies import Answer, Requirement, StudyFolder, StudyTable, folder_command, requirement_table
+from validation.rigid_body.trials import GROUPS, Grid, Scenario, folder_of, published_grid, unit_of_error
+from validation.studies import Answer, Requirement, StudyTable, folder_command, requirement_table
 
 #: Of the interval of a share that is compared with what is asked.
 LEVEL = 0.99
@@ -191,27 +180,19 @@ def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
     return f"{'+' if bias >= 0.0 else '-'}{percent(abs(bias))}, {percent(rmse)} [{covered:.2f}]"
 
 
-def folder_of(chosen: argparse.Namespace) -> StudyFolder[Task]:
-    grid = published_grid()
-    planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
-    tasks = tasks_of(grid, chosen.share, chosen.word)
-    return StudyFolder(
-        chosen.folder,
-        tasks,
-        grid.name,
-        GRID.read_text(encoding="utf-8"),
-        "validation.rigid_body",
-        planned,
-        rows_of,
-    )
-
-
 def answer(table: StudyTable) -> Answer:
     """Tables of a run, and what is asked of it."""
     return study_tables(table, published_grid()), requirements(table.rows, published_grid())
 
 
-main = folder_command("validation.rigid_body.study", __doc__, PART, "--scenarios", folder_of, answer).main
+main = folder_command(
+    "validation.rigid_body.study",
+    __doc__,
+    PART,
+    "--scenarios",
+    lambda chosen: folder_of(chosen.folder, published_grid(), chosen.share, chosen.word),
+    answer,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from eivor.simulation.rigid_body_spec import (
 )
 from eivor.tools import Float
 from validation.flight_recipe.rotorpy_flight import Vehicle, rigid_body, vehicle_parameters
-from validation.studies import GridStruct, Row, read_as
+from validation.studies import GridStruct, Row, StudyFolder, Task, read_as, tasks_of
 
 LAG = "effective_lag"
 GROUPS = {
@@ -219,52 +219,36 @@ FLIGHTS_TOGETHER = 10
 LOST, FAILED = "lost", "failed"
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    scenario: str  # Its name
-    vehicle: Vehicle  # What flies
-    first: int  # First flight, and the one after the last
-    last: int
-
-    @property
-    def file_name(self) -> str:
-        index = [scenario.name for scenario in published_grid().scenarios].index(self.scenario)
-        return f"scenario-{index + 1:02d}-{self.vehicle}-{self.first:03d}-{self.last:03d}"
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        return {"scenario": self.scenario, "flights": f"{self.vehicle} {self.first} to {self.last - 1}"}
-
-    @property
-    def flights(self) -> int:
-        return self.last - self.first
-
-
-def tasks_of(grid: Grid, share: float = 1.0, word: str = "") -> list[Task]:
-    """Tasks of the first flights of scenarios whose name holds a word, an equal share of each first."""
-    results = []
-    for scenario in grid.scenarios:
-        if word not in scenario.name:
-            continue
-        count = max(1, round(share * scenario.count))
-        for vehicle in scenario.vehicles:
-            for first in range(0, count, FLIGHTS_TOGETHER):
-                task = Task(scenario.name, vehicle, first, min(first + FLIGHTS_TOGETHER, count))
-                results.append((first / count, task))
-    return [task for _, task in sorted(results, key=lambda each: each[0])]
+def folder_of(path: Path, grid: Grid, share: float, word: str) -> StudyFolder:
+    """First flights of scenarios whose name holds a word."""
+    planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
+    tasks = [
+        task
+        for number, each in enumerate(grid.scenarios, start=1)
+        if word in each.name
+        for vehicle in each.vehicles
+        for task in tasks_of(
+            (each.name, vehicle),
+            f"scenario-{number:02d}-{vehicle}",
+            max(1, round(share * each.count)),
+            FLIGHTS_TOGETHER,
+        )
+    ]
+    text = GRID.read_text(encoding="utf-8")
+    return StudyFolder(path, tasks, grid.name, text, "validation.rigid_body", planned, rows_of)
 
 
 def rows_of(task: Task) -> tuple[Row, ...]:
     """Rows of a task: one for each flight, method and quantity."""
     grid = published_grid()
-    scenario = grid.scenario(task.scenario)
+    scenario, vehicle = grid.scenario(task.of[0]), Vehicle(task.of[1])
     numbers = range(task.first, task.last)
-    specs = [flight_of(task.vehicle, scenario, grid.seconds, number) for number in numbers]
+    specs = [flight_of(vehicle, scenario, grid.seconds, number) for number in numbers]
     flights = simulate_rigid_body_flights(specs)
     return tuple(
         row
         for number, flight in zip(numbers, flights, strict=True)
-        for row in rows_of_flight(flight, task.vehicle, scenario, number)
+        for row in rows_of_flight(flight, vehicle, scenario, number)
     )
 
 
