@@ -84,6 +84,11 @@ class Supplied:
         if self.mass is not None and not self.mass.value > 0.0:
             raise UsageError("a mass above zero [kg]", f"{self.mass.value}", "Give 1.53:0.02, for example.")
 
+    def number(self, name: str) -> Number | None:
+        """A prior as it is written; None where none is given."""
+        given = self.priors.get(name)
+        return None if given is None else Number(given.value, given.interval, "given")
+
     def check_only(self, names: tuple[str, ...], target: str, *, body: bool) -> None:
         """Refuse what a target has no use for: it would be thought to count."""
         given = {
@@ -141,13 +146,15 @@ class Fitted:
         """From the command to thrust."""
         return input_map(self.map_name)
 
-    def origin(self) -> Iterator[str]:
-        """Sentences that say where the numbers come from."""
+    def origin(self, numbers: Mapping[str, Number] | None = None) -> Iterator[str]:
+        """Sentences that say where the numbers come from, and what stands beside those that are given."""
         yield f"Written by Eivor {self.version}."
         for name, sha256 in self.logs:
             yield f"Log: {name}, SHA-256 {sha256 or 'unknown'}"
         side = f", {self.curve_side.value} the autopilot's thrust curve" if self.curve_side.value else ""
         yield f"Command: {self.input}{side}, input map {self.map_name}."
+        for name, number in (numbers or {}).items():
+            yield f"{name}: {number.words}"
 
     def check_vertical(self, target: str) -> None:
         """Refuse results of other motions."""
@@ -206,8 +213,9 @@ class Fitted:
 
     def needed(self, names: Iterable[str], supplied: Supplied, target: str) -> dict[str, Number]:
         """Quantities that a target cannot do without: identified, or else given."""
-        numbers = {name: self.identified_number(name) or _given(supplied, name) for name in names}
-        missing = [name for name, number in numbers.items() if number is None]
+        known = {name: self.identified_number(name) or supplied.number(name) for name in names}
+        numbers = {name: number for name, number in known.items() if number is not None}
+        missing = [name for name in known if name not in numbers]
         if missing:
             priors = " ".join(f"--prior {name}=VALUE:STD" for name in missing)
             raise NotIdentifiedError(
@@ -215,18 +223,13 @@ class Fitted:
                 self.why_not(*missing).rstrip("."),
                 f"Fly again as the report says, or give what is known: {priors}.{self.acceptance(*missing)}",
             )
-        return {name: number for name, number in numbers.items() if number is not None}
+        return numbers
 
     def acceptance(self, *names: str) -> str:
         """Sentence that says which option would write quantities that are not identified."""
         verdicts = {self.quantities[name].verdict for name in names if name in self.quantities}
         worst = next((item for item in ACCEPTABLE if item in verdicts), None)
         return f" Or write them with their verdict: --accept {worst.value}." if worst else ""
-
-
-def _given(supplied: Supplied, name: str) -> Number | None:
-    given = supplied.priors.get(name)
-    return None if given is None else Number(given.value, given.interval, "given")
 
 
 @dataclass(frozen=True, slots=True)

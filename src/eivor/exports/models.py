@@ -345,8 +345,7 @@ def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
     absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
     omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
-    comments = (*fitted.origin(), *(f"{name}: {item.words}" for name, item in made.numbers.items()))
-    return Exported(_document((*comments, *omitted, *lost), made), omitted, lost)
+    return Exported(_document((*fitted.origin(made.numbers), *omitted, *lost), made), omitted, lost)
 
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -394,8 +393,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         late = "" if delay is None else f", {delay.value:.6g} s late"
         states = [*equations.states, *(f"{name} behind its lag" for name in equations.acting)]
         remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
-        numbers_of = (f"{name}: {number.words}" for name, number in equations.numbers.items())
-        comments = hash_comments((*fitted.origin(), *numbers_of, remark))
+        comments = hash_comments((*fitted.origin(equations.numbers), remark))
         sizes = len(states), len(equations.inputs)
         return filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
     fitted.check_vertical("CasADi")
@@ -419,8 +417,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
     lost = tuple(fitted.beside("CasADi's function", ELSEWHERE))
-    numbers_of = (f"{name}: {number.words}" for name, number in known.items())
-    comments = hash_comments((*fitted.origin(), *numbers_of, *lost))
+    comments = hash_comments((*fitted.origin(known), *lost))
     return replace(filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
 
 

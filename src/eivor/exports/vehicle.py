@@ -122,21 +122,6 @@ class SimulatorNumber:
     column: Callable[[Columns], Column]
 
 
-def per_mass(mass: Number, number: Number, root: str, share: float = 1.0) -> SimulatorNumber:
-    """Mass times what a flight identifies per mass; both err independently."""
-    value = share * mass.value * number.value
-    below, above = (
-        share
-        * math.hypot(
-            number.value * (mass.interval[side] - mass.value),
-            mass.value * (number.interval[side] - number.value),
-        )
-        for side in (0, 1)
-    )
-    product = Number(value, (value - below, value + above), f"{number.source}, times the mass as given")
-    return SimulatorNumber(product, lambda columns: columns["mass"] * columns[root] * share)
-
-
 # -- Physical quantities --
 
 #: Simulators compare without allowance for rounding.
@@ -414,10 +399,21 @@ def _left_out(
 
 
 def _root(number: Number, name: str, root: str, mass: Number, rotors: int) -> SimulatorNumber:
-    """What is made of one quantity of a flight."""
-    if name in {"thrust", "drag_z", "quadratic_drag_z"}:
-        return per_mass(mass, number, root, 1.0 / rotors if root == "input_gain" else 1.0)
-    return SimulatorNumber(number, itemgetter(root))
+    """A quantity of a flight, or the mass times one per mass; both err independently."""
+    if name not in {"thrust", "drag_z", "quadratic_drag_z"}:
+        return SimulatorNumber(number, itemgetter(root))
+    share = 1.0 / rotors if root == "input_gain" else 1.0
+    value = share * mass.value * number.value
+    below, above = (
+        share
+        * math.hypot(
+            number.value * (mass.interval[side] - mass.value),
+            mass.value * (number.interval[side] - number.value),
+        )
+        for side in (0, 1)
+    )
+    product = Number(value, (value - below, value + above), f"{number.source}, times the mass as given")
+    return SimulatorNumber(product, lambda columns: columns["mass"] * columns[root] * share)
 
 
 def _height(fitted: Fitted, known: KnownVehicle) -> dict[str, SimulatorNumber]:
