@@ -62,9 +62,7 @@ def _no_example(wanted: bool) -> bool:
 def export(
     fit: FitArgument,
     file: Annotated[
-        str,
-        typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False),
-        Writes(FOLDER_FILES),
+        str, typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False), Writes(FOLDER_FILES)
     ] = "",
     *,
     to: Annotated[

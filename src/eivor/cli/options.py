@@ -31,16 +31,11 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         ""
     )
     max_tilt: Annotated[
-        float | None,
-        option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=MORE),
+        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=MORE)
     ] = None
     input_channel: Annotated[
         str,
-        option(
-            "CHANNEL",
-            "Channel, or family such as rotor_command, that drives the vehicle.",
-            "--input",
-        ),
+        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
     ] = ""
     input_map: Annotated[
         str,
@@ -105,8 +100,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         ),
     ] = "auto"
     pool_anyway: Annotated[
-        bool,
-        flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=MORE),
+        bool, flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=MORE)
     ] = False
     terms: Annotated[
         list[str],

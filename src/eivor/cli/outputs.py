@@ -170,9 +170,7 @@ MachineOption = Annotated[
     Reads(),
 ]
 FitArgument = Annotated[
-    Path,
-    typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
-    Reads(),
+    Path, typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."), Reads()
 ]
 FitModelOption = Annotated[
     str,

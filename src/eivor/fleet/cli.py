@@ -69,9 +69,7 @@ LONGEST_WORD = 40
 app = group("fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle.")
 
 FleetArgument = Annotated[
-    str,
-    typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."),
-    Reads(fleet_paths),
+    str, typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."), Reads(fleet_paths)
 ]
 
 
@@ -97,9 +95,7 @@ def run_command(
     ],
     *,
     out: Annotated[
-        str,
-        option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
-        Writes(FLEET_FILES),
+        str, option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"), Writes(FLEET_FILES)
     ],
     model: ModelOption = DEFAULT_MODEL,
     vehicle: VehicleOption = "",

@@ -197,9 +197,7 @@ def simulate(
         int, option("N", "Of all randomness: the same gives the same log.", show_default=True)
     ] = 0,
     truth: Annotated[
-        str,
-        option("FILE.json", "Write the parameters and the noises that were added."),
-        Writes(),
+        str, option("FILE.json", "Write the parameters and the noises that were added."), Writes()
     ] = "",
     vehicle: Annotated[
         str,
@@ -214,8 +212,7 @@ def simulate(
     ] = "",
     mass: Annotated[str, option("KG", "Its mass, where its vehicle file has none.")] = "",
     accept: Annotated[
-        str,
-        option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.", show_default=True),
+        str, option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.", show_default=True)
     ] = "identified",
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
@@ -325,14 +322,10 @@ def study(
         option("FOLDER", "Folder of the trials; default: the study's file name with -study, here."),
         Writes(STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
     ] = "",
-    runs: Annotated[
-        int | None,
-        option("N", "Trials, in place of the study's own number."),
-    ] = None,
+    runs: Annotated[int | None, option("N", "Trials, in place of the study's own number.")] = None,
     workers: WorkersOption = None,
     dask: Annotated[
-        str,
-        option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786."),
+        str, option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786.")
     ] = "",
     figures: Annotated[
         bool,

@@ -408,12 +408,7 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     chosen = _chosen_map(columns, options, head.firmware)
     rules = fitted_rules(chosen, list(columns), file.name)
     recording = mapped_recording(
-        chosen,
-        rules,
-        Columns(columns),
-        name=file.name,
-        log_format="blackbox",
-        findings=findings,
+        chosen, rules, Columns(columns), name=file.name, log_format="blackbox", findings=findings
     )
     origin = LogOrigin(firmware=head.firmware, airframe=head.values.get("Craft name", ""), start=_start(head))
     return replace(recording, origin=origin)

@@ -390,9 +390,7 @@ class LiveFilter:
     """A sensor's filter and delay while a flight goes on, on components; the same numbers as `readings`."""
 
     def __init__(
-        self,
-        filtered: tuple[tuple[Value, ...], tuple[Value, ...]] | None,
-        late: Int[np.ndarray, " flights"],
+        self, filtered: tuple[tuple[Value, ...], tuple[Value, ...]] | None, late: Int[np.ndarray, " flights"]
     ) -> None:
         self._filter = filtered
         self._late = DelayLine(late)

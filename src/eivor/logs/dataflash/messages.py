@@ -339,8 +339,7 @@ def _chained(
         taken[index : final + 1] = continues[index : final + 1]
         positions._position = int(ends[final] if continues[final] else heads[final])
         index = max(
-            int(np.searchsorted(heads, positions._position)),
-            final + 1 if not continues[final] else 0,
+            int(np.searchsorted(heads, positions._position)), final + 1 if not continues[final] else 0
         )
         positions._breaks += 1
     return taken

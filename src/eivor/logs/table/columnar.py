@@ -196,12 +196,7 @@ def _read(
         request = {"patterns": [exactly(base) for base in dict.fromkeys(held)]}
         most = PARQUET_DECODER_BYTES + ROW_BYTES * rows
         decode_in_child(
-            file,
-            _PARQUET_CODE,
-            request,
-            max_bytes=most,
-            timeout_s=PARQUET_TIMEOUT_S,
-            kind="a Parquet file",
+            file, _PARQUET_CODE, request, max_bytes=most, timeout_s=PARQUET_TIMEOUT_S, kind="a Parquet file"
         )
 
     def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
@@ -651,12 +646,7 @@ def _table(
             sentence = "Columns without a canonical name are not used: {}."
             findings += noted("ignored_columns", sentence, ignored)
         recording = mapped_recording(
-            chosen,
-            rules,
-            source.read(needed),
-            name=file.name,
-            log_format=name,
-            findings=findings,
+            chosen, rules, source.read(needed), name=file.name, log_format=name, findings=findings
         )
         return restore(recording, source.metadata) if alone else recording
 
