@@ -63,6 +63,14 @@ class Requirement:
     def at_least(cls, what: str, value: float, least: float, form: str = ".3f") -> Requirement:
         return cls(what, f"at least {least:g}", f"{value:{form}}", value >= least)
 
+    @classmethod
+    def by_all(
+        cls, what: str, asked: str, measured: str, missed: Sequence[str], mark: str = "; "
+    ) -> Requirement:
+        """What several numbers must hold, with those that do not."""
+        more = f"; missed by {mark.join(missed)}" if missed else ""
+        return cls(what, asked, measured + more, not missed)
+
 
 #: A study's tables (of one part of the page, or of several by name), and what is asked of it.
 Answer = tuple[str | Mapping[str, str], Iterable[Requirement]]

@@ -100,13 +100,9 @@ def _each(here: pl.DataFrame, samples: int, bounds: tuple[float, float]) -> Requ
         if not _within(covered, least, most)
     ]
     values = [covered.value for covered, _, _ in shares.values()]
+    asked = f"{low:.3f} to {high:.3f}" + (" (trend: to 1)" if samples == OVER_COVERED[1] else "")
     measured = f"{min(values):.3f} to {max(values):.3f}"
-    return Requirement(
-        f"each interval, N = {samples}",
-        f"{low:.3f} to {high:.3f}" + (" (trend: to 1)" if samples == OVER_COVERED[1] else ""),
-        f"{measured}; missed by {', '.join(missed)}" if missed else measured,
-        not missed,
-    )
+    return Requirement.by_all(f"each interval, N = {samples}", asked, measured, missed, ", ")
 
 
 def _mean(here: pl.DataFrame, samples: int, bounds: tuple[float, float]) -> Requirement:

@@ -205,13 +205,7 @@ def _largest(what: str, here: pl.DataFrame, over: str, most: float) -> Requireme
             missed.append(label)
         if ratio > worst:
             worst, name = ratio, label
-    measured = f"at most {worst:.2f} ({name})"
-    return Requirement(
-        what,
-        f"at most {most:g}",
-        f"{measured}; missed by {'; '.join(missed)}" if missed else measured,
-        not missed,
-    )
+    return Requirement.by_all(what, f"at most {most:g}", f"at most {worst:.2f} ({name})", missed)
 
 
 def _bias(what: str, here: pl.DataFrame, most_bias: float) -> Requirement:
@@ -222,13 +216,8 @@ def _bias(what: str, here: pl.DataFrame, most_bias: float) -> Requirement:
     }
     values = [abs(value) for value in here["bias"]]
     missed = [name for (name, most), value in zip(allowed.items(), values, strict=True) if value > most]
-    measured = f"at most {max(values):.2f}"
-    return Requirement(
-        f"{what}: bias over the scatter",
-        f"at most {most_bias:g}",
-        f"{measured}; missed by {'; '.join(missed)}" if missed else measured,
-        not missed,
-    )
+    what = f"{what}: bias over the scatter"
+    return Requirement.by_all(what, f"at most {most_bias:g}", f"at most {max(values):.2f}", missed)
 
 
 def _coverage(spectral: pl.DataFrame) -> Iterator[Requirement]:
@@ -243,12 +232,9 @@ def _coverage(spectral: pl.DataFrame) -> Iterator[Requirement]:
             for row, share in zip(here.iter_rows(named=True), shares, strict=True)
             if not low - _chance(low, row["count"]) <= share <= high + _chance(high, row["count"])
         ]
-        measured = f"{min(shares):.3f} to {max(shares):.3f}"
-        yield Requirement(
-            f"spectral_giv, N = {samples}: coverage of each interval",
-            f"{low:g} to {high:g}",
-            f"{measured}; missed by {'; '.join(missed)}" if missed else measured,
-            not missed,
+        what, measured = f"spectral_giv, N = {samples}", f"{min(shares):.3f} to {max(shares):.3f}"
+        yield Requirement.by_all(
+            f"{what}: coverage of each interval", f"{low:g} to {high:g}", measured, missed
         )
         mean, total = float(sum(here["hits"]) / sum(here["count"])), int(sum(here["count"]))
         least, most = MEAN_COVERAGE
