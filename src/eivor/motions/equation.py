@@ -370,7 +370,7 @@ def _propagated(
 RATIO, LAST_S = 1.25, 8.0
 #: A plan is in use for this share of its time at least.
 LEAST_IN_USE = 0.5
-#: What is left out of that, as a share.
+#: Share of the power of an acceleration that is left out above its highest frequency.
 SLOW = 0.02
 #: Ridges that weights are chosen from, as shares of the largest singular value squared.
 RIDGES = np.geomspace(1e-14, 1e-2, 25)
@@ -429,17 +429,7 @@ class Answers(msgspec.Struct):
             triangle = np.eye(1, len(names), len(names) - 1)
             triangle /= max(UNIFORM * (delays_s[-1] - delays_s[0]), 1e-4)
         for axis, density in zip(axes, self.densities, strict=True):
-            steady = [term for term in axis.terms if term.is_steady]
-            behind = [term for term in axis.terms if term.behind]
-            gains, columns = [values[term.name] for term in behind], np.zeros((count, len(names)))
-            index = [names.index(term.name) for term in (*steady, *behind)]
-            columns[:, index[: len(steady)]] = axis.columns(signals, [term.of for term in steady])
-            if behind:
-                columns[:, index[len(steady) :]] = axis.driven(signals, at)
-            for name in lags if behind else ():
-                ends = [max(at[name] + part * self.step_s, 0.0) for part in (-0.5, 0.5)]
-                below, above = (axis.driven(signals, {**at, name: end}) @ gains for end in ends)
-                columns[:, names.index(name)] = (above - below) / (ends[1] - ends[0])
+            columns = self._columns(axis, signals, values, at, names)
             power = np.exp(np.interp(np.log(run.frequency_hz), np.log(_nodes(self.band_hz)), np.log(density)))
             power *= float(np.mean(run.taper**2)) / (4.0 * self.step_s)
             white = run.spectrum(columns) / np.sqrt(power)[:, None]
@@ -452,6 +442,24 @@ class Answers(msgspec.Struct):
         # of the parameters, and of lag and delay together
         kept = [k for k, name in enumerate(names) if name not in lags]
         return results, 2.0 * float(np.linalg.slogdet(inverse[kept] @ inverse[kept].T)[1])
+
+    def _columns(
+        self, axis: AxisEquation, signals: Signals, values: Values, at: Values, names: list[str]
+    ) -> Float[np.ndarray, "n names"]:
+        """What each parameter and nuisance moves in the response of an axis."""
+        steady = [term for term in axis.terms if term.is_steady]
+        behind = [term for term in axis.terms if term.behind]
+        columns = np.zeros((signals.sample_count, len(names)))
+        of_steady, of_behind = ([names.index(term.name) for term in terms] for terms in (steady, behind))
+        columns[:, of_steady] = axis.columns(signals, [term.of for term in steady])
+        if behind:
+            gains = [values[term.name] for term in behind]
+            columns[:, of_behind] = axis.driven(signals, at)
+            for name in at:
+                ends = [max(at[name] + part * self.step_s, 0.0) for part in (-0.5, 0.5)]
+                below, above = (axis.driven(signals, {**at, name: end}) @ gains for end in ends)
+                columns[:, names.index(name)] = (above - below) / (ends[1] - ends[0])
+        return columns
 
 
 def answers_of(
@@ -492,14 +500,7 @@ def answers_of(
     targets = np.column_stack([_joined(about[name], used) for name in answering])
     solution = _ridge(columns, targets, 2.0 * first.band_hz[1] * step_s * columns.shape[0])
     weights = dict(zip(answering, solution.T.tolist(), strict=True))
-    bins = problem.bins(estimate.nuisances)
-    power = (np.abs(bins.residuals(estimate.theta)) ** 2).T
-    of_bin = np.concatenate([np.full(run.count, run.axis) for run in bins.layout.runs])
-    noises = []
-    for number in range(len(axes)):
-        runs = [run for run in bins.layout.runs if run.axis == number]
-        each = [densities(runs, item[of_bin == number], _nodes(first.band_hz)) for item in power]
-        noises.append(np.maximum(np.min(each, axis=0), 1e-300).tolist())
+    noises = _densities(problem, estimate, _nodes(first.band_hz))
     made = Answers(step_s, first.band_hz, references, levels, sizes, highest, weights, noises)
     values = {**estimate.nuisances, **estimate.parameters}
     every: dict[str, float] = {}
@@ -511,6 +512,20 @@ def answers_of(
             for name, error in errors.items()
         }
     return msgspec.to_builtins(msgspec.structs.replace(made, std_errors=every))
+
+
+def _densities(
+    problem: LaggedRuns, estimate: Estimate, nodes_hz: Float[np.ndarray, " nodes"]
+) -> list[list[float]]:
+    """Of what no term explains of each axis, by the response that leaves the least."""
+    bins, results = problem.bins(estimate.nuisances), []
+    power = (np.abs(bins.residuals(estimate.theta)) ** 2).T
+    of_bin = np.concatenate([np.full(run.count, run.axis) for run in bins.layout.runs])
+    for number in problem.axes:
+        runs = [run for run in bins.layout.runs if run.axis == number]
+        each = [densities(runs, item[of_bin == number], nodes_hz) for item in power]
+        results.append(np.maximum(np.min(each, axis=0), 1e-300).tolist())
+    return results
 
 
 def faster(series: Float[np.ndarray, " n"], step_s: float, frequency_hz: float) -> float:
