@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import os
 import pkgutil
@@ -30,9 +31,9 @@ BOUNDS = {
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
     "imports of the package for type checking only": 0,
-    "files": 210,
-    "lines": 68_421,  # To be 64,000 again
-    "lines of code without docstrings and imports": 45_245,  # And 41,000
+    "files": 209,
+    "lines": 69_496,  # To be 64,000 again
+    "lines of code without docstrings and imports": 46_032,  # And 41,000
     "files of fewer than 60 lines": 2,
     "files of more than 900 lines": 0,
     "files in the largest folder": 22,
@@ -40,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_097}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_756}
 
 
 def lint_imports(source):
@@ -133,6 +134,21 @@ def test_counts_of_the_house_are_bounded():
     bounds = BOUNDS | PROJECT_BOUNDS
     exceeded = {name: counted[name] for name, most in bounds.items() if counted[name] > most}
     assert not exceeded, f"Expected less; received {exceeded}."
+
+
+#: Words that say nothing of what a value is.
+NO_NAMES = {
+    *("told", "tells", "asked", "one", "found", "beside"),
+    *("shown", "begun", "place", "own", "flown"),
+}
+NAMED_BY = {ast.Name: "id", ast.arg: "arg", ast.Attribute: "attr", ast.FunctionDef: "name"}
+
+
+def test_names_say_what_values_are():
+    for file in (ROOT / "src" / "eivor").rglob("*.py"):
+        nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        names = {getattr(node, NAMED_BY[type(node)]) for node in nodes if type(node) in NAMED_BY}
+        assert not names & NO_NAMES, file
 
 
 def leaves(kind):

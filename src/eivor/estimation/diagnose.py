@@ -419,8 +419,8 @@ def periodic(estimate: Estimate) -> tuple[Reason, ...]:
     """Reason against an estimate that parameters vary periodically."""
     try:
         diagnostics = Diagnostics(estimate)
-        found = diagnostics.periodicity
-        reasons = () if found is None else tuple(found.reasons(diagnostics.subject))
+        periodicity = diagnostics.periodicity
+        reasons = () if periodicity is None else tuple(periodicity.reasons(diagnostics.subject))
     except (EivorError, np.linalg.LinAlgError):
         return ()  # what has no covariance has no diagnostics
     return tuple(reason for reason in reasons if reason.status is Status.WEAK)

@@ -193,7 +193,7 @@ class Fitted:
             return "not estimated."
         return f"{item.verdict.value}. {' '.join(reason.sentence for reason in item.reasons)}".rstrip()
 
-    def beside(self, target: str, names: Collection[str]) -> Iterator[str]:
+    def left_over(self, target: str, names: Collection[str]) -> Iterator[str]:
         """Sentences about what is identified and a target has no place for."""
         for name in self.quantities:
             number = self.identified_number(name) if name in names else None

@@ -325,10 +325,10 @@ def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     if fitted.model != RIGID_BODY:
         if fitted.machine is None:
-            beside = (
+            needed = (
                 [f"{axis}_{kind}" for axis in TURNING for kind in KINDS] if fitted.model == RATES else NEEDED
             )
-            supplied.check_only((*beside, *LAGS), "statespace", body=False)
+            supplied.check_only((*needed, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
     made = describe(fitted, supplied, "A state space", BODY, lacks=(SECOND_STAGE,))
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
@@ -340,8 +340,8 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
 
 def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
     """Of a motion that is no rigid body, with what is identified and not among its numbers."""
-    beside = {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *ELSEWHERE}
-    lost = tuple(fitted.beside("A state space", beside))
+    lacking = {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *ELSEWHERE}
+    lost = tuple(fitted.left_over("A state space", lacking))
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
     absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
     omitted = (f"Not written: {fitted.why_not(*absent)}",) if absent else ()
@@ -416,7 +416,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         "curve": curve,
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
-    lost = tuple(fitted.beside("CasADi's function", ELSEWHERE))
+    lost = tuple(fitted.left_over("CasADi's function", ELSEWHERE))
     comments = hash_comments((*fitted.origin(known), *lost))
     return replace(filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
 

@@ -140,7 +140,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     whole = np.array([*(value.get(name, 0.0) for name in CENTRE), -height])
     centre = 0.0 - each * at.sum(axis=0) / rest
     inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(centre)
-    inertia -= sum(disc + each * _of_point(place) for place in at)
+    inertia -= sum(disc + each * _of_point(point) for point in at)
     return filled(
         "gazebo.sdf",
         made,
@@ -183,9 +183,9 @@ def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     return Exported(text, made.omitted, made.lost)
 
 
-def _of_point(place: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def _of_point(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Inertia of a point of one kilogram about the origin."""
-    return np.asarray(place @ place * np.eye(3) - np.outer(place, place))
+    return np.asarray(point @ point * np.eye(3) - np.outer(point, point))
 
 
 #: Quantiles that the ranges reach to.

@@ -238,7 +238,7 @@ def describe(
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
     made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
-    lost = (*_lost(made, target, lacks), *fitted.beside(target, ELSEWHERE)) if draws is None else ()
+    lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
 
 
@@ -630,9 +630,9 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         gone = [f"{name} {value[name]:.4g}" for name in names if effect != LEVER or name == HEIGHT]
         left_out = f", and {', '.join(gone)} not in this file" if gone else ""
         remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
-        flown = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
+        manoeuvred = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
         errors = f"errs by {angle:.2g} degrees and {speed:.2g} m/s"
-        yield f"{target} has no {effect}{left_out}: {flown} {errors}.{remedy}"
+        yield f"{target} has no {effect}{left_out}: {manoeuvred} {errors}.{remedy}"
 
 
 # -- Templates --

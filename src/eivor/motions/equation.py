@@ -211,7 +211,7 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         for number, flight in enumerate(flights):
             signals = flight.signals
             for axis in logged:
-                place = self.axes.index(axis)
+                index = self.axes.index(axis)
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 stays = [term for term in axis.terms if term.is_steady and not late]
                 moves = [term for term in axis.terms if (term.is_steady if late else term.behind)]
@@ -226,9 +226,9 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
                         axis.columns(signals, known),
                         whole,
                         axis.late(signals) if late else partial(axis.driven, signals),
-                        self.instruments(place, signals, rule),
+                        self.instruments(index, signals, rule),
                         number,
-                        place,
+                        index,
                         flight.band_hz,
                         flight.usable,
                         tuple(moving.index(term.parameter) for term in moves),
@@ -246,9 +246,9 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
 
     def instruments(self, number: int, signals: Signals, rule: InstrumentRule) -> np.ndarray:
         """Instruments of one of the axes."""
-        own = self.axes[number]
-        others = {source.channel for item in self.axes if item != own for source in item.references}
-        return own.instruments(signals, rule, others)
+        axis = self.axes[number]
+        others = {source.channel for item in self.axes if item != axis for source in item.references}
+        return axis.instruments(signals, rule, others)
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}

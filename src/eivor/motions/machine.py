@@ -359,10 +359,10 @@ class Machine(DeclaredMotion):
         columns = next(item for item in problem.columns if item.axis == number)
         parameters, still = {term.parameter for term in order}, problem.still
         fixed = [k for k in range(still) if problem.parameters[k] in parameters]
-        own = [problem.parameters[k] for k in fixed]
-        own += [item for item in problem.parameters[still:] if item in parameters]
+        kept = [problem.parameters[k] for k in fixed]
+        kept += [item for item in problem.parameters[still:] if item in parameters]
         alone = replace(columns, fixed=columns.fixed[:, fixed], moved=None)
-        runs = replace(problem, columns=(alone,), parameters=tuple(own))
+        runs = replace(problem, columns=(alone,), parameters=tuple(kept))
         return TrackedParameter(name, runs, known, level, tuple(sentences))
 
     def solved(self, values: Mapping[str, float]) -> list[SolvedEquation]:
@@ -522,8 +522,8 @@ class Machine(DeclaredMotion):
         def lagging(lag_s: float) -> LaggedRuns:
             made = replace(rule, lags=(count, lag_s))
             signals = ((item, flights[item.flight].signals) for item in first.columns)
-            own = (replace(i, instruments=self.instruments(i.axis, of, made)) for i, of in signals)
-            return replace(first, columns=tuple(own))
+            columns = (replace(i, instruments=self.instruments(i.axis, of, made)) for i, of in signals)
+            return replace(first, columns=tuple(columns))
 
         return max(map(lagging, lags), key=partial(_strength, _sought(first)))
 

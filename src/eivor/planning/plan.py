@@ -296,7 +296,7 @@ def make_plan(
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", remedy)
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
     flown_within = _within_limits(finalists, vehicle, limits, seed)
-    best = min(flown_within, key=lambda flown: _half_width(identify_flight(flown[0].recording), target))
+    best = min(flown_within, key=lambda each: _half_width(identify_flight(each[0].recording), target))
     # the flight that chose is the luckiest of several, and predicts too narrow an interval
     results = [identify_flight(item.recording) for item in best[1:]]
     values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}

@@ -159,9 +159,9 @@ class Validation:
             return self.multi_step_prediction.predicts
         farthest, *others = self.by_quantity[-1]
         # one step ahead least squares leave the least, whatever they mean
-        beside = others if farthest.horizon is Horizon.OPEN_LOOP else []
+        rivals = others if farthest.horizon is Horizon.OPEN_LOOP else []
         return farthest.error.explained > 0.0 and all(
-            farthest.error.rms <= other.error.rms for other in beside
+            farthest.error.rms <= other.error.rms for other in rivals
         )
 
     @property
