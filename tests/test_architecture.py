@@ -41,7 +41,7 @@ BOUNDS = {
 }
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_756}
+PROJECT_BOUNDS = {"lines of `validation/`": 9_000, "lines of tests": 35_772}
 
 
 def lint_imports(source):
@@ -144,6 +144,7 @@ NO_NAMES = {
 NAMED_BY = {ast.Name: "id", ast.arg: "arg", ast.Attribute: "attr", ast.FunctionDef: "name"}
 
 
+@pytest.mark.thorough
 def test_names_say_what_values_are():
     for file in (ROOT / "src" / "eivor").rglob("*.py"):
         nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))

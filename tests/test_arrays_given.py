@@ -91,6 +91,7 @@ def test_two_stage_least_squares_is_that_of_another_package():
     assert fit.to_html() == fit._repr_html_()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_lags_are_whole_numbers_of_any_type():
     assert ev.Column("a", np.int64(2)).name == "a(k-2)"
 

@@ -189,6 +189,7 @@ def test_what_is_needed_decides_the_exit_code(eivor, needs, code):
     assert run.out
 
 
+@pytest.mark.thorough
 def test_results_of_both_schemas_serve_every_command(eivor, log, tmp_path):
     """A motion is chosen where one serves; where several do, it is to be named."""
     result = ev.identify_log(ev.read_log(log))

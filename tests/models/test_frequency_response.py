@@ -247,6 +247,7 @@ def test_a_reference_that_answers_the_output_is_provisional():
         assert any("provisional" in sentence for sentence in result.findings) is answered
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_page_of_turning_shows_responses(command_line, log, tmp_path):
     command_line("identify", log, "--model", "rates", "--window", "0:30", "--html", tmp_path / "page.html")

@@ -224,6 +224,7 @@ def test_a_parameter_of_a_machine_is_followed(boat_fit):
         followed(boat_fit, 30.0, "gain")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_parameters_of_several_equations_are_followed():
     step_s, count = 0.05, 3000
@@ -338,7 +339,7 @@ def test_a_shipped_machine_is_identified_from_its_own_simulation(name, case, sec
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_a_machine_is_planned_within_limits(boat_fit, tmp_path):
+def test_a_machine_is_planned_within_limits(boat_fit):
     made = ev.plan(boat_fit, seconds=200.0)
     (reference,) = made.references.values()
     assert np.abs(reference - reference.mean()).max() <= 1.01 * made.limits["reference_heading"][0]
@@ -349,7 +350,13 @@ def test_a_machine_is_planned_within_limits(boat_fit, tmp_path):
     assert made.summary().startswith(made.sentence)
     tighter = ev.plan(boat_fit, seconds=200.0, limits={"rudder": (0.02,)}, target="g")
     assert tighter.predicted["g"].half_width > 2.0 * made.predicted["g"].half_width
-    # the command line plans the same from a file, as steps where that is asked
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_command_line_plans_a_machine(boat_fit, tmp_path):
+    made = ev.plan(boat_fit, seconds=200.0)
+    (reference,) = made.references.values()
     (tmp_path / "fit.json").write_text(boat_fit.to_json(), encoding="utf-8")
     asked = ["plan", str(tmp_path / "fit.json"), "--time", "200", "--csv", str(tmp_path / "plan.csv")]
     run = CliRunner().invoke(app, [*asked, "--json", "-"])

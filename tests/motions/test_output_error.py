@@ -66,6 +66,7 @@ def test_a_real_flight_predicts_another_better_than_staying_and_than_least_squar
         assert best[FIT, quantity] < 0.75 * errors["whitened_least_squares"][FIT, quantity]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_references_that_are_too_few_leave_least_squares_and_it_is_said(recordings):
     log = ev.read_log(recordings / "nanobench" / "B3_figure8_medium_rep1.csv")

@@ -405,6 +405,7 @@ FLOWN, STARTED = ("OFFBOARD", "HOLD"), ("OFFBOARD",)
 SOON = {"heartbeats_hz": 4.0}
 
 
+@pytest.mark.thorough
 @linux
 def test_a_flight_a_takeover_and_a_killed_program(tmp_path):
     all_flown(
