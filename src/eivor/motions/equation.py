@@ -9,7 +9,6 @@ from functools import cache, cached_property, partial
 
 import msgspec
 import numpy as np
-import scipy.fft
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights import motion, quantity
@@ -570,7 +569,7 @@ def _answering(series: Sequence[np.ndarray], step_s: float) -> Float[np.ndarray,
     taps = np.arange(-1, knots[-1] + 1)
     pulses = np.stack([np.interp(taps, knots, row) for row in np.eye(len(knots))])
     count = series[0].size
-    length = scipy.fft.next_fast_len(count + taps.size, real=True)
+    length = 1 << (count + taps.size).bit_length()
     of_pulses = np.fft.rfft(pulses, length)
     columns = []
     for item in series:
