@@ -115,13 +115,15 @@ def bucket(monkeypatch):
     server.stop()
 
 
-@pytest.mark.thorough
-@pytest.mark.skipif(
-    os.environ.get("EIVOR_SHAPE_CHECKS") != "0", reason="places elsewhere do as paths do, and are none"
-)
-@pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
+def elsewhere(test):
+    """Marks of a test of a server for addresses, whose paths do as paths do, and are none."""
+    unchecked = os.environ.get("EIVOR_SHAPE_CHECKS") == "0"
+    categories = ("DeprecationWarning", "ResourceWarning", "pytest.PytestUnraisableExceptionWarning")
+    marked = pytest.mark.filterwarnings(*(f"ignore::{name}" for name in categories))(test)
+    return pytest.mark.thorough(pytest.mark.skipif(not unchecked, reason="shapes are checked")(marked))
+
+
+@elsewhere
 def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
     """The rows are those of the same logs here; what was cut off is gone on with; reports are there, too."""
     rows_of(monkeypatch)
@@ -155,13 +157,7 @@ def test_logs_and_fleets_elsewhere(bucket, tmp_path, monkeypatch):
         logs_found("s3://no-such-bucket/logs")
 
 
-@pytest.mark.thorough
-@pytest.mark.skipif(
-    os.environ.get("EIVOR_SHAPE_CHECKS") != "0", reason="places elsewhere do as paths do, and are none"
-)
-@pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
+@elsewhere
 def test_logs_elsewhere_are_read_as_here(bucket, tmp_path, command_line):
     """The same result from an address, whole or in part; outputs beside it are written here."""
     flight = pl.read_parquet(resources.files("eivor.data").joinpath("example_flight.parquet"))

@@ -34,14 +34,13 @@ from eivor.report.document import (
     table,
 )
 from eivor.report.rows import (
-    BOUND,
     NO_NUMBER,
     QuantityRow,
     bounded_numbers,
-    holds_zero,
     plain_numbers,
     quantity_rows,
     symbol_of,
+    verdict_label,
 )
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
@@ -458,8 +457,7 @@ def _implied(implications: Implications) -> Iterator[Part]:
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            bound = number.verdict is Status.IDENTIFIED and holds_zero(number.interval)
-            verdict = Cell(BOUND if bound else number.verdict.label, status=number.verdict)
+            verdict = Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
             rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
     if rows:

@@ -29,19 +29,14 @@ class QuantityRow:
     @property
     def texts(self) -> tuple[str, str]:
         """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"."""
-        if self.is_bound or self.quantity.value == 0.0:  # the equations are better without it
+        if self.label == BOUND or self.quantity.value == 0.0:  # the equations are better without it
             return bounded_numbers(self.value, self.interval)
         return plain_numbers(self.value, self.interval)
 
     @property
-    def is_bound(self) -> bool:
-        """Whether the flight says how large the quantity is at most, and not that there is any."""
-        return self.quantity.verdict is Status.IDENTIFIED and holds_zero(self.interval)
-
-    @property
     def label(self) -> str:
         """The verdict in words of screens and pages."""
-        return BOUND if self.is_bound else self.quantity.verdict.label
+        return verdict_label(self.quantity.verdict, self.interval)
 
     @property
     def value(self) -> float:
@@ -84,6 +79,11 @@ def bounded_numbers(value: float, interval: tuple[float, float]) -> tuple[str, s
     exponent = _exponent(bound)
     words = "size below" if interval[0] < 0.0 else "below"
     return number, f"{words} {_number(bound, _decimals(bound), exponent)}"
+
+
+def verdict_label(status: Status, interval: tuple[float, float]) -> str:
+    """A verdict in words of screens and pages: what is identified and may be zero is a bound."""
+    return BOUND if status is Status.IDENTIFIED and holds_zero(interval) else status.label
 
 
 def holds_zero(interval: tuple[float, float]) -> bool:

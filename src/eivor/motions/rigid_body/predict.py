@@ -39,13 +39,13 @@ from eivor.motions.rigid_body.regression import (
     RigidTerm,
     RotorStates,
     RotorSums,
+    hover_state,
     usual_state,
 )
 from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
-from eivor.signals.thrust_map import input_map
 from eivor.tools import Float, Int
 
 
@@ -154,10 +154,8 @@ class StatePropagator:
 
     @cached_property
     def _usual(self) -> float:
-        flight, gain = self.logged.flight, self.models[0].get(THRUST.name, 0.0) * self.vehicle.count
-        if not gain > 0.0:
-            return usual_state((flight,))
-        return input_map(flight.input_map).inverse(GRAVITY / gain)
+        flight, thrust = self.logged.flight, self.models[0].get(THRUST.name, 0.0)
+        return hover_state(flight, self.vehicle, thrust) or usual_state((flight,))
 
     @cached_property
     def _terms(self) -> list[tuple[RigidTerm, Float[np.ndarray, " models"]]]:

@@ -703,6 +703,12 @@ def usual_state(flights: tuple[PreparedFlight, ...]) -> float:
     return chosen.inverse(thrust / load if 0.5 < load < 2.0 else thrust)
 
 
+def hover_state(flight: PreparedFlight, vehicle: KnownVehicle, thrust: float) -> float | None:
+    """State of a rotor at which thrust of that gain carries the weight; None unless it lifts."""
+    gain = thrust * vehicle.count
+    return input_map(flight.input_map).inverse(GRAVITY / gain) if gain > 0.0 else None
+
+
 #: Of the surrogate's noises: a flight has the same estimate every time.
 SEED = 0
 

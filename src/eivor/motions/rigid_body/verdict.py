@@ -45,6 +45,7 @@ from eivor.motions.rigid_body.regression import (
     YAW_EQUATION,
     RotorColumns,
     RotorStates,
+    hover_state,
     on_body_axes,
     rigid_body_problem,
 )
@@ -55,7 +56,6 @@ from eivor.motions.rigid_body.vehicle import (
     KnownVehicle,
     inertia_ratios,
 )
-from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Complex, Float
@@ -149,10 +149,9 @@ def hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate])
     columns = problem.columns[0].moving
     if THRUST.name not in joint or not isinstance(columns, RotorColumns):
         return 1.0
-    gain = joint[THRUST.name].value * columns.states.vehicle.count
-    if not gain > 0.0:
-        return 1.0
-    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.states.usual
+    states = columns.states
+    hover = hover_state(states.flight, states.vehicle, joint[THRUST.name].value)
+    return 1.0 if hover is None else hover / states.usual
 
 
 def identified_ratios(estimate: Estimate) -> tuple[float, float] | None:
