@@ -25,8 +25,6 @@ from eivor.simulation.excitation import (
 )
 from eivor.tools import Float
 
-# -- Varying coefficients --
-
 
 class CoefficientPath(ABC):
     """A coefficient that changes over a record."""
@@ -93,8 +91,6 @@ class SumOfCourses(CoefficientPath):
     def values(self, count: int) -> Float[np.ndarray, " count"]:
         return np.sum([part.values(count) for part in self.parts], axis=0)
 
-
-# -- Linear disturbance --
 
 #: Times of the record at which changing coefficients are checked.
 CHECKED = 257
@@ -194,9 +190,6 @@ class RandomCoefficientMovingAverage(Disturbance):
         for lag, (mean, std) in enumerate(zip(self.means, self.stds, strict=True), start=1):
             series += (mean + std * rng.standard_normal(count)) * shocks[order - lag : order - lag + count]
         return self.std * series
-
-
-# -- Deterministic disturbance --
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,9 +295,6 @@ def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
     return SumOfDisturbances((moving, Sinusoids((1.0, 1.0), (0.01, 10.0))))
 
 
-# -- Gust --
-
-
 @dataclass(frozen=True, slots=True)
 class OrnsteinUhlenbeck(Disturbance):
     """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C."""
@@ -319,9 +309,6 @@ class OrnsteinUhlenbeck(Disturbance):
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         known = {"step_s": step_s, "rms": self.std, "correlation_s": self.correlation_s}
         return gusts(count=count, axes=1, rng=rng, **known)[:, 0]
-
-
-# -- Nonlinear disturbance --
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,9 +417,6 @@ def bilinear(coefficient: float, series_lag: int = 2, shock_lag: int = 1, std: f
         Standard deviation of the shocks w, in the unit of the equation.
     """
     return Bilinear((BilinearTerm(coefficient, series_lag, shock_lag),), std)
-
-
-# -- Volatility --
 
 
 @dataclass(frozen=True, slots=True)

@@ -198,8 +198,6 @@ def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     return tuple(known[name] for name in names) or READINGS
 
 
-# -- Trials --
-
 #: Samples at each end of a record that differences cannot reach.
 EDGE = 2
 #: Variance of (35) without its sinusoid per variance of w, and variance of the sinusoid.
@@ -415,8 +413,6 @@ def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "
     together = 100.0 * np.linalg.norm(errors, axis=-1, keepdims=True) / np.linalg.norm(truth)
     return np.concatenate([each, together], axis=-1)
 
-
-# -- Examples --
 
 SEED = 20240513
 #: Standard errors within which a measured mean agrees with a printed one.

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from eivor.errors import ChannelMapError, UsageError, did_you_mean, nearest_names
-from eivor.logs.common import TIME_UNITS, UNITS, element_name, unit_fits
+from eivor.logs.common import TIME_UNITS, UNITS, unit_fits
 from eivor.signals.channels import CurveSide, canonical_channel, canonical_channels
 from eivor.signals.filters import lagged_between_stamps, time_derivative
 from eivor.signals.recording import DataSheet, Frame
@@ -558,7 +558,7 @@ def _expression(
         expected = f"a place from 0 to {LONGEST_LIST - 1}"
         _require(section, 0 <= index < LONGEST_LIST, "index", expected, f"{index}", "The first is 0.")
     if given.column is not None:
-        return Expression.of_column(given.column if index is None else element_name(given.column, index))
+        return Expression.of_column(given.column if index is None else f"{given.column}[{index}]")
     if given.expression is not None:
         return parse_expression(given.expression, f"{section.path}.expression of {section.file}")
     names = given.quaternion or given.roll_pitch or []

@@ -11,7 +11,7 @@ import sys
 import tomllib
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 from importlib import resources
@@ -57,16 +57,10 @@ def notch_delay_s(frequency_hz: float, bandwidth_hz: float) -> float:
     return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2))
 
 
-#: What content may become: so many times its size and so much more by decompression [bytes], numbers for each
-#: byte and those that are free, numbers at most, groups and variables, and how deep they stand in each other.
-TIMES, MORE = 64, 64 << 20
+#: What content may become: numbers for each byte and those that are free, numbers at most, groups and
+#: variables, and how deep they stand in each other.
 CELLS_PER_BYTE, FREE_CELLS, MAX_CELLS = 25, 10_000_000, 100_000_000
 MAX_OBJECTS, MAX_DEPTH = 10_000, 16
-
-
-def most_bytes(size: int, max_bytes: int) -> int:
-    """What a file of a size may become by decompression [bytes]."""
-    return min(TIMES * size + MORE, 8 * max(max_bytes, size))
 
 
 def most_cells(size: int, max_bytes: int) -> int:
@@ -77,23 +71,12 @@ def most_cells(size: int, max_bytes: int) -> int:
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]")
 
 
-def element_name(column: str, index: int) -> str:
-    """Return the name of an element of a column."""
-    return f"{column}[{index}]"
-
-
 def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
     """Return the column and the place that a name means; None for a column of its own, or of none."""
     match = _ELEMENT.fullmatch(name)
     if match is None or name in columns or match[1] not in columns:
         return None
     return match[1], int(match[2])
-
-
-def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
-    """Return the columns of a table, and after them the elements of them that are needed."""
-    names = [name for name in dict.fromkeys(needed) if element_of(name, columns) is not None]
-    return [*columns, *names]
 
 
 _WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError, NameError)
@@ -114,19 +97,19 @@ TOGETHER_ROWS = 5
 
 
 def without_extrapolation(
-    time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]]
-) -> tuple[dict[str, Float[np.ndarray, " n"]], Finding | None]:
-    """Return the columns with made-up values as NaN, and what was found."""
+    time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]], findings: list[Finding]
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Return the columns with made-up values as NaN."""
     starts = {name: _line_start(time_s, values) for name, values in columns.items()}
     started = {name: start for name, start in starts.items() if start is not None}
     if len(started) < MIN_COLUMNS:
-        return dict(columns), None
+        return dict(columns)
     middle = int(np.median(list(started.values())))
     together = [name for name, start in started.items() if abs(start - middle) <= TOGETHER_ROWS]
     # four rotors on one commanded ramp are one line, not four
     different = {tuple(columns[name][-2:]) for name in together}
     if len(different) < MIN_COLUMNS:
-        return dict(columns), None
+        return dict(columns)
     cleaned = dict(columns)
     for name in together:
         cleaned[name] = np.where(np.arange(time_s.size) > started[name], np.nan, columns[name])
@@ -135,7 +118,8 @@ def without_extrapolation(
         f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines ({named}): made "
         "up by a resampling tool after the stream had stopped, and taken as missing."
     )
-    return cleaned, Finding("extrapolated", message)
+    findings.append(Finding("extrapolated", message))
+    return cleaned
 
 
 def _line_start(time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> int | None:
@@ -480,21 +464,16 @@ def channel_sources(
     return {name: tuple(kind(**row) for row in rows) for name, rows in tables["channels"].items()}
 
 
-def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[Source]:
-    """Sources in their order, but one that was logged much more often than the first before it."""
-    most = max(sources, key=count)
-    first = next((source for source in sources if count(source)), most)
-    is_much_more = count(most) > MUCH_MORE * count(first)
-    return sorted(sources, key=lambda source: is_much_more and source is not most)
-
-
 def in_preference(
-    sources: Mapping[str, tuple[Source, ...]], by_choice: Sequence[str], count: Callable[[Source], int]
+    sources: Mapping[str, tuple[Source, ...]], by_rate: Sequence[str], count: Callable[[Source], int]
 ) -> Iterator[tuple[str, Source]]:
-    """Channels with their sources in the order in which they are tried, see `by_rate`."""
+    """Sources of channels in their order; of some channels first the one that was logged much more often."""
     for name, known in sources.items():
-        for source in by_rate(known, count) if name in by_choice else known:
-            yield name, source
+        most = max(known, key=count)
+        first = next((source for source in known if count(source)), most)
+        much_more = name in by_rate and count(most) > MUCH_MORE * count(first)
+        others = (source for source in known if source is not most)
+        yield from ((name, source) for source in ((most, *others) if much_more else known))
 
 
 def held_at(
@@ -581,13 +560,6 @@ def _without_repeats(channel: Channel) -> Channel:
     return replace(channel, time_s=time_s, values=channel.values[rows])
 
 
-def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channel]) -> list[Finding]:
-    """Say which columns have clocks of their own, and how quick these are."""
-    texts = [f"{name} {item.rate_hz:.3g} Hz" for name, item in after.items() if item is not before[name]]
-    sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
-    return noted("own_clock", sentence, texts)
-
-
 #: Stamps further than this from the log's others are damaged [s].
 MAX_SPAN_S = 1e6
 #: A stamp that is ahead of both its neighbours by so much is damaged, not the ones after it [s].
@@ -644,22 +616,18 @@ def kept(file: Path, max_bytes: int) -> Iterator[Path]:
                         )
                     target.write(block)
         except OSError as error:
-            reason = error.strerror or str(error)
-            received = f"what cannot be copied: {reason}"
+            received = f"what cannot be copied: {error.strerror or error}"
             raise InputError(f"a log from {NAME}", received, "Save it, and give the file.") from error
         yield copy
 
 
-@contextmanager
-def _opened(file: Path) -> Iterator[BinaryIO]:
+def _opened(file: Path) -> AbstractContextManager[BinaryIO]:
     if str(file) != STANDARD_INPUT:
-        with file.open("rb") as stream:
-            yield stream
-        return
+        return file.open("rb")
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
         expected = f"a log from {NAME}"
         raise InputError(expected, "nothing that is piped into it", f"Write `... | eivor identify {file}`.")
-    yield sys.stdin.buffer
+    return nullcontext(sys.stdin.buffer)
 
 
 #: Unit as written in a map: its SI unit, and how many of that one of it is.

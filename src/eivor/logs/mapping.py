@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime
+from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -29,7 +28,6 @@ from eivor.logs.common import (
     channel_findings,
     noted,
     on_channel_clock,
-    own_clock_findings,
     unit_fits,
     without_extrapolation,
 )
@@ -211,13 +209,8 @@ def listed(names: Sequence[str]) -> str:
     return f"{text} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else text
 
 
-@dataclass(frozen=True, slots=True)
-class _Ranged:
-    """A column within its valid range: values outside are NaN; both kinds are counted."""
-
-    values: Float[np.ndarray, " n"]
-    overflowed: int = 0
-    saturated: int = 0
+#: A column, NaN outside its valid range; how many of its values are outside it, and how many saturated.
+_Ranged = tuple[Float[np.ndarray, " n"], int, int]
 
 
 def mapped_recording(
@@ -230,16 +223,19 @@ def mapped_recording(
     findings: Sequence[Finding] = (),
 ) -> Recording:
     """Return the recording of a table."""
-    channels, result = mapped_channels(chosen, rules, columns, name)
+    result = list(findings)
+    channels = mapped_channels(chosen, rules, columns, name, result)
     if not channels:
-        lists = f". {_report_lists(columns)}" if columns.lists else ""
-        received = f"'{name}', in which every mapped column is empty{lists}"
+        lists = _report_lists(columns)
+        received = f"'{name}', in which every mapped column is empty{lists and f'. {lists}'}"
         raise EmptyLogError("a table with values", received, "Check the export.")
     absent = {
         rule.name: (f"{rule.expression.text}, which is there and holds no number",)
         for rule in rules
         if rule.name not in channels
     }
+    stamps = columns.values[chosen.time_column]
+    first = float(stamps[np.isfinite(stamps)][0]) * _unit(chosen, columns)
     return Recording(
         name=name,
         format=log_format,
@@ -247,8 +243,8 @@ def mapped_recording(
         frame=chosen.frame,
         input_map=chosen.input_map,
         looked_for=looked_for(chosen) | absent,
-        findings=(*findings, *result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
-        origin=LogOrigin(airframe=chosen.airframe, start=_start(chosen, columns)),
+        findings=(*result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
+        origin=LogOrigin(airframe=chosen.airframe, start=utc_time(first) if first > EPOCH_S else None),
     )
 
 
@@ -259,18 +255,19 @@ def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
 
 
 def mapped_channels(
-    chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str
-) -> tuple[dict[str, Channel], list[Finding]]:
-    """Return the channels with a value that rules make of columns of one clock, and what was found."""
-    time_s, stamped, clock_findings = _clock(chosen, columns, name)
-    findings = [*_text_findings(columns), *clock_findings]
+    chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str, findings: list[Finding]
+) -> dict[str, Channel]:
+    """Return the channels with a value that rules make of columns of one clock."""
+    cells = [f"{key[:60]!r} {count}" for key, count in columns.unreadable.items() if key not in columns.lists]
+    findings += noted("lists", "{}.", _report_lists(columns))
+    findings += noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells)
+    time_s, stamped = _clock(chosen, columns, name, findings)
     measured = {
         key: raw if stamped.all() else raw[stamped]
         for key, raw in columns.values.items()
         if key != chosen.time_column
     }
-    kept, made_up = without_extrapolation(time_s, measured)
-    findings += [made_up] if made_up is not None else []
+    kept = without_extrapolation(time_s, measured, findings)
     ranged = {
         key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
@@ -284,7 +281,10 @@ def mapped_channels(
             text = f"{rule.name} ({rule.expression.text})"
             findings += noted("never_valid", "Without one value: {}.", text)
     selected = {name: on_channel_clock(channel) for name, channel in channels.items()}
-    return selected, [*findings, *own_clock_findings(channels, selected)]
+    own = [f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]]
+    sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
+    findings += noted("own_clock", sentence, own)
+    return selected
 
 
 def channels_by_clock(
@@ -296,9 +296,7 @@ def channels_by_clock(
     """Return the channels that rules make of columns of several clocks, those of each clock together."""
     channels: dict[str, Channel] = {}
     for rules, columns in served:
-        made, result = mapped_channels(chosen, rules, columns, name)
-        channels |= made
-        findings += result
+        channels |= mapped_channels(chosen, rules, columns, name, findings)
     return channels
 
 
@@ -309,64 +307,54 @@ def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding
     return noted("sensor_delay", "Taken off the stamps, as {}.", text)
 
 
-def _text_findings(columns: Columns) -> list[Finding]:
-    others = {name: count for name, count in columns.unreadable.items() if name not in columns.lists}
-    cells = [f"{name[:60]!r} {count}" for name, count in others.items()]
-    lists = _report_lists(columns) if columns.lists else ""
-    return [
-        *noted("lists", "{}.", lists),
-        *noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells),
-    ]
-
-
 def _report_lists(columns: Columns) -> str:
-    """Say which columns hold lists, and how a map names an element."""
+    """Say which columns hold lists, if any, and how a map names an element."""
+    if not columns.lists:
+        return ""
     text = ", ".join(f"{name[:60]!r} ({cell[:60]})" for name, cell in columns.lists.items())
     return f"Columns whose cells are lists, which are no numbers: {text}; a map names one by its `index`"
 
 
 def _clock(
-    chosen: ChannelMap, columns: Columns, name: str
-) -> tuple[Float[np.ndarray, " m"], np.ndarray, list[Finding]]:
-    """Stamps [s] of the rows that have one, which rows these are, and what was found."""
+    chosen: ChannelMap, columns: Columns, name: str, findings: list[Finding]
+) -> tuple[Float[np.ndarray, " m"], np.ndarray]:
+    """Stamps [s] of the rows that have one, and which rows these are."""
     raw = columns.values[chosen.time_column]
     stamped = np.isfinite(raw)
     if not stamped.any():
         expected = f"a table whose column '{chosen.time_column}' holds time stamps"
         remedy = "Check the time column, or name another one in a channel map."
         raise EmptyLogError(expected, f"'{name}', in which it holds no number", remedy)
-    unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
+    unit = _unit(chosen, columns)
     lost = int((~stamped).sum())
-    findings = noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
+    findings += noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
     kept = raw[stamped]
     if abs(kept[0]) * unit > EPOCH_S:
         sentence = f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0."
         findings.append(Finding("epoch_time", sentence))
         kept = kept - kept[0]
-    return kept * unit, stamped, findings
+    return kept * unit, stamped
 
 
-def _start(chosen: ChannelMap, columns: Columns) -> datetime | None:
-    stamps = columns.values[chosen.time_column]
-    unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
-    first = next(iter(stamps[np.isfinite(stamps)].tolist()), 0.0) * unit
-    return utc_time(first) if first > EPOCH_S else None
+def _unit(chosen: ChannelMap, columns: Columns) -> float:
+    return 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
 
 
 def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
     """Doubt angles that go round in radians, or never reach one degree."""
     findings: list[Finding] = []
     for rule in rules:
-        largest = [float(np.nanmax(np.abs(ranged[c].values), initial=0.0)) for c in rule.angles]
+        largest = [float(np.nanmax(np.abs(ranged[c][0]), initial=0.0)) for c in rule.angles]
         if not largest:
             continue
         columns, most = " and ".join(map(repr, rule.angles)), max(largest)
         if rule.angle_unit == "rad" and most > 2.0 * np.pi:
-            message = f"{columns} reach {most:.3g} rad; are they in degrees?"
-            findings.append(Finding("mixed_units", message))
+            doubt = f"{columns} reach {most:.3g} rad; are they in degrees?"
         elif rule.angle_unit == "deg" and 0.0 < most < 1.0:
-            message = f"{columns} never exceed {most:.3g} deg; are they in radians?"
-            findings.append(Finding("mixed_units", message))
+            doubt = f"{columns} never exceed {most:.3g} deg; are they in radians?"
+        else:
+            continue
+        findings.append(Finding("mixed_units", doubt))
     return findings
 
 
@@ -374,17 +362,16 @@ def _within(
     values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: ValidRange | None
 ) -> _Ranged:
     if bounds is None:
-        return _Ranged(np.where(missing, np.nan, values) if missing.any() else values)
+        return np.where(missing, np.nan, values) if missing.any() else values, 0, 0
     outside = (values < bounds.low) | (values > bounds.high)
     is_low = (values == bounds.low) & (bounds.saturates in ("lower", "both"))
     saturated = is_low | ((values == bounds.high) & (bounds.saturates in ("upper", "both")))
-    return _Ranged(np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum()))
+    return np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum())
 
 
 def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]) -> Channel:
-    used = [ranged[column] for column in rule.expression.columns]
-    columns = {column: ranged[column].values for column in rule.expression.columns}
-    values = rule.expression.evaluate(columns, time_s)
+    used = {column: ranged[column] for column in rule.expression.columns}
+    values = rule.expression.evaluate({column: item for column, (item, *_) in used.items()}, time_s)
     return clean_channel(
         rule.name,
         time_s - rule.delay_s if rule.delay_s else time_s,
@@ -392,8 +379,8 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         unit_of(rule.name),
         source=rule.expression.text,
         held=rule.held,
-        overflowed=sum(column.overflowed for column in used),
-        saturated=sum(column.saturated for column in used),
+        overflowed=sum(overflowed for _, overflowed, _ in used.values()),
+        saturated=sum(saturated for *_, saturated in used.values()),
         estimated=rule.estimated,
         delay_s=rule.delay_s,
         noise=rule.noise,

@@ -46,14 +46,7 @@ def _refused(
     return common.LogFormat(name, label, sniff, refuse, is_read=False)
 
 
-def _recognised(name: str, label: str, magic: bytes, remedy: str) -> common.LogFormat:
-    """Row of a format that is recognised by its first bytes."""
-    expected = "a log that this release reads"
-    return _refused(name, label, common.begins_with(magic), expected, f"{label}, '{{}}'", remedy)
-
-
 _UNPACK = "Unpack it and give the log that is inside."
-_TABLE = "Write the table as Parquet or CSV."
 
 #: First bytes of MAVLink messages, 1 and 2, and how much longer than its content one is [bytes].
 _MAVLINK_2 = 0xFD
@@ -64,15 +57,20 @@ _STAMPS_US = (10**15, 4 * 10**15)
 _DJI_VERSIONS = 20
 _DJI_DETAILS = (200, 2000)
 
-#: Recognised formats without a reader in this release.
-RECOGNISED: tuple[common.LogFormat, ...] = (
-    _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
-    _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
-    _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
-    _recognised("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),
-    _recognised("xz", "an xz archive", b"\xfd7zXZ\x00", _UNPACK),
-    _recognised("bzip2", "a bzip2 archive", b"BZh", _UNPACK),
-    _recognised("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
+#: Formats without a reader in this release that are recognised by their first bytes.
+RECOGNISED = tuple(
+    _refused(
+        name, label, common.begins_with(magic), "a log that this release reads", f"{label}, '{{}}'", remedy
+    )
+    for name, label, magic, remedy in (
+        ("arrow", "an Arrow IPC file", b"ARROW1", "Write the table as Parquet or CSV."),
+        ("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
+        ("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
+        ("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),
+        ("xz", "an xz archive", b"\xfd7zXZ\x00", _UNPACK),
+        ("bzip2", "a bzip2 archive", b"BZh", _UNPACK),
+        ("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
+    )
 )
 
 
@@ -259,8 +257,6 @@ def logging_advice(name: str = "ulog", channel: str = "") -> tuple[str, ...]:
     return row.advice(channel)
 
 
-# -- Read --
-
 #: Largest file that is read unless the caller says otherwise: 1 GiB.
 DEFAULT_MAX_BYTES = 1 << 30
 
@@ -337,21 +333,17 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         remedy = "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...)."
         raise LogTooLargeError(expected, f"'{file.name}' with {size} bytes", remedy)
     try:
-        return _recording(file, channel_map, max_bytes)
+        head, sha256 = _head(file)
+        chosen = format_of(head, file)
+        if channel_map is not None and chosen.is_read and not chosen.takes_map:
+            taking = ", ".join(row.label for row in readable_formats() if row.takes_map)
+            expected = f"a channel map only with logs whose columns have any names ({taking})"
+            received = f"a channel map with the {chosen.label} '{file.name}'"
+            raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
+        options = common.ReadOptions(channel_map, sha256, max_bytes)
+        return replace(chosen.read(file, options), sha256=sha256)
     except OSError as error:
         raise _unreadable(file, error) from error
-
-
-def _recording(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int) -> Recording:
-    head, sha256 = _head(file)
-    chosen = format_of(head, file)
-    if channel_map is not None and chosen.is_read and not chosen.takes_map:
-        taking = ", ".join(row.label for row in readable_formats() if row.takes_map)
-        expected = f"a channel map only with logs whose columns have any names ({taking})"
-        received = f"a channel map with the {chosen.label} '{file.name}'"
-        raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
-    options = common.ReadOptions(channel_map, sha256, max_bytes)
-    return replace(chosen.read(file, options), sha256=sha256)
 
 
 def _head(file: Path) -> tuple[bytes, str]:
@@ -373,10 +365,8 @@ def _log_size(file: Path) -> int:
         return common.folder_size(file)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-        expected = "the path of a log file"
-        raise InputError(
-            expected, f"'{file}', which is {kind}", "Give the file itself; eivor fleet run takes folders."
-        )
+        remedy = "Give the file itself; eivor fleet run takes folders."
+        raise InputError("the path of a log file", f"'{file}', which is {kind}", remedy)
     return status.st_size
 
 
@@ -391,8 +381,6 @@ def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
     received = f"'{file}', for which the system says: {reason}"
     return InputError("a log file that can be opened", received, "Check the path.")
 
-
-# -- Example --
 
 EXAMPLE_FLIGHT = "example_flight.parquet"
 

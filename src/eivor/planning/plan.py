@@ -42,8 +42,6 @@ from eivor.simulation.vertical import (
 )
 from eivor.tools import Float
 
-# -- Closed-loop simulation --
-
 #: Error of a logged height [m].
 POSITION_NOISE = 0.01
 #: Roll and pitch wander with this correlation time, and are smooth over the second one [s].
@@ -141,8 +139,6 @@ def _with_density(
     spectrum = scale * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
     return np.fft.irfft(spectrum, n=count)
 
-
-# -- Ranking --
 
 #: Band of the recipe [Hz].
 BAND_HZ = (0.04, 5.0)

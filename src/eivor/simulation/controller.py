@@ -17,8 +17,6 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.tools import Float, Int
 
-# -- Controller --
-
 #: No loop is quicker than this, however quick the rotors are [1/s].
 LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
 #: Largest gain of the rate loop in normalised torque [per rad/s].
@@ -263,9 +261,6 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
     return stacked(each, shares=((up, left, down, around),))
 
 
-# -- Delay line --
-
-
 class DelayLine:
     """What is on its way."""
 
@@ -294,8 +289,6 @@ class DelayLine:
                 item[..., flights] = np.asarray(sent)[..., flights]
         return list(arrived)
 
-
-# -- Sensors --
 
 Readings = Float[np.ndarray, "count axes"]
 

@@ -17,7 +17,6 @@ from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
 
-# -- Sensor noise --
 
 #: Orders of fractional noise of acceleration and velocity.
 ACCELERATION_ORDER = -0.5
@@ -92,9 +91,6 @@ def _unit_noise(
     return np.asarray(fractional_difference(white, order) / np.sqrt(mean_variance))
 
 
-# -- Simulated log --
-
-
 def simulated_recording(
     name: str, *, simulator: str, time_s: Series, held: Mapping[str, Series], sampled: Mapping[str, Series]
 ) -> Recording:
@@ -115,8 +111,6 @@ def simulated_recording(
         input_map="square",
     )
 
-
-# -- Trajectories --
 
 #: Largest speed [m/s] and acceleration [m/s^2] of an excitation are drawn from these ranges.
 SPEED_RANGE = (1.6, 2.2)
@@ -237,9 +231,6 @@ _SHAPES: Mapping[TrajectoryKind, Callable[[Series, float, np.random.Generator], 
 }
 
 
-# -- Truth --
-
-
 Truth = TypeVar("Truth")
 
 
@@ -250,9 +241,6 @@ class SimulatedFlight(Generic[Truth]):
     recording: Recording  # Noisy channels, frame z up
     truth: Truth  # What is free of noise, and nominal parameters
     flew: bool  # False when the vehicle was lost; recording and truth then end where it was
-
-
-# -- Wind --
 
 
 def gusts(

@@ -13,8 +13,6 @@ from eivor.checks import finite, non_negative, positive, require
 from eivor.errors import ParameterError
 from eivor.tools import Bool, Float
 
-# -- Parameter checks --
-
 
 def at_least(name: str, value: int, least: int) -> None:
     """Refuse a count below `least`."""
@@ -39,9 +37,6 @@ def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " c
     expected = f"a series of {count} values or more, as many as the record has samples"
     require(len(values) >= count, expected, f"{len(values)}", "Give a longer one, or ask for fewer samples.")
     return np.array(values[:count])
-
-
-# -- Excitation --
 
 
 class Excitation(ABC):
@@ -152,9 +147,6 @@ class ScaledExcitation(Excitation):
         return self.std / spread * series
 
 
-# -- Band excitation --
-
-
 @dataclass(frozen=True, slots=True)
 class FilteredWhite(Excitation):
     """White noise with nothing outside a band, to rounding.
@@ -246,8 +238,6 @@ def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.n
     return inside
 
 
-# -- Binary excitation --
-
 #: Stages whose sum feeds the register besides the last, from its length: primitive polynomials modulo 2.
 _TAPS = dict.fromkeys(range(2, 17), (1,)) | {
     5: (2,),
@@ -293,9 +283,6 @@ def maximal_sequence(register: int) -> Float[np.ndarray, " period"]:
     return 2.0 * max_len_seq(register, taps=_TAPS[register])[0] - 1.0
 
 
-# -- Disturbance --
-
-
 class Disturbance(ABC):
     """A series e(t_k) that enters an equation or the dynamics."""
 
@@ -309,9 +296,6 @@ class WhiteDisturbance(WhiteExcitation, Disturbance):
     """Uncorrelated Gaussian series."""
 
     std: float  # Standard deviation, in the unit of the equation
-
-
-# -- Recursion --
 
 
 def autoregression(
@@ -346,9 +330,6 @@ def settling(ratio: float) -> int:
     if ratio <= 0.0:
         return 1
     return min(int(np.ceil(np.log(1e-6) / np.log(ratio))), 100_000)
-
-
-# -- Dryden --
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,6 @@ from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulat
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
 
-# -- Known log --
-
 SCHEMA = "eivor.simulate/1"
 
 
@@ -74,8 +72,6 @@ def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
         "trajectory": str(spec.trajectory),
     }
 
-
-# -- Rigid body log --
 
 #: Units of what the truth says of every axis.
 UNITS = {

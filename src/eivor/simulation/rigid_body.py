@@ -51,8 +51,6 @@ from eivor.tools import Float, Int
 Series: TypeAlias = Float[np.ndarray, " n"]
 Vectors: TypeAlias = Float[np.ndarray, "n 3"]
 
-# -- Loop --
-
 
 @dataclass(frozen=True, slots=True)
 class ClosedLoopRecord:
@@ -202,8 +200,6 @@ def _sum(first: Components, second: Components) -> list[Value]:
     return [a + b for a, b in zip(first, second, strict=True)]
 
 
-# -- Logged --
-
 SIMULATOR = "rigid body"
 
 
@@ -287,8 +283,6 @@ def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[
 def _numbered(stem: str, series: Float[np.ndarray, "n rotors"]) -> dict[str, Series]:
     return {f"{stem}_{i + 1}": series[:, i] for i in range(series.shape[1])}
 
-
-# -- Flight --
 
 #: Steps of all flights that are simulated side by side: some hundred megabytes.
 BATCH_STEPS = 1_200_000

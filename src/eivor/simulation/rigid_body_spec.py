@@ -27,8 +27,6 @@ from eivor.simulation.environment import TrajectoryKind, altitude_reference
 from eivor.simulation.excitation import Disturbance, Excitation
 from eivor.tools import Float
 
-# -- Integrator --
-
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]
 
@@ -99,9 +97,6 @@ def _unit_attitude(body: Body) -> Body:
     else:
         body[6:10] = [w * short, x * short, y * short, z * short]
     return body
-
-
-# -- Spec --
 
 
 def _noisy(std: float) -> Sensor:
@@ -230,9 +225,6 @@ class RigidBodyFlightSpec:
         return round(self.duration * self.rate_hz)
 
 
-# -- Surroundings --
-
-
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """What one flight meets, a row for each step."""
@@ -309,9 +301,6 @@ def _series(
         for source, stream in zip(sources, streams, strict=True)
     ]
     return np.column_stack(series)
-
-
-# -- Vehicle text --
 
 
 def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:

@@ -24,8 +24,6 @@ from eivor.simulation.environment import (
 )
 from eivor.tools import Float
 
-# -- Closed loop --
-
 Parts = TypeVar("Parts")
 Flights = Float[np.ndarray, " flights"]
 Samples = Float[np.ndarray, "samples *flights"]
@@ -171,8 +169,6 @@ class ExactSubstep:
         return command + self._decay * away, z + (impulse - (velocity - v)) / self._K, velocity
 
 
-# -- Vertical flight spec --
-
 #: Step of the controller and of the log [s].
 STEP_S = 0.01
 #: The velocity loop is never quicker than this [1/s].
@@ -241,8 +237,6 @@ class VerticalFlightSpec:
         velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
         return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
-
-# -- Vertical flight --
 
 #: Its truth is what it met and what happened.
 VerticalFlight: TypeAlias = SimulatedFlight[tuple[VerticalEnvironment, SimulatedMotion]]

@@ -20,12 +20,14 @@ from urllib.parse import quote
 
 from eivor.atomic_file import atomic_write
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
-from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names, most_bytes
+from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names
 
 # -- Decompression --
 
 #: Largest chunk or message, where recorders write a few MB, and how much is decompressed at once [bytes].
 MAX_CHUNK, STEP_BYTES = 100 << 20, 8 << 20
+#: A bag becomes by decompression so many times as large, and so much more [bytes], at most.
+TIMES, MORE = 64, 64 << 20
 #: What a message takes in memory beside its bytes [bytes].
 MESSAGE_BYTES = 100
 
@@ -44,7 +46,8 @@ class Budget:
     @classmethod
     def of(cls, size: int, max_bytes: int) -> Budget:
         """Return the budget of a bag of so many bytes."""
-        return cls(most_bytes(size, max_bytes), max(max_bytes, size))
+        kept = max(max_bytes, size)
+        return cls(min(TIMES * size + MORE, 8 * kept), kept)
 
     def spent(self, made: bytes) -> bytes:
         """Return what was made, which is taken off."""

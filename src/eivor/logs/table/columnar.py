@@ -42,7 +42,6 @@ from eivor.logs.common import (
     element_of,
     most_cells,
     noted,
-    with_elements,
 )
 from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
 from eivor.logs.table.delimited import (
@@ -262,9 +261,6 @@ def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
         series = series.str.strip_chars()
     numbers = series.cast(pl.Float64, strict=False)
     return numbers.fill_null(np.nan).to_numpy().copy(), numbers.null_count() - missing
-
-
-# -- Variables --
 
 
 def variables_source(
@@ -595,8 +591,6 @@ def _typed(value: Any, kind: type) -> Any:
     return value
 
 
-# -- Formats --
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ADVISED = advised(
     [
@@ -638,8 +632,8 @@ def _table(
             findings += [finding] if finding is not None else []
         else:
             chosen = load_channel_map(options.channel_map)
-        names = with_elements(tuple(columns_of(chosen.rules)), source.names)
-        rules = fitted_rules(chosen, names, file.name)
+        elements = [name for name in columns_of(chosen.rules) if element_of(name, source.names) is not None]
+        rules = fitted_rules(chosen, [*source.names, *elements], file.name)
         needed = chosen.needed_by(rules)
         if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])

@@ -77,8 +77,6 @@ def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " 
     return [(fields[angle].astype(np.float64), angle) for angle in angles] if known else []
 
 
-# -- Delays --
-
 #: Topics that are measured, whose stamp is that of publication.
 SAMPLED = ("vehicle_local_position", "vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 #: Parameters of low-passes and of notches (frequency, bandwidth), by topic.
@@ -248,9 +246,6 @@ def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> P
         names.append(next(known, ""))
     low, high = (parameters.get(name, np.nan) for name in names)
     return PulseRange(low, high, (names[0], names[1])) if low < high else None
-
-
-# -- Channels --
 
 
 @dataclass(slots=True)

@@ -124,8 +124,6 @@ def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> px4
     return px4.Topic(name, instance, {**fields, **clocks})
 
 
-# -- Advice --
-
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
 
 
@@ -411,8 +409,6 @@ def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
     return fields or None
 
 
-# -- Reader --
-
 PARSED = (*px4.NEEDED_TOPICS, *(topic for topic in px4.ORIGIN_TOPICS if topic not in px4.NEEDED_TOPICS))
 
 
@@ -474,8 +470,6 @@ def _topics(content: UlogContent, findings: list[Finding]) -> dict[str, px4.Topi
         for name, candidates in instances.items()
     }
 
-
-# -- Formats --
 
 ADVICE = common.advised(px4.TABLES["advice"]["all"], _advice)
 FORMATS = (
