@@ -105,22 +105,16 @@ def _from_blocks(blocks: Iterable[Block], kernel: Kernel, lags: int, span: float
 
 
 def _from_spectrum(scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float) -> Square:
-    """Autocovariances of all lags by FFT, padded so that they do not wrap around."""
+    """All lags by FFT, padded so that they do not wrap around."""
     from scipy import fft  # late: few ask for it
 
-    count, unknowns = scores.shape
     if span <= 0.0:
         return scores.T @ scores
-    weights = kernel.weights(np.arange(count) / span)
-    length = fft.next_fast_len(2 * count, real=True)
-    spectrum = fft.rfft(scores, n=length, axis=0)
-    total = np.empty((unknowns, unknowns))
-    for i in range(unknowns):
-        for j in range(i + 1):
-            products = fft.irfft(spectrum[:, i] * spectrum[:, j].conj(), n=length)
-            later, earlier = products[1:count], products[-1:-count:-1]
-            total[i, j] = total[j, i] = products[0] + float(weights[1:] @ (later + earlier))
-    return total
+    count, length = len(scores), fft.next_fast_len(2 * len(scores), real=True)
+    lags = np.arange(length)
+    weights = kernel.weights(np.minimum(lags, length - lags) / span)
+    spectrum = fft.rfft(scores, n=length, axis=0) * fft.rfft(weights)[:, None]
+    return scores.T @ fft.irfft(spectrum, n=length, axis=0)[:count]
 
 
 #: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).
