@@ -255,8 +255,6 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
 
 #: Lags that are tested.
 LAGS = 20
-#: Rows of folded samples that are multiplied at a time: too few for the BLAS to start threads for.
-FOLDED_ROWS = 512
 
 
 @dataclass(frozen=True)
@@ -298,7 +296,7 @@ def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -
     """Whiteness of a residual in time order. Performs no checks; O(rows lags)."""
     count = residual.size
     lags = max(min(lags, (count - 1) // 4), 1)
-    sums = _autoproducts(residual, lags)
+    sums = np.array([residual[lag:] @ residual[: count - lag] for lag in range(lags + 1)])
     if not sums[0] > 0.0:
         return ResidualWhiteness(np.zeros(lags), normal_quantile(0.95) / np.sqrt(count), 0.0, 1.0, 2.0)
     r = sums[1:] / sums[0]
@@ -306,20 +304,3 @@ def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -
     ends = float(residual[0] ** 2 + residual[-1] ** 2)
     watson = 2.0 - (2.0 * float(sums[1]) + ends) / float(sums[0])
     return ResidualWhiteness(r, normal_quantile(0.95) / np.sqrt(count), Q, chi_square_tail(Q, lags), watson)
-
-
-def _autoproducts(e: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
-    """sum_t e_t e_t-l for l = 0..lags, with time folded into rows of `lags` samples."""
-    rows = e.size // lags
-    R = e[: rows * lags].reshape(rows, lags)
-    within, across = np.zeros((lags, lags)), np.zeros((lags, lags))
-    for start in range(0, rows, FOLDED_ROWS):
-        block = R[start : start + FOLDED_ROWS]
-        within += block.T @ block
-        following = R[start + 1 : start + 1 + FOLDED_ROWS]
-        across += block[: following.shape[0]].T @ following
-    sums = np.array([np.trace(within, lag) + np.trace(across, lag - lags) for lag in range(lags + 1)])
-    for t in range(rows * lags, e.size):
-        reach = min(lags, t)
-        sums[: reach + 1] += e[t] * e[t - np.arange(reach + 1)]
-    return sums
