@@ -39,7 +39,7 @@ from eivor.models.lagged_runs import (
     of_order,
 )
 from eivor.models.regression import AxisRows, Column, Equation, Parameter, SampleRows, lags, regression
-from eivor.models.separable import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments, Nuisance
+from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments, Nuisance
 from eivor.models.signal_regression import SignalRegression, cross_fitted
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
@@ -258,8 +258,8 @@ AT = {"actuator_lag": 0.05, "delay": 0.02}
 
 def test_references_come_with_successive_lags_each_started_at_rest():
     signals = flight_signals()
-    driven = DrivenSignals(signals, np.zeros(800))
-    columns = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(driven)
+    references = LaggedReferences(("reference_position_z", "reference_velocity_z"))
+    columns = references.columns(signals, np.zeros(800))
     assert columns.shape == (800, 5 + 2)
     wanted = [signals.channel("reference_position_z")]
     for _ in range(4):
@@ -269,19 +269,19 @@ def test_references_come_with_successive_lags_each_started_at_rest():
         wanted.append(np.array(state))
     np.testing.assert_allclose(columns[:, :5], np.column_stack(wanted), atol=1e-10)
     np.testing.assert_array_equal(columns[:, 5], signals.channel("reference_velocity_z"))
-    assert LaggedReferences(()).columns(driven).shape == (800, 0)
+    assert LaggedReferences(()).columns(signals, np.zeros(800)).shape == (800, 0)
     assert LaggedReferences(("a", "b")).label == "a, b"
 
 
 def test_lagged_inputs_are_the_past_and_rest_before_it():
     mapped = np.random.default_rng(1).standard_normal(50)
-    columns = LaggedInputs(1, 4).columns(DrivenSignals(flight_signals(50), mapped))
+    columns = LaggedInputs(1, 4).columns(flight_signals(50), mapped)
     for j, lag in enumerate(range(1, 5)):
         np.testing.assert_allclose(columns[lag:, j], mapped[:-lag], atol=1e-12)
         np.testing.assert_allclose(columns[:lag, j], mapped[0], atol=1e-12)
-    short = LaggedInputs(1, 15).columns(DrivenSignals(flight_signals(6), mapped[:6]))
+    short = LaggedInputs(1, 15).columns(flight_signals(6), mapped[:6])
     np.testing.assert_allclose(short[:, 10], mapped[0], atol=1e-12)
-    assert NoInstruments().columns(DrivenSignals(flight_signals(6), mapped[:6])).shape == (6, 0)
+    assert NoInstruments().columns(flight_signals(6), mapped[:6]).shape == (6, 0)
 
 
 def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
@@ -630,9 +630,9 @@ def response_of(changes):
 
 
 class Uneven(LaggedInputs):
-    def columns(self, driven):
-        rising = driven.signals.channel("velocity_z")[0] > 0.0
-        return np.zeros((driven.signals.sample_count, 1 + int(rising)))
+    def columns(self, signals, _command):
+        rising = signals.channel("velocity_z")[0] > 0.0
+        return np.zeros((signals.sample_count, 1 + int(rising)))
 
 
 def problem_of_runs(runs):
@@ -719,7 +719,7 @@ CALLS = calls("call", None,
     (sharing(WhiteNoise(1.0), Column("x", gain_channel="z"), "x"), UsageError, "without a gain of another"),
     (BARE.regressor_noise_covariance, MissingNoiseError, "Expected the covariance .*; received none"),
     (BARE.instrument_noise_covariance, MissingNoiseError, "Expected the covariance .*; received none"),
-    (lambda: LaggedReferences(("pilot_throttle",)).columns(DrivenSignals(flight_signals(), np.zeros(800))),
+    (lambda: LaggedReferences(("pilot_throttle",)).columns(flight_signals(), np.zeros(800)),
         MissingChannelError, "pilot_throttle"),
     (lambda: problem_of_runs(()), TooFewSamplesError, NO_RUN),
     (lambda: problem_of_runs((slice(0, 800),)), InstrumentError, "same instruments in every flight"),

@@ -75,12 +75,8 @@ def measured_state() -> tuple[Nuisance, Nuisance]:
     return lag.known_at(0.0), late_or_early
 
 
-@dataclass(frozen=True, slots=True)
-class RowNoise:
-    """What measurement noises add to the products of rows in time."""
-
-    regressors: Float[np.ndarray, "n_plus_1 n_plus_1"] | None  # Covariance of the noises of [Phi y]
-    instruments: Float[np.ndarray, "p n_plus_1"]  # [Phi y]
+#: What measurement noises add to the products of rows in time: of [Phi y], and of Psi with [Phi y].
+RowNoise = tuple[Float[np.ndarray, "n_plus_1 n_plus_1"] | None, Float[np.ndarray, "p n_plus_1"]]
 
 
 @dataclass(frozen=True)
@@ -407,8 +403,8 @@ class LaggedRuns(SeparableProblem):
         moving = self._timed(self._among_all(self._moving(nuisance_values)))
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
-        noise = RowNoise(None, exact) if self.noise is None else self.noise(nuisance_values)
-        columns, noises = (fixed[:, 0], regressors, instruments), (noise.regressors, noise.instruments)
+        noises: RowNoise = (None, exact) if self.noise is None else self.noise(nuisance_values)
+        columns = (fixed[:, 0], regressors, instruments)
         regression = Regression(*columns, self.parameters, self._row_layout, *noises)
         if self.noisier is None:
             return regression

@@ -29,15 +29,6 @@ DEFAULT_LAGS = (1, 0.2)
 LONE_LAGS = (4, 0.4)
 
 
-@dataclass(frozen=True, slots=True)
-class DrivenSignals:
-    """What instruments are made of."""
-
-    signals: Signals  # One flight
-    #: What drives it, neither lagged nor delayed: of a multirotor the mean mapped command, upwards.
-    command: Float[np.ndarray, " n"]
-
-
 class InstrumentRule(ABC):
     """Which columns serve as instruments."""
 
@@ -47,8 +38,8 @@ class InstrumentRule(ABC):
         """How reports call the choice."""
 
     @abstractmethod
-    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
-        """Columns on the whole grid of one flight."""
+    def columns(self, signals: Signals, command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
+        """Columns on the grid of one flight; its command, neither lagged nor delayed, is upwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +54,9 @@ class LaggedReferences(InstrumentRule):
         """Names of the references."""
         return ", ".join(self.channels)
 
-    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
-        """References and their lags, see `InstrumentRule.columns`."""
-        signals, results = driven.signals, [np.empty((driven.signals.sample_count, 0))]
+    def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
+        """References and their lags."""
+        results = [np.empty((signals.sample_count, 0))]
         for name in self.channels:
             usual = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
             count, lag_s = usual if self.lags is None else self.lags
@@ -87,9 +78,9 @@ class LaggedInputs(InstrumentRule):
         """Lags in words."""
         return f"input lagged by {self.first} to {self.last} samples"
 
-    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
-        """Lagged commands, see `InstrumentRule.columns`; before the record they are at rest."""
-        command, lags = driven.command, range(self.first, self.last + 1)
+    def columns(self, _signals: Signals, command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
+        """Lagged commands; before the record they are at rest."""
+        lags = range(self.first, self.last + 1)
         known = np.concatenate([np.full(self.last, command[0]), command])
         return np.column_stack([known[self.last - lag :][: command.size] for lag in lags])
 
@@ -100,9 +91,9 @@ class NoInstruments(InstrumentRule):
 
     label = "none"
 
-    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
+    def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
         """No columns."""
-        return np.empty((driven.signals.sample_count, 0))
+        return np.empty((signals.sample_count, 0))
 
 
 Number = TypeVar("Number", float, np.ndarray)

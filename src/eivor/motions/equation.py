@@ -19,7 +19,7 @@ from eivor.flights.references import ReferenceSource
 from eivor.logs.channel_map import Expression, parse_expression
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, actuators, lag_and_delay
 from eivor.models.regression import Parameter
-from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Prior, Values
+from eivor.models.separable import InstrumentRule, LaggedReferences, Prior, Values
 from eivor.models.spectral import SpectralRun, densities
 from eivor.signals.channels import family_members
 from eivor.signals.filters import actuator_state, shifted_by, time_derivative
@@ -139,20 +139,20 @@ class AxisEquation:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
         # an equation may hold what another one drives alone
         inputs = [signals.family(name).mean(axis=1) for name in self.inputs]
-        drives = [DrivenSignals(signals, item) for item in inputs or [np.zeros(signals.sample_count)]]
+        commands = inputs or [np.zeros(signals.sample_count)]
         if not isinstance(rule, LaggedReferences):
-            return np.column_stack([rule.columns(driven) for driven in drives])
+            return np.column_stack([rule.columns(signals, command) for command in commands])
         names = tuple(name for name in rule.channels if name not in others) or rule.channels
         lags = rule.lags if self.reference_lags is None else self.reference_lags
         if self.instruments_of:
             made = {text: _evaluated(parsed(text), signals) for text in self.instruments_of}
-            driven = replace(drives[0], signals=replace(signals, channels={**signals.channels, **made}))
-            return replace(rule, channels=self.instruments_of, lags=lags).columns(driven)
-        columns = [replace(rule, channels=names, lags=lags).columns(drives[0])]
+            more = replace(signals, channels={**signals.channels, **made})
+            return replace(rule, channels=self.instruments_of, lags=lags).columns(more, commands[0])
+        columns = [replace(rule, channels=names, lags=lags).columns(signals, commands[0])]
         for mirror in self.mirrors:
             if mirror.reference in names and lags is not None:
-                chain = replace(rule, channels=(mirror.reference,), lags=lags).columns(drives[0]).T
-                columns += [column[:, None] for column in mirror.columns(signals, chain, lags[1])]
+                chain = replace(rule, channels=(mirror.reference,), lags=lags).columns(signals, commands[0])
+                columns += [column[:, None] for column in mirror.columns(signals, chain.T, lags[1])]
         return np.concatenate(columns, axis=1)
 
 

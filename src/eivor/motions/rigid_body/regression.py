@@ -354,8 +354,7 @@ class Predictors:
         turning = {source.channel: item.number for item in AXES for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
         signals = self.flight.signals
-        driven = separable.DrivenSignals(signals, np.zeros(signals.sample_count))
-        return replace(self.rule, channels=names, lags=lags).columns(driven)
+        return replace(self.rule, channels=names, lags=lags).columns(signals, np.zeros(signals.sample_count))
 
     def predicted(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
@@ -401,7 +400,7 @@ class AxisInstruments:
             return np.empty((signals.sample_count, 0))
         if not isinstance(self.rule, separable.LaggedReferences):
             level = signals.family(self.flight.input.name).mean(axis=1)
-            return self.rule.columns(separable.DrivenSignals(signals, level))
+            return self.rule.columns(signals, level)
         if axis < FORCE_X_EQUATION:
             return self._turning(axis, columns_of(self._predicted))
         says, velocity = Predictors(self.flight, self.rule), self._motion.velocity

@@ -63,7 +63,7 @@ def row_noise(
     weights = [float(flight.sample_count) for flight in flights]
     mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
-    return lagged_runs.RowNoise(regressors, np.average(shared, axis=0, weights=weights))
+    return regressors, np.average(shared, axis=0, weights=weights)
 
 
 def input_variance(flight: VerticalFlight, level: InputMap) -> float:
@@ -337,7 +337,6 @@ def vertical_problem(
     for number, flight in enumerate(flights):
         moving = MovingColumns(flight, motion, terms)
         accelerations = (flight.acceleration, flight.velocity_derivative)
-        driven = separable.DrivenSignals(flight.signals, flight.mapped_input(motion))
         columns.append(
             lagged_runs.AxisColumns(
                 flight.signals.step_s,
@@ -345,7 +344,7 @@ def vertical_problem(
                 np.column_stack([item for item in accelerations if item is not None]),
                 -flight.velocity[:, None],
                 moving,
-                moving.instruments(rule.columns(driven)),
+                moving.instruments(rule.columns(flight.signals, flight.mapped_input(motion))),
                 number,
                 band_hz=flight.band_hz,
                 valid=flight.signals.valid,
