@@ -152,7 +152,6 @@ class WorkerProcess:
         return None if self._process is None else self._process.popen.pid
 
     def close(self) -> None:
-        """End the process."""
         if self._process is not None:
             self._process.end()
             self._process = None

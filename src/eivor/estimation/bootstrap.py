@@ -72,7 +72,6 @@ class PoolFlights:
 
     @property
     def whole(self) -> Replicate:
-        """Every flight once."""
         return self._estimated(np.ones(len(self.flights)), self.known)
 
     def replicate(self, random: np.random.Generator) -> tuple[Replicate, Float[np.ndarray, " F"]]:
@@ -162,7 +161,6 @@ class CrossPieces:
     noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
-        """Mean cross-products."""
         return CrossMoments(self.products.resampled(drawn), self.noise)
 
     def influence(
@@ -360,7 +358,6 @@ class _RowReplicates:
         return both if np.isfinite(both).all() and spread.all() else None
 
     def solved(self, moments: Moments) -> Estimate:
-        """Solution of a replicate's equations."""
         method, factor = self.method, self.factor
         if factor is None:
             return method.solve_moments(moments)

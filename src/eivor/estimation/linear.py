@@ -223,12 +223,10 @@ class LinearMethod(Method):
 
     @property
     def needs_instruments(self) -> bool:
-        """As the assembler does."""
         return self.assembler.needs_instruments
 
     @property
     def takes_out_own_noise(self) -> bool:
-        """As the assembler does."""
         return self.assembler.takes_out_own_noise
 
     @property
@@ -242,7 +240,6 @@ class LinearMethod(Method):
         return self.assembler.plain_products and isinstance(self.equation_weighting, Unweighted)
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
         if isinstance(problem, LinearisableProblem):
             return _linearised_estimate(self, problem)
         if isinstance(problem, SeparableProblem):
@@ -258,7 +255,6 @@ class LinearMethod(Method):
         return self.assembler.moments(problem, whole=self.needs_instruments)
 
     def solve(self, problem: LinearProblem) -> Estimate:
-        """Solve for the linear parameters of a problem with its rows available."""
         moments = self.assembler.moments(problem, whole=self.equation_weighting.needs_instrument_products)
         return self.solve_moments(moments, problem)
 

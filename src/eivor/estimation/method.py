@@ -66,12 +66,10 @@ class OutputError(Method):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """The names of both."""
         return f"{self.first.name}+{OUTPUT_ERROR}"
 
     @property
     def needs_instruments(self) -> bool:
-        """As the first does."""
         return self.first.needs_instruments
 
     @property

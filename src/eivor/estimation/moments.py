@@ -25,7 +25,6 @@ class TriangularMoments:
     noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None  # [Phi y]
 
     def merge(self, other: Moments) -> TriangularMoments:
-        """Root of the stacked roots."""
         if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
             raise _unlike(self, other)
         noise = _mean_noise(self, other)
@@ -41,7 +40,6 @@ class CrossMoments:
 
     @property
     def rows(self) -> float:
-        """Number of rows."""
         return self.products.count
 
     @property
@@ -90,7 +88,6 @@ class ProblemMoments:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
         return tuple(parameter.name for parameter in self.parameters)
 
     def merge(self, other: ProblemMoments) -> ProblemMoments:
@@ -204,7 +201,6 @@ class Instrumental(Assembler):
     needs_instruments = True
 
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
-        """mean(psi [phi' y])."""
         return CrossMoments(products_of(problem, whole=whole), self.noise(problem))
 
 
@@ -218,7 +214,6 @@ class Compensated(Assembler):
     compensates = True
 
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
-        """mean(psi [phi' y]) and the mean covariance of the noises in it."""
         noise, of_instruments = self.noise(problem), self.needs_instruments
         products = products_of(problem, instruments=of_instruments, whole=whole or not of_instruments)
         return CrossMoments(products, noise)

@@ -52,7 +52,6 @@ class PairedBins:
 
     @cached_property
     def frequency_hz(self) -> PerBin:
-        """Frequency of each bin [Hz]."""
         return np.concatenate([run.frequency_hz for run in self.layout.runs])[self.order]
 
     @cached_property
@@ -91,7 +90,6 @@ class PairedBins:
         return result.T * np.sqrt(self.density_scale)
 
     def fitted(self, bins: SpectralRegression) -> NoiseModel:
-        """Noises that fit the residuals, declared ones as they are."""
         return self._fit(bins)[2]
 
     def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
@@ -214,7 +212,6 @@ class CombinedProblem(SeparableProblem):
         object.__setattr__(self, "nuisances", self.problem.nuisances)
 
     def rows(self, nuisances: Values) -> Regression:
-        """Rows in time, of the problem itself."""
         return self.problem.rows(nuisances)
 
     def bins(self, nuisances: Values) -> SpectralRegression:
@@ -292,5 +289,4 @@ class PairWhitening(RowWeighting):
         return _weighted(problem, bins, self.corrected, C, entries, self.passes - 1)
 
     def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> PairRows:
-        """By the residuals of an estimate."""
         return _by_residuals(problem, self.corrected, theta, nuisances, 0)

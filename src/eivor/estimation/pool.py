@@ -88,7 +88,6 @@ class PoolJoint:
 
     @property
     def flight_parameter_count(self) -> int:
-        """Parameters that belong to flights, of all flights."""
         return len(self.slopes) * len(self.criterion.flight_specific)
 
     def _summed(self, part: Callable[[MemberSlopes], Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
@@ -235,12 +234,10 @@ class Pooled:
 
     @property
     def problems(self) -> tuple[SeparableProblem, ...]:
-        """Of each flight."""
         return tuple(member.problem for member in self.criterion.members)
 
     @property
     def nuisance_names(self) -> tuple[str, ...]:
-        """Of those that are searched for."""
         return tuple(axis.nuisance.name for axis in self.criterion.nodes.axes)
 
     @cached_property

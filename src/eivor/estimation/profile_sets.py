@@ -264,7 +264,6 @@ class Criterion:
 
     @property
     def minima(self) -> Float[np.ndarray, " S"]:
-        """Least J of each slice."""
         return np.array([J.min() for _, J in self._scanned])
 
     def _edges(
@@ -409,7 +408,6 @@ class ProfileSets:
 
     @cached_property
     def nodes(self) -> Nodes:
-        """Nodes of the nuisances."""
         return nodes_of(self.problem.nuisances)
 
     @property
@@ -424,7 +422,6 @@ class ProfileSets:
         )
 
     def of_parameter(self, name: str, level: float = 0.95) -> ParameterSets | None:
-        """Sets of one linear parameter."""
         distributions.check_level(level)
         estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
         position = checks.index_of("a parameter", name, parameters)

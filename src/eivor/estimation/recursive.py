@@ -415,7 +415,6 @@ class Follower:
     def points(
         self, rows: streaming.TimedRows, forgetting: streaming.Forgetting, detector: ChangeDetector
     ) -> Iterator[TrackedPoint]:
-        """What is known after each look of a record."""
         then, watching = streaming.nothing_yet(rows, forgetting, whole=True), Watch()
         for stretch in rows.stretches(0, forgetting.block_length):
             then = then.then(stretch)
@@ -436,7 +435,6 @@ class Follower:
             yield TrackedPoint(then.samples, value, half, counted, change)
 
     def posterior(self, weighted: streaming.ExponentiallyWeightedProducts) -> Posterior | None:
-        """Estimate of the rows so far."""
         if not weighted.effective_rows > self.start.size:
             return None
         moments = weighted.moments

@@ -38,12 +38,10 @@ class PairSpectrum:
         return self.mapped(lambda values: values * factor)
 
     def mapped(self, function: Callable[[np.ndarray], np.ndarray]) -> PairSpectrum:
-        """The same function of every entry."""
         return PairSpectrum(function(self.first), function(self.second), function(self.cross))
 
     @cached_property
     def determinant(self) -> Float[np.ndarray, "*shape bins"]:
-        """Of each bin."""
         return self.first * self.second - (self.cross.real**2 + self.cross.imag**2)
 
     @cached_property
@@ -122,7 +120,6 @@ class NoiseModel:
     orders: Float[np.ndarray, " 3"]
 
     def spectrum(self, pairs: PairedEquations) -> PairSpectrum:
-        """C at parameters of the motion."""
         of_input, *others = pairs.shapes()
         total = of_input * self.input_variance
         for shape, variance, order in zip(others, self.variances, self.orders, strict=True):
@@ -303,7 +300,6 @@ class _Fit:
         return np.append(np.log(model.variances), np.arctanh(within))
 
     def model(self, vector: Six) -> NoiseModel:
-        """Noise model of such a vector."""
         return NoiseModel(self.known.input_variance, np.exp(vector[:3]), _orders(vector))
 
     def value_and_gradient(self, vector: Six) -> tuple[float, Six]:
@@ -415,7 +411,6 @@ class SampledMotion:
 
     @property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
-        """Of the record, see `SampledRecord.log_scale`."""
         return self.record.log_scale
 
     @property

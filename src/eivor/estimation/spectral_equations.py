@@ -109,7 +109,6 @@ class SpectralSolution:
 
     @cached_property
     def covariance(self) -> SpectralCovariance:
-        """Both covariances of its parameters."""
         return spectral_covariance(self)
 
     @cached_property
@@ -161,7 +160,6 @@ class SpectralSolution:
         return np.concatenate(parts)[:, 0]
 
     def stepped(self) -> sampled_motion.SampledMotion:
-        """Parameters after one of Newton's steps."""
         step = -np.linalg.solve(self.sensitivity, self.scores())
         return moved_by(self.motion, step[: self.parameters])
 

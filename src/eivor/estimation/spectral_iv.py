@@ -391,7 +391,6 @@ class WhittleLikelihood(Method):
     needs_instruments = False  # Instruments of the pilot are taken where a problem has some
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate friction and gain of a sampled motion."""
         if isinstance(problem, SeparableProblem):
             method = LinearMethod(self.name, Direct(), LeastSquares(), PairWhitening(corrected=False))
             return with_noises(problem, method.estimate(problem))

@@ -275,11 +275,9 @@ class TimedRows:
         return np.split(self.columns, first, axis=1)
 
     def between(self, start: int, stop: int) -> TimedRows:
-        """Rows of a stretch of samples."""
         return replace(self, columns=self.columns[start:stop])
 
     def then(self, other: TimedRows) -> TimedRows:
-        """Rows of both, one after the other."""
         return replace(self, columns=np.concatenate([self.columns, other.columns])) if self.count else other
 
     def stretches(self, first: int, look: int) -> Iterator[TimedRows]:
@@ -345,7 +343,6 @@ class WeightedBlockSums:
 
     @property
     def products(self) -> Products:
-        """Products of the blocks."""
         size = self.shape[0] * self.shape[1]
         return Products(self.packed[:, -2], self.packed[:, :size].reshape(-1, *self.shape), self.tested)
 
@@ -361,7 +358,6 @@ class WeightedBlockSums:
 
     @property
     def blocks(self) -> int:
-        """How many."""
         return self.packed.shape[0]
 
     def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
@@ -369,7 +365,6 @@ class WeightedBlockSums:
         return WeightedBlockSums(np.concatenate([self.packed, other.packed]), self.shape, self.tested)
 
     def between(self, start: int, stop: int) -> WeightedBlockSums:
-        """Some of the blocks."""
         return WeightedBlockSums(self.packed[start:stop], self.shape, self.tested)
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
@@ -405,7 +400,6 @@ class ExponentiallyWeightedProducts:
     samples: int = 0  # Samples so far, those among them that did not count
 
     def then(self, rows: TimedRows) -> ExponentiallyWeightedProducts:
-        """With the rows that follow."""
         length = self.forgetting.block
         joined = self.waiting.then(rows)
         full = joined.count // length * length

@@ -124,7 +124,6 @@ class SharedMoments:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The problem's, then those of the noises."""
         return self.problem.parameters + tuple(p for noise in self.unknown for p in noise.parameters)
 
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
@@ -207,7 +206,6 @@ class NoiseEstimatingIV(Method):
             raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate parameters and noises."""
         if not isinstance(problem, SignalRegression):
             expected = "a regression of signals, whose columns say what noises they share"
             remedy = "Make one with VerticalMotion().regression(signals, instruments)."
@@ -329,7 +327,6 @@ class _MomentSearch:
         return covariance
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
-        """Estimate at the least."""
         alone = self._solved(beta)
         covariance = JointCovariance((*alone.joint_covariance.parts, *self._of_normal_series(beta)))
         estimate = replace(

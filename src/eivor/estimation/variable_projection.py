@@ -368,7 +368,6 @@ class Nodes:
 
     @property
     def nodes(self) -> list[Float[np.ndarray, " _"]]:
-        """Nodes on the scale of each axis."""
         return [axis.nodes for axis in self.axes]
 
     def over(self, values: Float[np.ndarray, "T *shape"], box: Box) -> Float[np.ndarray, "points *shape"]:
@@ -388,7 +387,6 @@ class Nodes:
         return result
 
     def values_at(self, position: Float[np.ndarray, " axes"]) -> Values:
-        """Values of all nuisances at one place."""
         return {name: float(value[0]) for name, value in self.values_over([*position[:, None]]).items()}
 
     def values_over(self, box: Box) -> dict[str, Float[np.ndarray, " points"]]:

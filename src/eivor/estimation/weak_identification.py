@@ -44,7 +44,6 @@ class MomentRows:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
         return tuple(parameter.name for parameter in self.parameters)
 
     def own_instruments(self) -> dict[int, int]:

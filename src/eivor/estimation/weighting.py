@@ -50,7 +50,6 @@ class Unweighted(EquationWeighting):
     needs_instrument_products = False
 
     def equations(self, system: LinearSystem, *_: object) -> Weighted:
-        """Return the equations as they are."""
         return system, None
 
 
@@ -59,7 +58,6 @@ class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        """Equations divided by the Cholesky factor of mean(psi psi')."""
         if not isinstance(moments, CrossMoments) or moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
@@ -164,7 +162,6 @@ class WeightedRows:
     problem: SeparableProblem
 
     def rows(self, nuisances: Values) -> Regression:
-        """Weighted rows at values of the nuisances."""
         return self.problem.rows(nuisances)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
@@ -204,11 +201,9 @@ class EqualRows(RowWeighting):
     needs_spectra = False
 
     def first_pass(self, problem: SeparableProblem) -> WeightedRows:
-        """Rows in time."""
         return WeightedRows(problem)
 
     def last_pass(self, problem: SeparableProblem, *_: object) -> WeightedRows:
-        """Rows in time: no weight is made of residuals."""
         return WeightedRows(problem)
 
 
@@ -227,7 +222,6 @@ class WhitenedRows(WeightedRows):
     disturbed: float = 0.0
 
     def rows(self, nuisances: Values) -> Regression:
-        """Whitened rows."""
         whitened = self.problem.bins(nuisances).whitened(self.blend, self.power, self.basis)
         if whitened.regressor_noise is None or not self.disturbed:
             return whitened
@@ -236,7 +230,6 @@ class WhitenedRows(WeightedRows):
         return replace(whitened, regressor_noise=noise)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
-        """Mean of psi [phi' y] at many values of the nuisances."""
         between = self.problem.interpolation
         if between is None:
             return self._products(points)
@@ -323,7 +316,6 @@ class SpectralWhitening(RowWeighting):
         return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), self.passes - 1)
 
     def last_pass(self, problem: SeparableProblem, theta: Vector, nuisances: Values, /) -> WhitenedRows:
-        """See `whitened_by_residuals`."""
         return whitened_by_residuals(problem, theta, nuisances)
 
 

@@ -65,7 +65,6 @@ class RobustShape(RegionShape):
 
     @property
     def unknowns(self) -> int:
-        """Number of parameters."""
         return self.scores.total.shape[1] - 1
 
     @cached_property
@@ -112,11 +111,9 @@ class HomoskedasticShape(RegionShape):
 
     @property
     def unknowns(self) -> int:
-        """Number of parameters."""
         return self.explained.shape[0] - 1
 
     def excess(self, points: Points) -> PerPoint:
-        """AR over its critical value."""
         above = np.einsum("ka,ab,kb->k", points, self.explained, points)
         below = np.einsum("ka,ab,kb->k", points, self.unexplained, points)
         return above / (self.critical * below)
@@ -352,7 +349,6 @@ class SignPerturbedShape(RegionShape):
 
     @property
     def unknowns(self) -> int:
-        """Number of parameters."""
         return self.sums.shape[2] - 1
 
     @cached_property

@@ -77,7 +77,6 @@ class JointCovariance:
     parts: tuple[CovariancePart, ...]
 
     def part(self, name: str) -> CovariancePart:
-        """Part of that name."""
         return self.parts[checks.index_of("a covariance", name, [part.name for part in self.parts])]
 
     def std_error(self, direction: Vector) -> float:

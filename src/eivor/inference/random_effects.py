@@ -28,11 +28,9 @@ class Groups:
 
     @cached_property
     def starts(self) -> Int[np.ndarray, " groups"]:
-        """First row of each group."""
         return np.cumsum(self.sizes) - self.sizes
 
     def sums(self, values: Rows) -> PerGroup:
-        """Sum over each group."""
         return np.add.reduceat(values, self.starts)
 
     def spread(self, values: PerGroup) -> Rows:
@@ -99,7 +97,6 @@ class Grouped:
         return np.reciprocal(weights, out=weights)
 
     def weighted(self, between: PerGroup) -> Weighted:
-        """Weighted means of groups."""
         groups, weights = self.groups, self.weights(between)
         total = groups.sums(weights)
         mean = groups.sums(weights * self.y) / total
@@ -149,7 +146,6 @@ class Grouped:
         return together.spread(result)
 
     def means(self, between: PerGroup) -> RandomEffectsMeans:
-        """Means of groups, see this module."""
         groups, result, degrees = self.groups, self.weighted(between), self.groups.sizes - 1
         q = groups.sums(result.squares) / np.maximum(degrees, 1)
         variance, weights = np.maximum(q, 1.0) / result.total, result.weights / groups.spread(result.total)

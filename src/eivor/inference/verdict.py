@@ -58,7 +58,6 @@ class Verdict:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Each reason with its remedy."""
         return tuple(f"{reason.sentence} {reason.remedy}".strip() for reason in self.reasons)
 
 

@@ -64,7 +64,6 @@ class UnweightedLeastSquares(Solver):
         """Solution of R theta = right, given R's smallest singular value."""
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Least squares solution, see `Solver.solve`."""
         unknowns = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
         scaled = np.column_stack([system.matrix / scale, system.right])
@@ -97,7 +96,6 @@ class AugmentedLeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31)."""
 
     def triangular_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
-        """Solution of the reduced augmented system."""
         return solve_augmented(R, right, smallest / np.sqrt(2.0), 0.0)
 
 
@@ -174,7 +172,6 @@ class SplitProblem:
         return np.asarray(-direction[:-1] / direction[-1])
 
     def solution(self, theta: Vector, shrinkage: Shrinkage | None = None) -> Solution:
-        """Solution with these unknowns."""
         residual = self.system.right - self.system.matrix @ theta
         power = float(residual @ residual) / residual_weight(theta, self.covariance)
         return Solution(theta, residual, power, self.condition, shrinkage)
@@ -271,7 +268,6 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
         """Theta of (R'R - smallest^2 I) theta = R' right."""
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Total least squares solution, see `Solver.solve`."""
         split = split_problem(system)
         whitened = np.empty(0)
         if split.noisy.size:
@@ -295,7 +291,6 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
     """Generalized total least squares through the augmented system, the paper's (16), (27), (33)."""
 
     def whitened_solution(self, R: Square, right: Vector, smallest: float) -> Vector:
-        """Theta of the reduced augmented system."""
         if smallest == 0.0:
             return np.asarray(scipy.linalg.solve_triangular(R, right))
         return solve_augmented(R, right, smallest, smallest)
@@ -311,7 +306,6 @@ class Fuller(ErrorsInColumns):
         checks.within(self, {"strength": (0.0, 1e6)}, "Use 1, or 4.")
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Solution, see `Solver.solve`."""
         if system.error_degrees is None:
             expected = "equations whose errors' covariance was estimated, on so many degrees of freedom"
             remedy = "Use the method that goes with it: eivor.methods.fuller()."

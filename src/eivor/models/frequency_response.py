@@ -93,7 +93,6 @@ class Points:
         return np.asarray(np.where(known, self.output, np.nan) / np.where(known, self.input, 1.0))
 
     def kept(self, mask: Bool[np.ndarray, " f"]) -> Points:
-        """Some of the points."""
         return Points(*(getattr(self, item.name)[mask] for item in fields(self)))
 
     def with_known_input(self) -> Points:
@@ -302,12 +301,10 @@ class FrequencyResponse:
 
     @property
     def frequency_hz(self) -> PerFrequency:
-        """Frequencies [Hz]."""
         return self.points.frequency_hz
 
     @property
     def response(self) -> Spectrum:
-        """Complex response at each frequency."""
         return self.points.response
 
     @cached_property

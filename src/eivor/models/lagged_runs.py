@@ -159,7 +159,6 @@ class LagsAndDelays(Interpolation):
         return [{ACTUATOR_LAG.name: a, DELAY.name: d} for a in lags.tolist() for d in delays.tolist()]
 
     def weights(self, points: Sequence[Values]) -> Float[np.ndarray, "points nodes"]:
-        """See `Interpolation.weights`."""
         lags, delays = (
             np.array([point[name] for point in points]) for name in (ACTUATOR_LAG.name, DELAY.name)
         )
@@ -239,12 +238,10 @@ class LaggedRuns(SeparableProblem):
 
     @property
     def still(self) -> int:
-        """Number of fixed columns."""
         return self.columns[0].fixed.shape[1]
 
     @property
     def costly(self) -> bool:
-        """See `SeparableProblem.costly`."""
         samples = sum(run.stop - run.start for _, run in self._cut())
         return self.interpolation is None and samples >= COSTLY_SAMPLES
 
@@ -264,7 +261,6 @@ class LaggedRuns(SeparableProblem):
         return made if count <= MOST_INTERPOLATED * len(names) and numbers <= MEMO_NUMBERS else None
 
     def moved_runs(self, points: Sequence[Values]) -> Iterator[MovedRun]:
-        """See `SeparableProblem.moved_runs`."""
         between = self.interpolation
         if between is not None and points is between.points:
             yield from self._moved
@@ -318,7 +314,6 @@ class LaggedRuns(SeparableProblem):
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
-        """Band of an axis' spectral rows [Hz]."""
         return next(column.band_hz for column in self.columns if column.axis == axis)
 
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
@@ -437,7 +432,6 @@ class LaggedRuns(SeparableProblem):
 
     @property
     def instrument_bins(self) -> Complex[np.ndarray, "bins p"]:
-        """Instruments in frequency."""
         return self._fixed_bins[2]
 
     @cached_property

@@ -146,11 +146,9 @@ class SampleRows(RowLayout):
 
     @property
     def axis_of_row(self) -> Int[np.ndarray, " rows"]:  # type: ignore[override]
-        """Zero for every row."""
         return np.zeros(self.flight_of_row.size, dtype=np.int64)
 
     def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
-        """Row-wise products."""
         return test * residual[:, None]
 
 
@@ -197,7 +195,6 @@ class LinearProblem(ABC):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @abstractmethod

@@ -51,11 +51,9 @@ class LaggedReferences(InstrumentRule):
 
     @property
     def label(self) -> str:
-        """Names of the references."""
         return ", ".join(self.channels)
 
     def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
-        """References and their lags."""
         results = [np.empty((signals.sample_count, 0))]
         for name in self.channels:
             usual = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
@@ -75,7 +73,6 @@ class LaggedInputs(InstrumentRule):
 
     @property
     def label(self) -> str:
-        """Lags in words."""
         return f"input lagged by {self.first} to {self.last} samples"
 
     def columns(self, _signals: Signals, command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
@@ -92,7 +89,6 @@ class NoInstruments(InstrumentRule):
     label = "none"
 
     def columns(self, signals: Signals, _command: Float[np.ndarray, " n"], /) -> Float[np.ndarray, "n p"]:
-        """No columns."""
         return np.empty((signals.sample_count, 0))
 
 
@@ -191,7 +187,6 @@ class Nuisance:
 
     @property
     def name(self) -> str:
-        """Name of the parameter."""
         return self.parameter.name
 
     @property
@@ -356,5 +351,4 @@ class LinearisableProblem(SeparableProblem):
         """Problem of the linear parameters and of the changes of the nuisances, beside a point."""
 
     def rows(self, nuisance_values: Values) -> Regression:
-        """Rows in time."""
         return self.regression(nuisance_values).rows()

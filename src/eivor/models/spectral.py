@@ -49,12 +49,10 @@ class SpectralRun:
 
     @cached_property
     def count(self) -> int:
-        """Number of bins kept."""
         return max(self.bins.stop - self.bins.start, 0)
 
     @cached_property
     def frequency_hz(self) -> PerBin:
-        """Frequency of each bin kept [Hz]."""
         return np.arange(self.bins.start, self.bins.stop) / (self.length * self.step_s)
 
     @cached_property
@@ -258,5 +256,4 @@ class SpectralRegression:
         return self.layout.stacked(np.column_stack([response, regressors]) * weight[:, None])
 
     def residuals(self, theta: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "bins r"]:
-        """Residual of each candidate response."""
         return self.responses - (self.regressors @ theta)[:, None]

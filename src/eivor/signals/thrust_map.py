@@ -45,11 +45,9 @@ class Power(InputMap):
 
     @property
     def name(self) -> str:
-        """``linear``, ``square`` or ``power:EXPONENT``."""
         return {1.0: "linear", 2.0: "square"}.get(self.exponent, f"power:{_shortest(self.exponent)}")
 
     def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Signed power of each state."""
         if self.exponent == 1.0:
             return state
         if self.exponent == 2.0:
@@ -57,11 +55,9 @@ class Power(InputMap):
         return np.asarray(np.sign(state) * np.abs(state) ** self.exponent)
 
     def inverse(self, mapped: float) -> float:
-        """Signed root of `mapped`."""
         return float(np.sign(mapped) * np.abs(mapped) ** (1.0 / self.exponent))
 
     def slope(self, state: float) -> float:
-        """``exponent * |state| ** (exponent - 1)``."""
         return float(self.exponent * np.abs(state) ** (self.exponent - 1.0))
 
 
@@ -77,11 +73,9 @@ class Mixed(InputMap):
 
     @property
     def name(self) -> str:
-        """``mixed:SHARE``."""
         return f"mixed:{_shortest(self.share)}"
 
     def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Blend of each state and its square."""
         return (1.0 - self.share) * state + self.share * state * np.abs(state)
 
     def inverse(self, mapped: float) -> float:
@@ -94,7 +88,6 @@ class Mixed(InputMap):
         )
 
     def slope(self, state: float) -> float:
-        """``1 - share + 2 share |state|``."""
         return float(1.0 - self.share + 2.0 * self.share * np.abs(state))
 
 

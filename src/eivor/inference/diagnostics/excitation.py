@@ -55,7 +55,6 @@ class Periodicity(Diagnostic):
 
     @property
     def tested(self) -> tuple[Swing, ...]:
-        """All that were tested."""
         return self.parameters + self.left_over
 
     @property
@@ -98,7 +97,6 @@ class Periodicity(Diagnostic):
         return min(doubled, key=lambda item: item.p_value, default=None)
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
-        """How many were tested with the p-value of all, and period and amplitude of each."""
         likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
         line = f"period               {self.strongest.period:>10.4g}  {self.time_unit}, {likely}"
         yield Row("periodicity", "", float(len(self.tested)), self.p_value, line)
@@ -107,7 +105,6 @@ class Periodicity(Diagnostic):
             yield Row("swing", item.of, item.amplitude, item.p_value)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
-        """What varies periodically."""
         if not self.speaks:
             return
         strongest = self.strongest
@@ -228,12 +225,10 @@ class Information(Diagnostic):
         return text.removeprefix("+ ")
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """The condition."""
         line = f"information          {self.condition:>10.4g}  condition; worst: {self.worst(of.names)}"
         yield Row("information_condition", "", self.condition, None, line)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """A combination that is determined badly."""
         if self.condition > BADLY_CONDITIONED:
             yield Reason(
                 Status.WEAK,
@@ -254,7 +249,6 @@ class BandPower(Diagnostic):
     share_above: Float[np.ndarray, " n"]
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """Share of each column above the residual, and both powers in every band."""
         linear = of.names[: self.share_above.size]
         for name, share in zip(linear, self.share_above, strict=True):
             if not math.isnan(share):
@@ -266,7 +260,6 @@ class BandPower(Diagnostic):
                 yield Row("band_power", f"{name}, {low:.3g} to {high:.3g} Hz", power, residual)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """Columns that contribute mostly where the residual is stronger."""
         for name, share in zip(of.names, self.share_above, strict=False):
             if share < 0.5:
                 yield Reason(

@@ -50,14 +50,12 @@ class Endogeneity(Diagnostic):
         return bool(self.p_value < SIGNIFICANT and abs(bias) > NOTABLE_BIAS)
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """The statistic, and the estimate less least squares."""
         line = f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
         yield Row("endogeneity", "", self.statistic, self.p_value, line)
         for name, value in zip(of.names, self.difference, strict=True):
             yield Row("less_least_squares", name, float(value), None)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """Least squares that would be biased."""
         separated = -self.difference / of.std_errors
         j = int(np.argmax(np.abs(separated)))
         if self.notable(separated[j]):
@@ -142,17 +140,14 @@ class OverIdentification(Diagnostic):
 
     @property
     def outcome(self) -> str:
-        """Whether the instruments agree, in words."""
         return outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
-        """J and its p-value."""
         on = f"J on {self.degrees:.3g} degrees, p-value {self.p_value:.3g}"
         line = f"over-identification  {self.J:>10.4g}  {on}"
         yield Row("over_identification_J", "", self.J, self.p_value, line)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
-        """Instruments that disagree."""
         if self.p_value < SIGNIFICANT:
             yield Reason(
                 Status.WEAK,
@@ -217,7 +212,6 @@ class FirstStageTest(Diagnostic):
     averages: int  # Cosine averages of the long-run covariance
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """Every F with what it needs, and the shares of variance."""
         for j, name in enumerate(of.names):
             F, effective, critical = (
                 float(values[j]) for values in (self.conditional, self.effective, self.critical)
@@ -233,7 +227,6 @@ class FirstStageTest(Diagnostic):
         yield Row("cragg_donald", "", self.cragg_donald, None)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """Parameters, or one combination of them, that the instruments hardly move."""
         remedy = "Use stronger or more recent instruments, a longer record, or an input that moves more."
         needed = np.where(np.isfinite(self.critical), self.critical, STRONG_FIRST_STAGE)
         weak = np.flatnonzero(self.effective < needed)

@@ -56,7 +56,6 @@ class Constancy(Diagnostic):
 
     @property
     def outcome(self) -> str:
-        """What the parameters do, in words."""
         return outcome_word(self.p_value, ("stay the same", "may change", "change"))
 
     @property
@@ -65,7 +64,6 @@ class Constancy(Diagnostic):
         return bool(self.p_value < SIGNIFICANT)
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """The statistic, each parameter's change with its p-value, and where it is most likely."""
         likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
         line = f"constancy            {self.statistic:>10.4g}  {likely}"
         yield Row("constancy", "", self.statistic, self.p_value, line)
@@ -74,7 +72,6 @@ class Constancy(Diagnostic):
         yield Row("break_at", "share of the record", self.break_at, None)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """Parameters that change."""
         if self.speaks:
             j = int(np.argmin(self.p_values))
             yield Reason(
@@ -155,7 +152,6 @@ class SegmentLeverage(Diagnostic):
 
     @property
     def most(self) -> Int[np.ndarray, " n"]:
-        """The stretch that moves each parameter most."""
         return np.argmax(np.nan_to_num(np.abs(self.in_std_errors), nan=-1.0), axis=0)
 
     @property
@@ -164,14 +160,12 @@ class SegmentLeverage(Diagnostic):
         return self.in_std_errors[self.most, np.arange(self.shift.shape[1])]
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
-        """The largest change of each parameter, and by which stretch."""
         for j, name in enumerate(of.names):
             by, where = float(self.largest[j]), f"{name}, {self._where(j, of)}"
             line = f"largest leverage     {by:>+10.2f}  standard errors of {where}"
             yield Row("leverage", where, by, 1.0, line)
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
-        """Stretches that move a parameter much."""
         for j, name in enumerate(of.names):
             by = float(self.largest[j])
             if abs(by) > LARGE_LEVERAGE:
@@ -223,12 +217,10 @@ class ResidualMemory(Diagnostic):
         return bool(self.memory - 2.0 * self.order_error > NOT_STATIONARY)
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
-        """The memory and its standard error."""
         line = f"memory               {self.memory:>10.3f}  standard error {self.order_error:.3f}"
         yield Row("memory", "", self.memory, self.order_error, line)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
-        """A residual that drifts."""
         if self.drifts:
             yield Reason(
                 Status.WEAK,
@@ -269,11 +261,9 @@ class ResidualWhiteness(Diagnostic):
 
     @property
     def outside(self) -> int:
-        """Lags whose autocorrelation is outside the band."""
         return int((np.abs(self.autocorrelation) > self.band).sum())
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
-        """Both statistics, and every autocorrelation with its band."""
         line = f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
         yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value, line)
         line = f"Durbin-Watson        {self.durbin_watson:>10.4g}"
@@ -282,7 +272,6 @@ class ResidualWhiteness(Diagnostic):
             yield Row("autocorrelation", f"lag {lag}", float(r), self.band)
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
-        """Autocorrelation, which white-noise standard errors do not allow for."""
         if self.p_value < SIGNIFICANT:
             yield Reason(
                 Status.IDENTIFIED,
