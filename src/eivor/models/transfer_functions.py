@@ -276,31 +276,16 @@ class _Minimum:
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """A model of one order: gain e^(-delay s) / ((s + damping)(1 + first s + second s^2)(1 + third s)).
+    """A model of one order: gain e^(-delay s) / ((s + damping)(1 + first s + second s^2)(1 + third s))."""
 
-    Attributes
-    ----------
-    order : int
-        Number of poles, without those of the filter that is known.
-    parameters : mapping
-        By name: gain, damping [1/s], delay [s], first and third [s], second [s^2].
-    covariance : ndarray, shape (n, n)
-        Of the parameters, in their order.
-    chi_square, dof : float
-        What is left over, and the degrees of freedom of it.
-    aicc : float
-        Chi-square with the price of the parameters, for small samples.
-    intervals : mapping
-        Of the parameters, of "lag" (first and third together [s]) and of the poles' quantities.
-    """
-
-    order: int
-    parameters: Mapping[str, float]
-    covariance: Float[np.ndarray, "n n"] = field(repr=False)
-    chi_square: float = 0.0
-    dof: float = 0.0
+    order: int  # Number of poles, without those of the filter that is known
+    parameters: Mapping[str, float]  # Gain, damping [1/s], delay [s], first and third [s], second [s^2]
+    covariance: Float[np.ndarray, "n n"] = field(repr=False)  # Of the parameters, in their order
+    chi_square: float = 0.0  # What is left over
+    dof: float = 0.0  # The degrees of freedom of it
     p_value: float = 1.0
-    aicc: float = 0.0
+    aicc: float = 0.0  # Chi-square with the price of the parameters, for small samples
+    #: Of the parameters, of "lag" (first and third together [s]) and of the poles' quantities
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     known: Response = field(default=_no_filter, repr=False)
     _minimum: _Minimum | None = field(default=None, repr=False)
@@ -358,18 +343,10 @@ class TransferFunction:
 
 @dataclass(frozen=True)
 class TransferFunctions:
-    """Models of several orders, and what all that the data allow have in common.
+    """Models of several orders, and what all that the data allow have in common."""
 
-    Attributes
-    ----------
-    by_order : mapping
-        Model of each order, in order.
-    level : float
-        Probability of the intervals.
-    """
-
-    by_order: Mapping[int, TransferFunction]
-    level: float
+    by_order: Mapping[int, TransferFunction]  # In order
+    level: float  # Probability of the intervals
 
     @property
     def chosen(self) -> TransferFunction:
@@ -568,57 +545,26 @@ def _search(
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a loop; NaN where it does not cross.
+    """Margins of a loop; NaN where it does not cross."""
 
-    Attributes
-    ----------
-    crossover_hz : float
-        Where the broken-loop response falls below one [Hz].
-    phase_margin_deg : float
-        Its phase there, over -180 degrees.
-    phase_crossover_hz : float
-        Where its phase falls below -180 degrees [Hz].
-    gain_margin_db : float
-        Attenuation there.
-    bandwidth_hz : float
-        Where the closed-loop response's phase falls below -90 degrees [Hz].
-    phase_delay_s : float
-        Of the closed loop, between the frequency of -180 degrees and twice it (ADS-33) [s].
-    disturbance_bandwidth_hz : float
-        Where the sensitivity 1 / (1 + L) rises above -3 dB [Hz].
-    """
-
-    crossover_hz: float
-    phase_margin_deg: float
-    phase_crossover_hz: float
-    gain_margin_db: float
-    bandwidth_hz: float
-    phase_delay_s: float
-    disturbance_bandwidth_hz: float
+    crossover_hz: float  # Where the broken-loop response falls below one
+    phase_margin_deg: float  # Its phase there, over -180 degrees
+    phase_crossover_hz: float  # Where its phase falls below -180 degrees
+    gain_margin_db: float  # Attenuation there
+    bandwidth_hz: float  # Where the closed-loop response's phase falls below -90 degrees
+    phase_delay_s: float  # Of the closed loop, between the frequency of -180 degrees and twice it (ADS-33)
+    disturbance_bandwidth_hz: float  # Where the sensitivity 1 / (1 + L) rises above -3 dB
 
 
 @dataclass(frozen=True)
 class Controller:
-    """A proportional and integral controller of a rate, and what its loop reaches.
+    """A proportional and integral controller of a rate, and what its loop reaches."""
 
-    Attributes
-    ----------
-    name : str
-        How it was found.
-    proportional : float
-        Setpoint of torque for each rad/s of error.
-    integral_s : float
-        Time of the integral [s].
-    margins : Margins
-        With the chosen model.
-    intervals : mapping
-        Lowest and highest of each margin over draws of the models that the data allow.
-    """
-
-    name: str
-    proportional: float
-    integral_s: float
-    margins: Margins
+    name: str  # How it was found
+    proportional: float  # Setpoint of torque for each rad/s of error
+    integral_s: float  # Time of the integral
+    margins: Margins  # With the chosen model
+    #: Lowest and highest of each margin over draws of the models that the data allow
     intervals: Mapping[str, tuple[float, float]]
 
     def response(self, s: Spectrum) -> Spectrum:
