@@ -11,7 +11,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import Estimate, equation_map
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
@@ -171,11 +171,7 @@ class CrossPieces:
         products = self.products.equations[pieces] @ away
         if self.noise is not None:
             products = products - self.products.counts[pieces, None] * (self.noise @ away)
-        A = solved.system.matrix
-        if solved.factor is not None:
-            A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
-            products = scipy.linalg.solve_triangular(solved.factor, products.T, lower=True).T
-        return over_sensitivity(products @ A, A) / count
+        return products @ equation_map(solved).T / count
 
 
 @dataclass(frozen=True)
@@ -220,12 +216,12 @@ PieceMoments = CrossPieces | RootPieces
 def over_sensitivity(
     scores: Float[np.ndarray, "k n"],
     A: Float[np.ndarray, "m n"],
-    correction: Float[np.ndarray, "n n"] | None = None,
+    correction: Float[np.ndarray, "n n"],
 ) -> Float[np.ndarray, "k n"]:
     """Rows of scores times (A'A + correction)^-1, without A'A."""
     R = triangular_root(A)
     inner = scipy.linalg.solve_triangular(R, scores.T, trans="T")
-    if correction is not None and correction.any():
+    if correction.any():
         half = scipy.linalg.solve_triangular(R, correction, trans="T")
         S = scipy.linalg.solve_triangular(R, half.T, trans="T")
         inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
@@ -406,12 +402,9 @@ def _length(
 def _influence(rows: Regression, method: LinearMethod, solved: Estimate) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
     theta, system = solved.theta, solved.system
-    residual, A = rows.response - rows.regressors @ theta, solved.system.matrix
+    residual = rows.response - rows.regressors @ theta
     if method.assembler.moment_equations:
-        WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-        if solved.factor is not None:
-            A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
-        return over_sensitivity((method.assembler.test_functions(rows) @ WA) * residual[:, None], A)
+        return (method.assembler.test_functions(rows) @ equation_map(solved).T) * residual[:, None]
     correction = method.solver.score_correction(residual, theta, system.error_covariance)
     scores = (rows.regressors + correction.rows) * residual[:, None]
-    return over_sensitivity(scores, A, correction.sensitivity)
+    return over_sensitivity(scores, system.matrix, correction.sensitivity)

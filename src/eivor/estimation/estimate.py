@@ -526,6 +526,17 @@ def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
     )
 
 
+def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:
+    """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
+    A, factor = solved.system.matrix, solved.factor
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    Q, R = np.linalg.qr(A)
+    if factor is not None:
+        Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
+    return scipy.linalg.solve_triangular(R, Q.T)
+
+
 def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
     """Rows in the coordinates of a triangular root: rows R^-1."""
     if not np.diag(root).all():

@@ -24,7 +24,7 @@ from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, minimised
 from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
-from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT, unit_scale
+from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT, column_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import first_stage_of_products
 from eivor.inference.verdict import Reason, Status
@@ -120,7 +120,7 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
 def check_rank(system: LinearSystem) -> None:
     """Refuse moment equations that rounding alone keeps from being singular."""
     A = system.matrix
-    scaled = A * unit_scale(np.einsum("ij,ij->j", A, A)) / row_lengths(A)[:, None]
+    scaled = A * column_scale(A) / row_lengths(A)[:, None]
     singular, still = np.linalg.svd(scaled, compute_uv=False), not A.any(axis=0).all()
     if still or lost_to_rounding(singular, max(A.shape)):
         raise InstrumentError(

@@ -12,11 +12,11 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, TooFewSamplesError, UsageError
 from eivor.estimation import streaming
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import Estimate, equation_map
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import identify
 from eivor.estimation.moments import ProblemMoments
-from eivor.inference.covariance import unit_scale
+from eivor.inference.covariance import column_scale, unit_scale
 from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
 from eivor.models.signal_regression import SignalModel
@@ -44,7 +44,7 @@ def newest_reference(weighted: streaming.ExponentiallyWeightedProducts) -> Refer
     A, b = equations[:, :-1], equations[:, -1]
     if A.shape[0] < A.shape[1]:
         return None
-    scale = unit_scale(np.einsum("pn,pn->n", A, A))
+    scale = column_scale(A)
     Q, R = np.linalg.qr(A * scale)
     if not np.abs(np.diag(R)).min() > COLLINEAR_SHARE:
         return None
@@ -312,10 +312,8 @@ class RecursiveIdentification:
             remedy = "Give more samples than the largest lag, valid ones among the last of them."
             raise TooFewSamplesError("rows that are not forgotten yet", "none", remedy)
         result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
-        covariance = streaming.exponentially_weighted_covariance(
-            weighted, result.theta, streaming.equation_map(result)
-        )
-        return replace(result, streamed_covariance=covariance)
+        made_of = weighted, result.theta, equation_map(result)
+        return replace(result, streamed_covariance=streaming.exponentially_weighted_covariance(*made_of))
 
 
 def identify_recursively(

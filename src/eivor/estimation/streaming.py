@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from eivor import checks
 from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
@@ -485,17 +484,6 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
     zero = replace(empty, packed=np.zeros((1, empty.packed.shape[1])))
     return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
-
-
-def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:
-    """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
-    A, factor = solved.system.matrix, solved.factor
-    if factor is not None:
-        A = scipy.linalg.solve_triangular(factor, A, lower=True)
-    Q, R = np.linalg.qr(A)
-    if factor is not None:
-        Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
-    return scipy.linalg.solve_triangular(R, Q.T)
 
 
 def exponentially_weighted_covariance(

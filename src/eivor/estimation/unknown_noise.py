@@ -16,7 +16,7 @@ from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
 from eivor.estimation.weighting import divided, weight_factor
-from eivor.inference.covariance import CovariancePart, JointCovariance, unit_scale
+from eivor.inference.covariance import CovariancePart, JointCovariance, column_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
 from eivor.inference.distributions import chi_square_tail
@@ -272,7 +272,7 @@ class _MomentSearch:
         right = self.cross[:, -1] - self.known[:, -1]
         left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-item for item in extra)])
         left = self._divided(left)
-        size = _column_scale(left)
+        size = column_scale(left)
         result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
         direction = np.append(result[:n], -1.0)
         beta = list(result[:n])
@@ -297,7 +297,7 @@ class _MomentSearch:
             bounds += [(0.0, np.inf), (-LARGEST_ORDER, LARGEST_ORDER)] if noise.fractional else free
         for _ in range(PASSES):
             # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
-            size = _column_scale(self._slopes(beta))
+            size = column_scale(self._slopes(beta))
             squares = least_squares(
                 lambda x, size=size: self._residual(size * x),
                 beta / size,
@@ -418,8 +418,3 @@ class _MomentSearch:
             remedy = "Leave out the velocity's equations, or give orders."
             reasons.append(Reason(Status.WEAK, sentence, remedy))
         return reasons
-
-
-def _column_scale(matrix: Float[np.ndarray, "p k"]) -> Float[np.ndarray, " k"]:
-    """What brings every column to unit length, whatever the units."""
-    return unit_scale(np.einsum("ij,ij->j", matrix, matrix))

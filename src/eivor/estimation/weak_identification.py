@@ -23,7 +23,7 @@ from eivor.inference.anderson_rubin import (
 )
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import cosine_averages
-from eivor.inference.diagnostics.record import SMALLEST_DIRECTION
+from eivor.inference.diagnostics.record import whitening
 from eivor.inference.distributions import check_level
 from eivor.inference.regions import ConfidenceRegion
 from eivor.models.regression import LinearProblem, Parameter, RowLayout, SampleRows
@@ -76,18 +76,12 @@ class MomentRows:
 
     def independent(self) -> MomentRows:
         """Equations recombined into orthonormal ones, without directions that are others' combinations."""
-        lengths = np.linalg.norm(self.test_functions, axis=0)
-        moving = lengths > 0.0
-        unit = self.test_functions[:, moving] / lengths[moving]
-        eigenvalues, vectors = np.linalg.eigh(unit.T @ unit)
-        kept = eigenvalues > SMALLEST_DIRECTION**2
-        unknowns = len(self.parameters)
-        if int(kept.sum()) < unknowns:
+        psi, unknowns = self.test_functions, len(self.parameters)
+        change = whitening(psi.T @ psi)
+        if change.shape[1] < unknowns:
             expected = f"at least {unknowns} independent instruments for {unknowns} parameters"
-            raise InstrumentError(expected, f"{int(kept.sum())}", "Add lags or exogenous columns.")
-        change = vectors[:, kept] / np.sqrt(eigenvalues[kept])
-        noise = change.T @ (self.noise[moving] / lengths[moving, None])
-        return replace(self, test_functions=unit @ change, noise=noise)
+            raise InstrumentError(expected, f"{change.shape[1]}", "Add lags or exogenous columns.")
+        return replace(self, test_functions=psi @ change, noise=change.T @ self.noise)
 
     def scores(self, averages: int | None) -> LinearScores:
         """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""

@@ -104,8 +104,8 @@ class JointCovariance:
 def sandwich(M: Matrix, meat: Matrix) -> Matrix:
     """M^-1 meat M^-T without an explicit inverse."""
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
-    columns = unit_scale(np.einsum("ij,ij->j", M, M))
-    rows = unit_scale(np.einsum("ij,ij->i", M * columns, M * columns))
+    columns = column_scale(M)
+    rows = column_scale((M * columns).T)
     scaled = rows[:, None] * M * columns
     try:
         half = np.linalg.solve(scaled, np.outer(rows, rows) * meat)
@@ -122,6 +122,11 @@ def sandwich(M: Matrix, meat: Matrix) -> Matrix:
 def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
     return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+
+
+def column_scale(matrix: Float[np.ndarray, "m n"]) -> Vector:
+    """What brings every column to unit length, whatever the units."""
+    return unit_scale(np.einsum("ij,ij->j", matrix, matrix))
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,6 +115,14 @@ def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndar
     return np.asarray(U[:, singular >= SMALLEST_DIRECTION])
 
 
+def whitening(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
+    """T with T' products T = 1, without the directions in which the instruments hardly move."""
+    scale = unit_scale(np.diag(products))
+    values, vectors = np.linalg.eigh(np.outer(scale, scale) * products)
+    kept = values > SMALLEST_DIRECTION**2
+    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+
+
 def conditional_first_stage(
     basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"], exact: int = 0
 ) -> Float[np.ndarray, " n"]:
@@ -150,12 +158,9 @@ def first_stage_of_products(
     """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi')."""
     available, count = cross.shape
     degrees = available - (count - 1)
-    scale = np.sqrt(np.diag(instruments))
-    if degrees < 1 or rows <= available or not scale.all():
+    if degrees < 1 or rows <= available or not np.diag(instruments).all():
         return np.zeros(count)
-    eigenvalues, vectors = np.linalg.eigh(instruments / np.outer(scale, scale))
-    kept = eigenvalues > SMALLEST_DIRECTION**2
-    to_basis = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T / scale
+    to_basis = whitening(instruments).T
     noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
     basis_products = to_basis @ cross - noise_products
     projected = basis_products.T @ basis_products
@@ -204,9 +209,5 @@ class EquationProducts(Products):
 
     @cached_property
     def whitening(self) -> Float[np.ndarray, "p q"]:
-        """T with T' mean(psi psi') T = 1, without the directions in which the instruments hardly move."""
-        Q = self.instrument_mean
-        scale = unit_scale(np.diag(Q))
-        values, vectors = np.linalg.eigh(np.outer(scale, scale) * Q)
-        kept = values > SMALLEST_DIRECTION**2
-        return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+        """T with T' mean(psi psi') T = 1."""
+        return whitening(self.instrument_mean)
