@@ -76,6 +76,9 @@ class VehicleSpec:
     hover_input: float = 0.5  # Command at which it hovers, a share of full command
     thrust_share: float = 1.0  # Thrust goes as (1 - s) w + s w^p with the rotor state w
     thrust_power: float = 2.0
+    rotor_spread: float = (
+        0.0  # Commands of half the rotors are this share above the mean, of the others below
+    )
     actuator_lag: float = 0.04  # Time constant of the rotor upwards, and delay of its command [s]
     delay: float = 0.0
     slower_down: float = 1.0  # Time constant downwards over that upwards
@@ -374,6 +377,7 @@ class Flown:
     attitude: Float[np.ndarray, "n 4"]  # Quaternion [w, x, y, z] from body to world
     force_body: Float[np.ndarray, "n 3"]  # Specific force along the body's axes [m/s^2]
     flew: bool  # False when the vehicle was lost
+    shares: tuple[float, ...] = (1.0,)  # Commands of rotors over `command`
 
     def effective(self, used_s: Float[np.ndarray, " m"], used: Bool[np.ndarray, " m"]) -> dict[str, float]:
         """Values that an estimator without any error would give over the samples that were used."""
@@ -388,7 +392,7 @@ class Flown:
         else:
             friction = parameters.viscous_friction
             thrust = parameters.input_gain * float(self.supply[rows].mean())
-            gain = thrust * GRAVITY / truth.hover_input**2
+            gain = thrust * GRAVITY / truth.hover_input**2 / np.square(self.shares).mean()
             air = truth.air_velocity_z[rows].mean() - self.velocity[rows].mean()
             weight = (GRAVITY - parameters.intercept + friction * air) / thrust
             states = truth.hover_input * NEAR_HOVER
@@ -538,7 +542,7 @@ def _simulated(spec: FlightSpec, reference: Trajectory, met: Surroundings, motio
         input_gain=GRAVITY / spec.vehicle.hover_input**2,
         hover_input=spec.vehicle.hover_input,
     )
-    along = np.gradient(met.horizontal, STEP_S)
+    along, spread = np.gradient(met.horizontal, STEP_S), spec.vehicle.rotor_spread
     return Flown(
         truth=truth,
         thrust=Thrust(spec.vehicle),
@@ -551,6 +555,7 @@ def _simulated(spec: FlightSpec, reference: Trajectory, met: Surroundings, motio
         attitude=_quaternion(met.pitch, met.roll),
         force_body=_in_body(met.pitch, met.roll, along, motion.force),
         flew=bool(np.abs(motion.position - reference.position).max() < LOST_M),
+        shares=(1.0 + spread, 1.0 - spread) if spread else (1.0,),
     )
 
 

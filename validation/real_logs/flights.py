@@ -222,7 +222,10 @@ def _commands(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
         instants = stamps = np.arange(instants[0], instants[-1], 1.0 / logger.filled_hz)
         held = held[np.searchsorted(clock.instants, instants + 1e-9, side="right") - 1]
     clock = Clock(instants, stamps * (1.0 + logger.command_drift))
-    commands = {f"rotor_command_{number + 1}": each[held] for number, each in enumerate(flight.command.T)}
+    commands = {
+        f"rotor_command_{number + 1}": each[held]
+        for number, each in enumerate((flight.command * flight.shares).T)
+    }
     return [on_channel_clock(channel) for channel in written.channels(clock, commands)]
 
 

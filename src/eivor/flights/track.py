@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.recursive import ChangeDetector, Follower
+from eivor.estimation.recursive import NORMAL_MEDIAN, ChangeDetector, Follower
 from eivor.estimation.streaming import MEMORIES, Forgetting, TimedRows, counted_rows
 from eivor.flights.result import FlightEstimate
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.random_effects import FEWEST, Grouped, one_group
 from eivor.models.lagged_runs import AxisColumns
 from eivor.models.separable import Values
+from eivor.tools import Float
 
 #: Memory [s] when none is chosen.
 MEMORY_S = 5.0
@@ -23,6 +26,10 @@ LARGEST_SHARE = 0.2
 HELD = 0.25
 #: Sums are held against the newest estimate: a battery that sags is followed, and is no change.
 DETECTOR = ChangeDetector(held_looks=1)
+#: Looks between intercepts that are compared: two memories.
+LOOKS_APART = 16
+#: Memories between residuals that are compared.
+LAGS = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +113,9 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
     level = 0.0 if tracked_parameter.intercept is None else tracked_parameter.intercept.mean
     start = np.array([*(estimate.parameters[each] for each in parameters), level])
     priors = (*(tracked_parameter.known.get(each) for each in parameters), tracked_parameter.intercept)
-    follower = Follower(list(parameters).index(name), priors, start)
-    points = follower.points(rows_of(columns, estimate.nuisances), Forgetting(memory), DETECTOR)
+    rows, forgetting = rows_of(columns, estimate.nuisances), Forgetting(memory)
+    follower = with_slow_air(Follower(list(parameters).index(name), priors, start), rows, forgetting)
+    points = follower.points(rows, forgetting, DETECTOR)
     time_s = result.prepared[0].grid.time_s
     moments = tuple(
         Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
@@ -116,6 +124,38 @@ def track(result: FlightEstimate, memory_s: float | None = None, parameter: str 
     )
     unit, known = parameters[name].unit, tracked_parameter.descriptions
     return Track(result, name, unit, memory_s, estimate.nuisances, moments, known)
+
+
+def with_slow_air(follower: Follower, rows: TimedRows, forgetting: Forgetting) -> Follower:
+    """With the intercept's prior as wide as slow air moves residuals, or less where movement says so."""
+    *priors, intercept = follower.priors
+    if intercept is None:
+        return follower
+    free = replace(follower, index=len(priors), priors=(*priors, None))
+    points = [each for each in free.points(rows, forgetting, DETECTOR) if math.isfinite(each.half_width)]
+    apart = points[LOOKS_APART - 1 :: LOOKS_APART]
+    variance = slow_variance(rows, follower.start, round(forgetting.memory))
+    if len(apart) >= FEWEST:
+        values, halves = np.array([(each.value, each.half_width) for each in apart]).T
+        intercepts = Grouped(one_group(values.size), values, (halves / normal_quantile(0.95)) ** 2)
+        variance = min(variance, float(intercepts.q_profile(0.8)[1][0]))
+    return replace(
+        follower, priors=(*priors, replace(intercept, std=math.hypot(intercept.std, variance**0.5)))
+    )
+
+
+def slow_variance(rows: TimedRows, theta: Float[np.ndarray, " n"], memory: int) -> float:
+    """Variance of residuals' means over memories about a line; a single step hardly enters."""
+    _, right, _, counted = rows.parts
+    residuals = np.column_stack([counted, right[:, -1:] - right[:, :-1] @ theta[:, None]])
+    whole = rows.count // memory * memory
+    counts, sums = residuals[:whole].reshape(-1, memory, 2).sum(axis=1).T
+    (held,) = np.nonzero(counts >= HELD * memory)
+    if held.size <= 2 * LAGS[-1]:
+        return 0.0
+    means = sums[held] / counts[held]
+    away = means - np.polyval(np.polyfit(held, means, 1), held)
+    return 0.5 * max(NORMAL_MEDIAN * float(np.median(np.abs(away[lag:] - away[:-lag]))) for lag in LAGS) ** 2
 
 
 def rows_of(columns: AxisColumns, nuisance_values: Values) -> TimedRows:

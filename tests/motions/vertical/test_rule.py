@@ -22,12 +22,13 @@ from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
 from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities, VelocitySpectrum
-from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
 from eivor.motions.vertical.regression import ThrustDrift, check_terms
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks, near_ground
 from eivor.report.flight import flight_document
+from eivor.signals.thrust_map import input_map
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
 FRICTION, GAIN, HOVER, LAG = "viscous_friction", "input_gain", "hover_input", "effective_lag"
@@ -278,6 +279,7 @@ def drift(change):
         (HOVER, {"checks": {"omitted": SUPPLY}}, "added", 0.005, "fell by 4%"),
         (HOVER, {"checks": {"drift": drift(-0.02)}}, "independent", 0.003823, "fell by"),
         (HOVER, {"checks": {"omitted": SUPPLY, "drift": drift(0.0)}}, "at least", 0.01, ""),
+        (HOVER, {"checks": {"mean_command": 0.97}}, "added", (0.015, 0.0), "at hover is 3.0% from"),
         (HOVER, {}, "at least", 0.01, "±2.0% wide"),
         (FRICTION, {"periodicity": SWINGING}, "added", 0.2 / 2**0.5 / 2.0, "period of 5 s"),
     ],
@@ -291,6 +293,18 @@ def test_each_systematic_part(name, changed, kind, sizes, said):
     assert [(item[0], *item[1:3]) for item in found] == [
         (kind, pytest.approx(below, rel=2e-3), pytest.approx(above, rel=2e-3))
     ]
+
+
+def test_the_mean_command_of_uneven_rotors_is_measured():
+    log = changed(flown(1, seconds=10.0)[0])
+    first = log.channels["rotor_command_1"]
+    each = {
+        f"rotor_command_{n}": replace(first, name=f"rotor_command_{n}", values=share * first.values)
+        for n, share in enumerate((1.25, 0.75), 1)
+    }
+    flight = prepare_vertical(changed(log, **each), ev.FlightOptions())
+    measured = vertical_flight(flight).mean_command(VerticalMotion(input_map(flight.input_map)))
+    assert measured == pytest.approx((1.0 + 0.25**2) ** -0.5, rel=1e-6)
 
 
 def at_least(intercept, **changed):

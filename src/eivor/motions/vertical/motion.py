@@ -130,7 +130,15 @@ def known_without_estimate(flights: Flights) -> tuple[dict[str, QuantityEstimate
     cut, model = tuple(map(vertical_flight, flights)), VerticalMotion(input_map(flights[0].input_map))
     # lags hardly move means
     of = WeightBalance(vertical_problem(cut, model), {ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})
-    return {"hover_input": _hover(of)}, verdict.VerticalChecks(drift=of.drift)
+    return {"hover_input": _hover(of)}, verdict.VerticalChecks(
+        drift=of.drift, mean_command=_mean_command(of.problem)
+    )
+
+
+def _mean_command(problem: VerticalFlights) -> float:
+    """Mean command of the rotors over that of their mean thrust, in the flight furthest from 1."""
+    each = (flight.mean_command(problem.motion) for flight in problem.flights)
+    return max(each, key=lambda share: abs(share - 1.0))
 
 
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
@@ -384,6 +392,7 @@ class Vertical(Motion[VerticalFlights]):
             ),
             omitted=omitted,
             drift=of.drift,
+            mean_command=_mean_command(problem),
             sensitivities=misspecification.sensitivities(problem, estimate, flights),
             velocity=misspecification.velocity_spectrum(problem),
         )

@@ -221,6 +221,12 @@ class VerticalFlight:
         mapped: Float[np.ndarray, " n"] = states[:, 0] if states.shape[1] == 1 else states.mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
 
+    def mean_command(self, motion: VerticalMotion) -> float:
+        """Mean of the rotors' commands over the command of their mean thrust, each a mean over time."""
+        each = np.concatenate(self.cut(self._logged)).mean(axis=0)
+        collective = motion.input_map.inverse(float(motion.input_map(each[None]).mean()))
+        return float(each.mean() / collective) if collective > 0.0 else 1.0
+
     @cached_property
     def _logged(self) -> Float[np.ndarray, "n m"]:
         return self.signals.family(self.input)

@@ -75,6 +75,7 @@ class VerticalChecks(MotionChecks):
     near_ground: tuple[float, float] | None = None
     omitted: OmittedTerms = field(default_factory=OmittedTerms)
     drift: ThrustDrift | None = None  # Line in time that rows lose
+    mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
     sensitivities: Sensitivities = field(default_factory=Sensitivities)
     #: Of the velocity as far as the references explain it
     velocity: VelocitySpectrum = field(default_factory=VelocitySpectrum)
@@ -281,6 +282,12 @@ def _drift(inputs: VerdictInputs, name: str) -> float:
     return share * inputs.value(name) if share > LEAST_SHARE else 0.0
 
 
+def _uneven(share: float, hover: float) -> tuple[float, float]:
+    if abs(share) < LEAST_SHARE:
+        return 0.0, 0.0
+    return max(-share, 0.0) * hover, max(share, 0.0) * hover
+
+
 def _periodic(inputs: VerdictInputs, _name: str) -> float:
     swing = inputs.swing
     if swing is None:
@@ -382,6 +389,15 @@ PARTS = (
         Counts.INDEPENDENT,
         _drift,
         lambda inputs: f"The {inputs.checks.drift.sentence}: the value is that of the middle.",
+    ),
+    SystematicPart(
+        (HOVER,),
+        Counts.ADDED,
+        lambda inputs, name: _uneven(inputs.checks.mean_command - 1.0, inputs.value(name)),
+        lambda inputs: (
+            "The rotors' commands differ: their mean at hover is "
+            f"{abs(inputs.checks.mean_command - 1.0):.1%} from the command of their mean thrust."
+        ),
     ),
     SystematicPart((FRICTION,), Counts.ADDED, _periodic, _periodic_sentence),
     SystematicPart(
