@@ -29,7 +29,6 @@ from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
 from eivor.logs.rosbag.messages import (
-    Decoded,
     decoded,
     message_layout,
     parsed_definition,
@@ -445,12 +444,12 @@ def test_definitions_with_fields_of_another_kind(tmp_path, monkeypatch, kind, ho
         key = (payloads[0], len(payloads))
         if key not in cache:
             cache[key] = decoded(payloads, layout_of)
-            known.extend((key, name) for name in cache[key].fields)
-        fields = dict(cache[key].fields)
+            known.extend((key, name) for name in cache[key][0])
+        fields = dict(cache[key][0])
         for name in [name for item, name in wanted if item == key]:
             other = of_another_kind(how, fields.pop(name))
             fields |= {} if other is None else {name: other}
-        return Decoded(fields, cache[key].indices, cache[key].reason)
+        return fields, *cache[key][1:]
 
     cache, wanted = {}, []
     monkeypatch.setattr(topics, "decoded", changed)

@@ -24,7 +24,7 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
-from eivor.simulation.known_logs import log_of_flight
+from eivor.simulation.known_logs import logs_of_flights
 from eivor.simulation.vertical import VerticalFlightSpec
 from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
@@ -79,7 +79,7 @@ def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[Vertica
         trajectory=EXCITATIONS[run % len(EXCITATIONS)],
         seed=SEED + run,
     )
-    log = log_of_flight(spec).recording
+    log = next(logs_of_flights([spec])).recording
     channels = {
         name: replace(channel, time_s=channel.time_s[:: regime.every], values=channel.values[:: regime.every])
         for name, channel in log.channels.items()

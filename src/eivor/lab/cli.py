@@ -61,7 +61,7 @@ from eivor.lab.study import TOGETHER, MethodScore, StudyResult, failure, run_stu
 from eivor.logs.table.columnar import write_recording
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
-from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
+from eivor.simulation.known_logs import KnownLog, log_of_rigid_body_flight, logs_of_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.strict_toml import read_toml
 from eivor.tools import printable
@@ -137,10 +137,9 @@ def paper(
 def _paper_report(
     results: Sequence[PaperResult], groups: Sequence[Sequence[PaperResult]], *, whole: bool
 ) -> RenderableType:
+    parts = (part for group in groups for part in reading_report(group))
     more = [] if whole else [Text(f"Every reading's tables: eivor paper --readings {ALL}")]
-    return Group(
-        *(part for group in groups for part in reading_report(group)), *overview_report(results), *more
-    )
+    return Group(*parts, *overview_report(results), *more)
 
 
 def _drawing(
@@ -259,9 +258,8 @@ def simulate(
     write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
     if hover and made.rate_hz < FLIGHT_RATE_HZ:
         complain(
-            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot distinguish the "
-            f"rotors' lag from "
-            f"the friction below {FLIGHT_RATE_HZ:g} Hz",
+            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot distinguish the rotors' lag "
+            f"from the friction below {FLIGHT_RATE_HZ:g} Hz",
             "Raise rate_hz, or take 'flight', a scenario like a flight.",
         )
     return ExitCode.IDENTIFIED
@@ -271,9 +269,8 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     if not source.exists() and not source.suffix and source.name == str(source):
         source = shipped_file(source.name)
     table = read_toml(source, "a scenario")
-    return SIMULATED[table.choose("kind", table.values.get("kind", "vertical"), tuple(SIMULATED))](
-        table
-    ), table.files
+    kind = table.choose("kind", table.values.get("kind", "vertical"), tuple(SIMULATED))
+    return SIMULATED[kind](table), table.files
 
 
 def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyFlightSpec:
@@ -301,7 +298,7 @@ def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
         raise UsageError(expected, "a flight, whose log has the whole input", "Leave --hover out.")
     if isinstance(scenario, RigidBodyFlightSpec):
         return log_of_rigid_body_flight(replace(scenario, seed=seed))
-    return log_of_flight(replace(scenario, seed=seed))
+    return next(logs_of_flights([replace(scenario, seed=seed)]))
 
 
 STUDY_EXIT_CODES = (

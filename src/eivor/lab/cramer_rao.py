@@ -136,12 +136,10 @@ def _information(
     C = known.spectrum(motion)
     d = motion.directions[:2]
     weighted = C.solved(d)
-    information: Float[np.ndarray, "2 2"] = (
-        2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
-    )
+    information = 2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
     if known.moves and power.any():
         information[0, 0] += _shaped_noise_information(known, motion)
-    return information
+    return np.asarray(information)
 
 
 @dataclass(frozen=True)

@@ -257,14 +257,6 @@ def histogram_figure(result: paper.PaperResult, column: str) -> Figure:
     return nrmse_figure(rows, printed={words: printed}, title=title)
 
 
-METHOD_WORDS: Mapping[str, str] = {
-    "least_squares": "LS",
-    "total_least_squares": "LS, TLS form",
-    "extended_iv": "IV",
-    "extended_iv_tls": "IV, TLS form",
-    "generalized_iv": "GIV",
-    "generalized_iv_tls": "GIV, TLS form",
-}
 SCORE_WORDS = ("δθ1 (K)", "δθ2 (K_u)", "δθ")
 #: What a table says where a method gives no estimate.
 NO_ESTIMATE = "none"
@@ -306,15 +298,14 @@ def reading_report(results: Sequence[paper.PaperResult]) -> Iterator[RenderableT
     for result in results:
         table = _plain(f"example {result.example.number}: NRMSE [%]", *SCORE_WORDS)
         for method in paper.METHODS:
-            table.add_row(METHOD_WORDS[method], *map(spread_text, result.spreads(method)))
+            table.add_row(paper.METHOD_WORDS[method], *map(spread_text, result.spreads(method)))
             if method in result.example.printed:
                 printed = map(printed_text, result.example.printed[method])
                 table.add_row(*(Text(cell, style="dim") for cell in ("    printed", *printed)))
         yield table
-        counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in paper.PRINTED_METHODS.values()}
-        weak = [
-            f"of {words} in {count} of {len(result.weak)} runs" for words, count in counts.items() if count
-        ]
+        counts = {words: result.weak_runs(method) for words, method in paper.PRINTED_METHODS.items()}
+        runs = len(result.weak)
+        weak = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
         if weak:
             yield Text(f"Weak instruments (first-stage F below 10): {', '.join(weak)}.")
 

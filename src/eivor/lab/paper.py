@@ -44,17 +44,19 @@ DISTURBANCE = "disturbance"
 SOURCES = ("velocity_z", "acceleration_z", "input", DISTURBANCE)
 #: Columns of the tables: NRMSE of K, of K_u, and of both together.
 SCORES = ("viscous_friction", "input_gain", "together")
-#: Methods in the order of the results; of each pair the second is solved by total least squares.
-METHODS = (
-    "least_squares",
-    "total_least_squares",
-    "extended_iv",
-    "extended_iv_tls",
-    "generalized_iv",
-    "generalized_iv_tls",
-)
+#: Methods in the order of the results, and what tables call them; of each pair the second is solved by total
+#: least squares.
+METHOD_WORDS: Mapping[str, str] = {
+    "least_squares": "LS",
+    "total_least_squares": "LS, TLS form",
+    "extended_iv": "IV",
+    "extended_iv_tls": "IV, TLS form",
+    "generalized_iv": "GIV",
+    "generalized_iv_tls": "GIV, TLS form",
+}
+METHODS = tuple(METHOD_WORDS)
 #: What the paper's columns LS, IV and GIV are called here.
-PRINTED_METHODS: Mapping[str, str] = {"LS": "least_squares", "IV": "extended_iv", "GIV": "generalized_iv"}
+PRINTED_METHODS: Mapping[str, str] = {METHOD_WORDS[name]: name for name in METHODS[::2]}
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,14 +21,8 @@ from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
 from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
-
-@dataclass(frozen=True, slots=True)
-class Feedback:
-    """A controller's law, u = proportional d + integral T sum(d)."""
-
-    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]; zero for a setpoint that is given
-    proportional: float  # [input per m/s]
-    integral: float  # [input per m/s]
+#: From altitude to velocity, zero for a velocity that is given; p and i of u = p d + i T sum(d).
+Gains = tuple[float, float, float]
 
 
 class Control:
@@ -38,8 +32,8 @@ class Control:
     reference: ClassVar[str]
 
     @property
-    def feedback(self) -> Feedback | None:
-        """The law, None in open loop."""
+    def gains(self) -> Gains | None:
+        """Gains of the controller, None in open loop."""
         return None
 
 
@@ -62,8 +56,8 @@ class VelocityControl(Control):
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
 
     @property
-    def feedback(self) -> Feedback | None:
-        return Feedback(0.0, self.velocity_gain, self.velocity_integral_gain)
+    def gains(self) -> Gains | None:
+        return 0.0, self.velocity_gain, self.velocity_integral_gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +77,8 @@ class AltitudeControl(Control):
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
 
     @property
-    def feedback(self) -> Feedback | None:
-        return Feedback(self.altitude_gain, self.velocity_gain, self.velocity_integral_gain)
+    def gains(self) -> Gains | None:
+        return self.altitude_gain, self.velocity_gain, self.velocity_integral_gain
 
 
 def _check_velocity_gains(proportional: float, integral: float) -> None:
@@ -92,8 +86,9 @@ def _check_velocity_gains(proportional: float, integral: float) -> None:
     checks.finite("velocity_integral_gain", integral)
     if proportional == 0.0 and integral == 0.0:
         expected = "a controller with a velocity_gain or a velocity_integral_gain"
-        received = "both zero"
-        raise ParameterError(expected, received, "Give one of them, or leave the control out for open loop.")
+        raise ParameterError(
+            expected, "both zero", "Give one of them, or leave the control out for open loop."
+        )
 
 
 #: K T below which the gains are summed as series: their closed forms would cancel.
@@ -137,28 +132,28 @@ class SampledLoop:
     error_gain: float
 
 
-def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
+def sampled_loop(vehicle: SampledVehicle, gains: Gains) -> SampledLoop:
     """Loop of a vehicle under control, without the states that the controller does not use."""
-    summed = feedback.integral * vehicle.step_s
-    present = feedback.proportional + summed
+    altitude_gain, velocity_gain, integral_gain = gains
+    summed = integral_gain * vehicle.step_s
+    present = velocity_gain + summed
     # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
     plant = np.array([[vehicle.decay, 0.0, 0.0], [vehicle.held, 1.0, 0.0], [0.0, 0.0, 1.0]])
     push = np.array([vehicle.held, vehicle.step_s * vehicle.ramp, 0.0])
-    seen = np.array([1.0, feedback.altitude_gain, 0.0])
+    seen = np.array([1.0, altitude_gain, 0.0])
     from_state = np.array([0.0, 0.0, summed]) - present * seen
     sums = np.array([0.0, 0.0, 1.0])
     matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
-    used = np.array([True, feedback.altitude_gain != 0.0, feedback.integral != 0.0])
+    used = np.array([True, altitude_gain != 0.0, integral_gain != 0.0])
     error_effect = (vehicle.input_gain * present * push + sums)[used]
     return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
 
 
 def check_stable(vehicle: SampledVehicle, control: Control) -> None:
     """Refuse gains with which the sampled loop is not stable."""
-    feedback = control.feedback
-    if feedback is None:
+    if control.gains is None:
         return
-    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, feedback).matrix)).max())
+    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, control.gains).matrix)).max())
     if not radius < 1.0:
         raise ParameterError(
             "gains with which every mode of the control loop decays",
@@ -179,10 +174,8 @@ def from_rest(
         for column in range(states):
             band[states + row - column, column::states] = -matrix[row, column]
     known = np.concatenate([np.zeros(states), forcing.ravel()])[:, None]
-    solved: Float[np.ndarray, "samples states"] = scipy.linalg.lapack.dtbtrs(band, known, uplo="L", diag="U")[
-        0
-    ]
-    return solved.reshape(steps + 1, states)
+    solved = scipy.linalg.lapack.dtbtrs(band, known, uplo="L", diag="U")[0]
+    return np.asarray(solved).reshape(steps + 1, states)
 
 
 #: Channels that are measured with noise in every record.
@@ -305,7 +298,7 @@ class Scenario:
     @property
     def controlled(self) -> bool:
         """Whether a controller makes the input; then the excitation is its reference."""
-        return self.control.feedback is not None
+        return self.control.gains is not None
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -409,16 +402,16 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
     streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
-    feedback, rest = scenario.control.feedback, np.zeros_like(drive)
-    motion = moved(scenario, drive if feedback is None else (feedback.altitude_gain or 1.0) * drive, rest)
+    gains, rest = scenario.control.gains, np.zeros_like(drive)
+    motion = moved(scenario, drive if gains is None else (gains[0] or 1.0) * drive, rest)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
         motion += moved(scenario, rest, disturbance)
     channels = _channels(scenario, motion, disturbance)
     noise = declared_noise(scenario.noise, scenario.noise_to_signal, channels)
     errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
-    if feedback is not None:
-        error = errors["velocity_z"] + feedback.altitude_gain * errors.get("position_z", rest)
+    if gains is not None:
+        error = errors["velocity_z"] + gains[0] * errors.get("position_z", rest)
         motion += moved(scenario, -error, rest)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
@@ -431,13 +424,13 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
 
 def moved(scenario: Scenario, added: Series, pushed: Series) -> LinearMotion:
     """Motion from rest under what is added to the input, or to a controller's error, and accelerations."""
-    vehicle, feedback = scenario.vehicle, scenario.control.feedback
-    if feedback is not None:
-        loop = sampled_loop(vehicle, feedback)
+    vehicle, gains = scenario.vehicle, scenario.control.gains
+    if gains is not None:
+        loop = sampled_loop(vehicle, gains)
         forcing = np.outer(added[:-1], loop.error_effect) + np.outer(pushed[:-1], loop.push_effect)
         states = from_rest(loop.matrix, forcing)
         commanded = loop.error_gain * added + states @ loop.input_from_state
-        return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
+        return LinearMotion(commanded, states[:, 0], states[:, 1] if gains[0] != 0.0 else None)
     steps = scenario.input_gain * vehicle.held * added[:-1] + vehicle.held * pushed[:-1]
     if scenario.intersample is Intersample.LINEAR:
         steps += scenario.input_gain * vehicle.ramp * np.diff(added)
@@ -472,7 +465,7 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
     if scenario.disturbance_to_signal is None:
         return series
     spread = float(series.std())
-    if not (np.isfinite(spread) and spread > 0.0):
+    if not 0.0 < spread < np.inf:
         expected = "a disturbance that varies, since it is to be scaled to a share of z''"
         remedy = "Give it a positive std, or leave disturbance_to_signal out."
         raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)

@@ -418,9 +418,8 @@ def study_from_table(top: TomlTable) -> Study:
     """Study from the top table of a file, all of whose keys it takes."""
     given = top.convert(_StudyFile)
     is_file = isinstance(given.scenario, str)
-    experiment = _experiment(
-        top.neighbour(str(given.scenario), "a scenario") if is_file else top.part("scenario")
-    )
+    scenario = top.neighbour(str(given.scenario), "a scenario") if is_file else top.part("scenario")
+    experiment = _experiment(scenario)
     tables = (top.part(f"methods[{i}]", item) for i, item in enumerate(given.methods, start=1))
     name, choices = given.name or Path(top.file).stem, tuple(map(method_choice, tables))
     if not choices:

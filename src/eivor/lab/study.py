@@ -212,9 +212,8 @@ class Study:
     def shard_trials(self) -> int:
         """Trials of a shard: more where they take microseconds."""
         alike = not self.intervals and all(choice.is_plain for choice in self.methods)
-        return max(
-            SHARD_TRIALS, min(MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES // self.experiment.samples * alike)
-        )
+        most = min(MOST_SHARD_TRIALS, MOST_SHARD_SAMPLES // self.experiment.samples)
+        return max(SHARD_TRIALS, most * alike)
 
     @property
     def identity(self) -> str:
@@ -389,10 +388,8 @@ def _solved(study: Study, choice: MethodChoice, records: Records) -> Float[np.nd
             plain = _is_strong(products[:, psi, psi], cross[..., :-1], gram, count, noise)
             if assembler.takes_out_own_noise:
                 scale = 1.0 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
-                plain &= (
-                    np.linalg.eigvalsh(scale[:, :, None] * equations[..., :-1] * scale[:, None])[:, 0]
-                    > MARGIN
-                )
+                scaled = scale[:, :, None] * equations[..., :-1] * scale[:, None]
+                plain &= np.linalg.eigvalsh(scaled)[:, 0] > MARGIN
             root, S = _root(equations), None
         of_noise = isinstance(method.solver, AugmentedTotalLeastSquares)
         theta = _total_least_squares(root, S) if of_noise else _least_squares(root)
@@ -593,11 +590,10 @@ def _check_same(shards: TrialShards, document: Mapping[str, object], before: Map
             "or another seed",
             "Choose another folder with --out, or delete this one.",
         )
-    held = before["runs"]
-    if not isinstance(held, int) or held > shards.study.runs:
+    held, runs = before["runs"], shards.study.runs
+    if not isinstance(held, int) or held > runs:
         expected = f"at least {held} runs, as many as '{name}' was begun with"
-        received = f"{shards.study.runs}"
-        raise UsageError(expected, received, "Ask for as many or more, or choose another folder.")
+        raise UsageError(expected, f"{runs}", "Ask for as many or more, or choose another folder.")
     if document["versions"] != before["versions"] and shards.missing():
         raise InputError(
             f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
@@ -621,22 +617,16 @@ class StudyResult:
     trials: pl.DataFrame  # One row for each trial, in order
 
 
-@dataclass(frozen=True, slots=True)
-class ShardTrials:
-    """The task of a study: from the number of a shard to its trials."""
-
-    study: Study  # whose shards
-
-    def __call__(self, number: int) -> tuple[Row, ...]:
-        """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
-        trials: list[Row] = []
-        every = shard_trials(self.study, number)
-        step = TRIALS_AT_ONCE if self.study.shard_trials > SHARD_TRIALS else 1
-        for start in range(0, len(every), step):
-            if abandoned():
-                break
-            trials += side_by_side(self.study, every[start : start + step])
-        return tuple(trials)
+def _shard(study: Study, number: int) -> list[Row]:
+    """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
+    trials: list[Row] = []
+    every = shard_trials(study, number)
+    step = TRIALS_AT_ONCE if study.shard_trials > SHARD_TRIALS else 1
+    for start in range(0, len(every), step):
+        if abandoned():
+            break
+        trials += side_by_side(study, every[start : start + step])
+    return trials
 
 
 #: Trials that take less time [s] in all are computed in this process: others take as long to begin.
@@ -665,7 +655,7 @@ def run_study(
     missing = shards.missing()
     done = study.runs - sum(len(shard_trials(study, number)) for number in missing)
     progress(done, study.runs)
-    with closing((executor or InProcess()).map(ShardTrials(study), missing)) as results:
+    with closing((executor or InProcess()).map(partial(_shard, study), missing)) as results:
         for item, trials in results:
             shards.write(missing[item], trials)
             done += len(trials)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -116,9 +117,8 @@ def _fields(values: Mapping[str, str], kind: str, name: str) -> FrameFields:
         text = values.get(f"Field {key}", "")
         row = tuple(int(item) for item in text.split(",") if item.strip().isdecimal())
         if len(row) != len(names) or len(names) > MOST_FIELDS:
-            raise _corrupt(
-                name, f"whose head has {len(row)} numbers for 'Field {key}', of {len(names)} fields"
-            )
+            what = f"whose head has {len(row)} numbers for 'Field {key}', of {len(names)} fields"
+            raise _corrupt(name, what)
         rows.append(row)
     fields = FrameFields(names, *rows)
     known = {SIGNED, UNSIGNED, NEGATIVE_14, TAG8_8, NOTHING, *GROUPS}
@@ -316,10 +316,8 @@ def _chain(data: bytes, begins: int, end: int, lengths: np.ndarray) -> _Chain:
     while at < end:
         size = follows(at)
         if not size:
-            damaged = at
-            at = next(
-                (offset for offset in range(at + 1, end) if data[offset] in MARKERS and follows(offset)), end
-            )
+            damaged, candidates = at, (offset for offset in range(at + 1, end) if data[offset] in MARKERS)
+            at = next(filter(follows, candidates), end)
             chain.lost += at - damaged
             chain.broken.append(len(chain.starts))
             continue
@@ -391,13 +389,10 @@ def _predicted(value: Block, inter: np.ndarray, predictor: int) -> Block:
 def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     """Read the longest log of a file: one is added each time that the vehicle is armed."""
     data = file.read_bytes()
-    logs = _logs(data)
-    first, end = max(logs, key=lambda log: log[1] - log[0])
-    findings = noted(
-        "several_logs",
-        "The file holds {} logs. The longest is read; `blackbox_decode` splits them.",
-        len(logs) if len(logs) > 1 else 0,
-    )
+    begins = [match.start() for match in re.finditer(MAGIC, data)]
+    first, end = max(pairwise([*begins, len(data)]), key=lambda log: log[1] - log[0])
+    sentence = "The file holds {} logs. The longest is read; `blackbox_decode` splits them."
+    findings = noted("several_logs", sentence, len(begins) if len(begins) > 1 else 0)
     head = _head(data, first, end, file.name)
     if INTRA not in head.frames or INTER not in head.frames or "time" not in head.frames[INTRA].names:
         raise _corrupt(file.name, "whose head does not say what its frames hold")
@@ -412,15 +407,6 @@ def read_blackbox(file: Path, options: ReadOptions) -> Recording:
     )
     origin = LogOrigin(firmware=head.firmware, airframe=head.values.get("Craft name", ""), start=_start(head))
     return replace(recording, origin=origin)
-
-
-def _logs(data: bytes) -> list[tuple[int, int]]:
-    """Begin and end of each log of a file."""
-    begins, at = [], data.find(MAGIC)
-    while at >= 0:
-        begins.append(at)
-        at = data.find(MAGIC, at + len(MAGIC))
-    return list(pairwise([*begins, len(data)]))
 
 
 def _read_columns(
@@ -438,9 +424,8 @@ def _read_columns(
     clock = raw.pop("time", np.empty(0, dtype=np.int64)).astype(np.int64)
     if not clock.size:
         received = f"'{name}', without a whole frame after its head"
-        raise EmptyLogError(
-            "a blackbox log with frames", received, "Arm the vehicle, and copy the log again."
-        )
+        remedy = "Arm the vehicle, and copy the log again."
+        raise EmptyLogError("a blackbox log with frames", received, remedy)
     steps = np.diff(clock, prepend=clock[0]).astype(np.int32)
     stamps = clock[0] + np.cumsum(steps, dtype=np.float64)
     sound = believable(1e-6 * (stamps - stamps[0]))

@@ -90,19 +90,15 @@ def _angles(group: str) -> VariableSource:
         for kind, function in (("c", "cos"), ("s", "sin"))
         for axis, angle, sign in (("r", "roll", ""), ("p", "pitch", "-"), ("y", "yaw", ""))
     }
-    attitude_words = f"{group}.roll, .pitch and .yaw"
     texts = {
         "w": "{cr} * {cp} * {cy} + {sr} * {sp} * {sy}",
         "x": "{sr} * {cp} * {cy} - {cr} * {sp} * {sy}",
         "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
-    rules = (
-        ChannelRule(
-            f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=attitude_words)
-        )
-        for part, text in texts.items()
-    )
+    parsed = {part: parse_expression(text.format(**half), group) for part, text in texts.items()}
+    words = f"{group}.roll, .pitch and .yaw"
+    rules = (ChannelRule(f"attitude_{part}", replace(item, text=words)) for part, item in parsed.items())
     return VariableSource("attitude", tuple(rules))
 
 
@@ -138,13 +134,11 @@ def filter_findings(channels: Iterable[Channel]) -> list[Finding]:
     """Say what was taken off the stamps of variables that are behind a low-pass."""
     selected = []
     for cutoff in (ACCELEROMETER_HZ, GYRO_HZ):
-        late = [channel.source for channel in channels if channel.delay_s == common.low_pass_delay_s(cutoff)]
-        if late:
-            delay_ms = 1e3 * common.low_pass_delay_s(cutoff)
-            selected.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
-    return common.noted(
-        "sensor_delay", "Taken off the stamps, as the firmware filters: {}.", "; ".join(selected)
-    )
+        delay_s = common.low_pass_delay_s(cutoff)
+        if late := [channel.source for channel in channels if channel.delay_s == delay_s]:
+            selected.append(f"{', '.join(late)}: {1e3 * delay_s:.2g} ms (low-pass of {cutoff:g} Hz)")
+    sentence = "Taken off the stamps, as the firmware filters: {}."
+    return common.noted("sensor_delay", sentence, "; ".join(selected))
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
@@ -569,9 +563,8 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
         event = next((item for item in events if item.has(source.columns)), None)
         if event is None or source.quantity in chosen:
             continue
-        if source.zero_is_absent and not any(
-            np.any(np.nan_to_num(event.values(column))) for column in source.columns
-        ):
+        values = map(event.values, source.columns)
+        if source.zero_is_absent and not any(np.any(np.nan_to_num(item)) for item in values):
             zeros += source.columns
             continue
         used, answers = source, _answering(source, event)

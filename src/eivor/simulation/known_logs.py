@@ -37,12 +37,6 @@ def known_log(
     return KnownLog(recording, rate_hz, samples, document)
 
 
-def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
-    """Log of a flight."""
-    (log,) = logs_of_flights([spec])
-    return log
-
-
 def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
     """Logs of flights of one duration, in order; many are flown side by side."""
     for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):

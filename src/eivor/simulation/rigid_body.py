@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from itertools import groupby
+from itertools import count, groupby
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -43,7 +43,7 @@ from eivor.simulation.rigid_body_spec import (
     RigidBodyFlightSpec,
     Surroundings,
     runge_kutta,
-    stamping_stream,
+    streams,
     surroundings_of,
 )
 from eivor.tools import Float, Int
@@ -207,7 +207,7 @@ def recording_of(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> Recording:
     """Log of a flight."""
-    rng = stamping_stream(spec)
+    rng = streams(spec.seed)[-1]
     channels: dict[str, Channel] = {}
     for sensor, series in (*_measured(spec, met, flight, force), *_logged_series(spec, met, flight)):
         rows = sensor.rows(spec.count, spec.step_s)
@@ -244,15 +244,15 @@ def _measured(
     rates = logged(sensors.angular_rate, body[:, 10:13] + met.rate_error)
     forces = logged(sensors.specific_force, force + met.force_error)
     measured = [
-        (sensors.angular_rate, _named("angular_rate", "xyz", rates)),
-        (sensors.specific_force, _named("specific_force_body", "xyz", forces)),
-        (sensors.velocity, _named("velocity", "xyz", velocity)),
-        (sensors.position, _named("position", "xyz", position)),
-        (sensors.attitude, _named("attitude", "wxyz", sensors.attitude.readings(attitude, step_s))),
+        (sensors.angular_rate, _named("angular_rate", rates, "xyz")),
+        (sensors.specific_force, _named("specific_force_body", forces, "xyz")),
+        (sensors.velocity, _named("velocity", velocity, "xyz")),
+        (sensors.position, _named("position", position, "xyz")),
+        (sensors.attitude, _named("attitude", sensors.attitude.readings(attitude, step_s), "wxyz")),
     ]
     if sensors.rotor_speed is not None:
         speeds = logged(sensors.rotor_speed, flight.rotor_speed + met.speed_error)
-        measured.append((sensors.rotor_speed, _numbered("rotor_speed", speeds)))
+        measured.append((sensors.rotor_speed, _named("rotor_speed", speeds, count(1))))
     return measured
 
 
@@ -262,26 +262,22 @@ def _logged_series(
     logged = spec.logged
     setpoints = {
         "input": flight.thrust,
-        **_named("torque_setpoint", "xyz", flight.torque),
-        **_named("feedback_reference_angular_rate", "xyz", flight.wanted_rate),
+        **_named("torque_setpoint", flight.torque, "xyz"),
+        **_named("feedback_reference_angular_rate", flight.wanted_rate, "xyz"),
     }
     if met.injected.any():
-        setpoints |= _named("injected_torque", "xyz", met.injected)
+        setpoints |= _named("injected_torque", met.injected, "xyz")
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
     references = (*height, "reference_roll", "reference_pitch", "reference_yaw")
     series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
     rates = (logged.rotor_command_hz, logged.setpoint_hz, logged.reference_hz)
-    commands = _numbered("rotor_command", flight.rotor_command)
+    commands = _named("rotor_command", flight.rotor_command, count(1))
     all_series = (commands, setpoints, dict(zip(references, series, strict=True)))
     return [(Sensor(rate_hz=rate), each) for rate, each in zip(rates, all_series, strict=True)]
 
 
-def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Series]:
-    return {f"{stem}_{part}": series[:, i] for i, part in enumerate(parts)}
-
-
-def _numbered(stem: str, series: Float[np.ndarray, "n rotors"]) -> dict[str, Series]:
-    return {f"{stem}_{i + 1}": series[:, i] for i in range(series.shape[1])}
+def _named(stem: str, series: Float[np.ndarray, "n parts"], parts: Iterable[object]) -> dict[str, Series]:
+    return {f"{stem}_{part}": values for part, values in zip(parts, series.T, strict=False)}
 
 
 #: Steps of all flights that are simulated side by side: some hundred megabytes.

@@ -244,7 +244,7 @@ class Surroundings:
 
 def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
     """Draw everything that a flight meets."""
-    height, angles, injected, air, torque, *sensing = _streams(spec.seed)
+    height, angles, injected, air, torque, *sensing = streams(spec.seed)
     count, step_s, sensors = spec.count, spec.step_s, spec.sensors
     reference = altitude_reference(
         spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
@@ -270,12 +270,8 @@ def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
     )
 
 
-def stamping_stream(spec: RigidBodyFlightSpec) -> np.random.Generator:
-    """Stream of the stamps' errors."""
-    return _streams(spec.seed)[-1]
-
-
-def _streams(seed: int) -> list[np.random.Generator]:
+def streams(seed: int) -> list[np.random.Generator]:
+    """Streams of the sources of randomness; the last one is that of the stamps' errors."""
     return [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(12)]
 
 

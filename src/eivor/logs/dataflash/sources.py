@@ -316,12 +316,6 @@ class MessageReading:
         self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
         self.profiles[channel.name] = common.look(channel)
 
-    def modes_at(
-        self, table: Messages, modes: tuple[int, ...], *, before: bool = False
-    ) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle was in one of some modes at each message."""
-        return self._stated(table, "MODE", "ModeNum", modes, before)
-
     def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
         """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
         selected = [axis for (axis,) in rows_of(self.tables, "SIDS", "Ax")]
@@ -331,22 +325,21 @@ class MessageReading:
     def landed_at(self, table: Messages) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was on the ground at each message, by its events; no where they do not say."""
         landed = [number for number, value in LANDED_EVENTS.items() if value > 0.0]
-        return self._stated(table, "EV", "Id", landed, False, list(LANDED_EVENTS))
+        events = self.table("EV", "Id")
+        if events is not None:
+            events = events.where(np.isin(events.values("Id"), list(LANDED_EVENTS)))
+        return self._stated(table, events, "Id", landed, before=False)
+
+    def modes_at(
+        self, table: Messages, modes: Sequence[int], *, before: bool = False
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle was in one of some modes at each message, `before` ahead of the first mode."""
+        return self._stated(table, self.table("MODE", "ModeNum"), "ModeNum", modes, before=before)
 
     def _stated(
-        self,
-        table: Messages,
-        name: str,
-        column: str,
-        holding: Sequence[int],
-        before: bool,
-        among: Sequence[int] | None = None,
+        self, table: Messages, states: Messages | None, column: str, holding: Sequence[int], *, before: bool
     ) -> Bool[np.ndarray, " n"]:
-        """Whether a state holds that messages of another type set; `before` the first of them as given."""
-        states = self.table(name, column)
         if states is None:
             return np.full(table.count, before)
-        stated = states.values(column)
-        known = np.ones(stated.size, dtype=np.bool_) if among is None else np.isin(stated, among)
-        within = np.isin(stated, holding)
-        return common.held_at(self.time_s(states)[known], within[known], self.time_s(table), before)
+        within = np.isin(states.values(column), holding)
+        return common.held_at(self.time_s(states), within, self.time_s(table), before)

@@ -206,8 +206,9 @@ CURVE_SIDES = {"input": CurveSide.BEFORE, PULSES: CurveSide.BEHIND}
 
 
 def is_known(name: str, kind: str) -> bool:
-    """Say whether channels are made of a topic."""
-    return any(source.serves(name, kind) for sources in CHANNEL_SOURCES.values() for source in sources)
+    """Say whether channels are made of a topic, one of PX4 or another."""
+    every = (source for sources in CHANNEL_SOURCES.values() for source in sources)
+    return is_px4(name, kind) or any(source.serves(name, kind) for source in every)
 
 
 def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[str, Channel]:
@@ -234,9 +235,8 @@ def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[
             if name in channels or len(serving) != 1:
                 continue
             made = _channel(name, serving[0], source, start)
-            if made is None:
-                continue
-            channels[name] = silenced(made, end_s, inactive) if source.is_setpoint else made
+            if made is not None:
+                channels[name] = silenced(made, end_s, inactive) if source.is_setpoint else made
     findings += noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
     findings += _doubts(unclear, channels)
     return channels
@@ -354,12 +354,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
         channels = ros.map_channels(chosen, contents, path.name, findings)
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
-        contents = ros.read_contents(
-            files,
-            lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind),
-            findings,
-            options.max_bytes,
-        )
+        contents = ros.read_contents(files, is_known, findings, options.max_bytes)
         channels, frame, vehicle = _known_channels(contents, findings)
         looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES
         if not channels:
@@ -388,9 +383,8 @@ def _known_channels(contents: ros.Contents, findings: list[Finding]) -> tuple[di
 
 def _nothing(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
     topics = [f"{name} ({kind})" for name, kind in sorted(contents.listed.items())]
-    text = ", ".join(topics[:_MOST_LISTED]) + (
-        f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
-    )
+    more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
+    text = ", ".join(topics[:_MOST_LISTED]) + more
     sentence = " ".join(finding.message for finding in findings)
     return EmptyLogError(
         "a bag with topics of PX4 (px4_msgs) or mavros, or with odometry, poses and inertial sensors",

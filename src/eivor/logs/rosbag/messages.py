@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 import struct
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.resources import files
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from eivor.tools import Int
+from eivor.logs.common import source_tables
 
 #: Bytes of the types that messages are made of; strings have a length of their own.
 SIZES: Mapping[str, str] = {
@@ -89,16 +87,14 @@ def _type_name(kind: str, owner: str) -> str:
     return _SHORT.get(kind, f"{owner.partition('/')[0]}/{kind}")
 
 
-@cache
-def definitions() -> dict[str, Any]:
-    """Texts of types for bags without definitions: common ones, and those of each release of PX4."""
-    return tomllib.loads((files("eivor.logs.rosbag") / "definitions.toml").read_text(encoding="utf-8"))
+#: Texts of types for bags without definitions: common ones, and those of each release of PX4.
+_definitions = cache(partial(source_tables, "eivor.logs.rosbag", "definitions.toml"))
 
 
 @cache
 def common_types() -> Types:
     """Return the fields of each type."""
-    return {name: fields_of(text, name) for name, text in definitions()["types"].items()}
+    return {name: fields_of(text, name) for name, text in _definitions()["types"].items()}
 
 
 @cache
@@ -106,7 +102,7 @@ def px4_releases() -> dict[str, Types]:
     """Return the fields of each type in each release, by its number and then by "px4_msgs/Type"."""
     releases: dict[str, Types] = {}
     so_far: Types = {}
-    for number, changed in definitions()["px4"].items():
+    for number, changed in _definitions()["px4"].items():
         full = {f"{PACKAGE}/{name}": text for name, text in changed.items()}
         so_far = {**so_far, **{name: fields_of(text, name) for name, text in full.items()}}
         releases[number] = so_far
@@ -140,7 +136,7 @@ def _field(name: str, described: Any) -> MessageField:
     if node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
         inner, count = content
         return MessageField(name, _idl_type(*inner), count if node == Nodetype.ARRAY else -1)
-    return MessageField(name, _idl_type(node, content), None)
+    return MessageField(name, _idl_type(node, content))
 
 
 def _idl_type(node: Any, content: Any) -> str:
@@ -278,13 +274,8 @@ class _MessageWalk:
 MAX_LAYOUTS = 256
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """Messages of a topic."""
-
-    fields: Mapping[str, np.ndarray]  # shape (n,)
-    indices: Int[np.ndarray, " n"]
-    reason: str  # Why others are none
+#: Messages of a topic: their fields of shape (n,), their indices of shape (n,), and why others are none.
+Decoded = tuple[Mapping[str, np.ndarray], np.ndarray, str]
 
 
 def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], MessageLayout]) -> Decoded:
@@ -314,10 +305,10 @@ def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], MessageLayou
         if rest.size:
             reason = reason or f"they have more than {MAX_LAYOUTS} layouts"
     if not tables:
-        return Decoded({}, np.empty(0, dtype=np.int64), reason)
+        return {}, np.empty(0, dtype=np.int64), reason
     positions = np.concatenate([item for item, _ in tables])
     order = np.argsort(positions, kind="stable")
     names = tables[0][1].dtype.names or ()
     shared = [name for name in names if all(name in (table.dtype.names or ()) for _, table in tables)]
     fields = {name: np.concatenate([table[name] for _, table in tables])[order] for name in shared}
-    return Decoded(fields, positions[order], reason)
+    return fields, positions[order], reason

@@ -268,14 +268,13 @@ def as_columns(
     raw: RawTopic, layout_of: Callable[[bytes], MessageLayout], findings: list[Finding]
 ) -> BagTopic | None:
     """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
-    made = decoded(raw.payloads, layout_of)
-    lost = len(raw.payloads) - made.indices.size
-    if lost:
-        sentence = f"Messages of {raw.name} ({raw.kind}) that were left out: {lost}, as {made.reason}."
-        findings.append(Finding("message_formats", sentence))
-    if not made.indices.size:
+    made, indices, reason = decoded(raw.payloads, layout_of)
+    lost = len(raw.payloads) - indices.size
+    text = f"{raw.name} ({raw.kind}) that were left out: {lost}, as {reason}"
+    findings += noted("message_formats", "Messages of {}.", lost and text)
+    if not indices.size:
         return None
-    stamp_ns = _stamps(made.fields)
+    stamp_ns = _stamps(made)
     if stamp_ns is None:
         sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
         findings.append(Finding("time_stamps", sentence))
@@ -284,19 +283,18 @@ def as_columns(
     if message.any():
         middle = int(np.median(stamp_ns[message]))
         message &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
-    if not message.all():
-        lost = int((~message).sum())
-        sentence = f"Messages of {raw.name} without a stamp that can be, which were left out: {lost}."
-        findings.append(Finding("time_stamps", sentence))
+    lost = int((~message).sum())
+    text = f"{raw.name} without a stamp that can be, which were left out: {lost}"
+    findings += noted("time_stamps", "Messages of {}.", lost and text)
     if not message.any():
         return None
     kept = _in_order(stamp_ns, np.flatnonzero(message))
     fields = {
         name: values[kept]
-        for name, values in made.fields.items()
+        for name, values in made.items()
         if values.dtype.kind != "S" or (raw.kind, name) in TEXTS
     }
-    record_ns = np.array(raw.record_ns, dtype=np.int64)[made.indices][kept]
+    record_ns = np.array(raw.record_ns, dtype=np.int64)[indices][kept]
     return BagTopic(raw.name, raw.kind, fields, stamp_ns[kept], record_ns)
 
 

@@ -174,19 +174,6 @@ WIDTHS = (700.0, 2300.0)
 DSHOT_RATES = range(-5, -1)
 
 
-@dataclass(frozen=True, slots=True)
-class PulseRange:
-    """Range of an output."""
-
-    low: float  # [us]
-    high: float  # [us]
-    names: tuple[str, str]
-
-    def share(self, widths: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Shares of the full signal, from zero to one; NaN stays."""
-        return np.asarray(np.clip((widths - self.low) / (self.high - self.low), 0.0, 1.0))
-
-
 def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[str, float]) -> bool:
     """Whether outputs are pulse widths: all in their range, but for zeros, and none of them by DShot."""
     values = np.concatenate(columns) if columns else np.empty(0)
@@ -213,14 +200,17 @@ def as_shares(
         )
         return dict(widths), Finding("pulse_range_unknown", sentence)
     in_words: dict[tuple[float, float], str] = {}
-    for item in known.values():
-        text = f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})"
-        in_words.setdefault((item.low, item.high), text)
+    for low, high, names in known.values():
+        in_words.setdefault((low, high), f"{low:g} to {high:g} ({names})")
     sentence = (
         f"{px4.PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
         f"{', '.join(in_words.values())}."
     )
-    return {name: item.share(widths[name]) for name, item in known.items()}, Finding("pulse_widths", sentence)
+    shares = {
+        name: np.asarray(np.clip((widths[name] - low) / (high - low), 0.0, 1.0))
+        for name, (low, high, _) in known.items()
+    }
+    return shares, Finding("pulse_widths", sentence)
 
 
 def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
@@ -237,15 +227,17 @@ def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tu
     return GROUPS[0], {index: number for number, index in enumerate(indices, start=1)}
 
 
-def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> PulseRange | None:
-    """Range of an output, from 0 on; None where no parameter gives it."""
+def pulse_range(
+    group: str, position: int, parameters: Mapping[str, float]
+) -> tuple[float, float, str] | None:
+    """Range of an output, from 0 on [us], and the parameters that give it; None where none does."""
     names = []
     for end in ("MIN", "MAX"):
         candidates = (f"{group}_{end}{position + 1}", f"{group}_{end}", f"PWM_{end}")
         known = (name for name in candidates if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1])
         names.append(next(known, ""))
     low, high = (parameters.get(name, np.nan) for name in names)
-    return PulseRange(low, high, (names[0], names[1])) if low < high else None
+    return (low, high, " and ".join(names)) if low < high else None
 
 
 @dataclass(slots=True)
@@ -395,10 +387,9 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
     """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
     for topic_name, stem, side in px4.ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
-        used = px4.varying_fields(topic, stem) if topic is not None else []
-        if topic is None or not used:
+        values = px4.varying_fields(topic, stem) if topic is not None else {}
+        if not values:
             continue
-        values = {px4.position_of(field): topic.fields[field].astype(np.float64) for field in used}
         if topic_name == px4.PULSES_TOPIC and are_pulses(list(values.values()), parameters):
             values, finding = as_shares(values, parameters)
             reading.findings.append(finding)

@@ -29,28 +29,15 @@ ULOG_ENDINGS = (".ulg", ".ulog")
 _TABLE = re.compile(r".*_\d+\.csv")
 
 
-@dataclass(frozen=True, slots=True)
-class TopicTable:
-    """A table of one topic."""
-
-    file: Path
-    log: str
-    topic: str
-    instance: int  # Number of the topic's instance
-
-
-def tables_of(folder: Path) -> list[TopicTable]:
-    """Return the tables of topics that are needed, by their names; none of what is no folder."""
-    if not folder.is_dir():
-        return []
-    matches = filter(None, map(_NAME.fullmatch, common.file_names(folder)))
-    tables = (TopicTable(folder / match[0], match[1], match[2], int(match[3])) for match in matches)
-    return sorted(tables, key=lambda table: table.file)
+def tables_of(folder: Path) -> list[re.Match[str]]:
+    """Return the names of the tables of needed topics, with log, topic and instance; none of no folder."""
+    names = sorted(common.file_names(folder)) if folder.is_dir() else []
+    return [match for name in names if (match := _NAME.fullmatch(name)) is not None]
 
 
 def csv_parts(folder: Path) -> common.FolderParts:
     """Return the tables that `ulog2csv` made, with those of topics that are not needed."""
-    logs = {table.log for table in tables_of(folder)}
+    logs = {table[1] for table in tables_of(folder)}
     path = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
     names = [name for name in common.file_names(folder) if _TABLE.fullmatch(name)] if logs else []
 
@@ -72,7 +59,7 @@ _LAST_US = float(1 << 62)
 def read_csv_folder(folder: Path, _options: common.ReadOptions) -> Recording:
     """Read a folder of `ulog2csv`."""
     tables = tables_of(folder)
-    logs = sorted({table.log for table in tables})
+    logs = sorted({table[1] for table in tables})
     if len(logs) > 1:
         expected = "a folder with the tables of one log"
         received = f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}"
@@ -80,9 +67,9 @@ def read_csv_folder(folder: Path, _options: common.ReadOptions) -> Recording:
     findings: list[Finding] = []
     instances: dict[str, list[px4.Topic]] = {}
     for table in tables:
-        topic = _topic(table.file, table.topic, table.instance, findings)
+        topic = _topic(folder / table[0], table[2], int(table[3]), findings)
         if topic is not None:
-            instances.setdefault(table.topic, []).append(topic)
+            instances.setdefault(topic.name, []).append(topic)
     topics = {name: px4.choose_instance(candidates, findings) for name, candidates in instances.items()}
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
     channels = read_topics(topics, np.uint64(start), {}, findings)

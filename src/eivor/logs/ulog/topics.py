@@ -138,20 +138,13 @@ class Topic:
         return int(self.fields["timestamp"].size)
 
 
-def varying_fields(topic: Topic, stem: str) -> list[str]:
-    """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values."""
-    varying = []
-    for name in (f"{stem}[{index}]" for index in range(MAX_ACTUATORS)):
-        values = topic.fields.get(name, np.empty(0)).astype(np.float64)
-        finite = values[np.isfinite(values)]
-        if finite.size and finite.min() < finite.max():
-            varying.append(name)
-    return varying
-
-
-def position_of(field: str) -> int:
-    """Number in the brackets of a field such as ``output[3]``."""
-    return int(field.partition("[")[2].rstrip("]"))
+def varying_fields(topic: Topic, stem: str) -> dict[int, np.ndarray]:
+    """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values, by their numbers."""
+    every = {index: topic.fields.get(f"{stem}[{index}]", np.empty(0)) for index in range(MAX_ACTUATORS)}
+    numbers = {index: values.astype(np.float64) for index, values in every.items()}
+    return {
+        index: values for index, values in numbers.items() if np.unique(values[np.isfinite(values)]).size > 1
+    }
 
 
 def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
