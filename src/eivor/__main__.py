@@ -11,8 +11,6 @@ from importlib.util import LazyLoader
 from pkgutil import resolve_name
 from types import ModuleType
 
-# -- Late modules --
-
 #: The reader of Fortran, what tests are written with, and rotations, which SciPy's searches bring.
 LATE = frozenset({"numpy.f2py", "numpy.testing", "scipy.spatial.transform"})
 
@@ -38,8 +36,6 @@ def load_late() -> None:
         sys.meta_path.insert(0, _Late())
 
 
-# -- Entry --
-
 #: As `eivor.cli.outputs.ExitCode.INTERRUPTED`, which cannot be imported yet.
 INTERRUPTED = 130
 #: So many new objects, rather than 700, are waited for before those in cycles are looked for: what a command
@@ -60,8 +56,6 @@ def run() -> None:
     finally:
         gc.freeze()  # the process ends: what it holds is given back at once, not looked through first
 
-
-# -- Main --
 
 if __name__ == "__main__":
     run()

@@ -27,8 +27,6 @@ from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
 
-# -- Process pool --
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 #: Results with the places of their items.

@@ -42,8 +42,6 @@ def products_by_flight(rows: Regression) -> Products:
     return products_of_rows(*columns, edges=edges)
 
 
-# -- Pool replicates --
-
 #: Directions of a replicate's instruments with smaller shares of power are dropped.
 SMALLEST_POWER = 1e-8
 
@@ -150,9 +148,6 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
     return np.asarray(np.einsum("kq,kq->k", columns[-1], columns[-1]))
 
 
-# -- Replicate moments --
-
-
 @dataclass(frozen=True)
 class CrossPieces:
     """Cross-products of the instruments with [Phi y], of pieces of a record."""
@@ -246,8 +241,6 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:
     return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
 
-
-# -- Resampling --
 
 #: Replicates that are made when their number is not named; with one more, tails are whole numbers.
 RUNS = 999

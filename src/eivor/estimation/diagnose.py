@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# -- Products of a record --
-
 #: Shared noise below this share of a product is its rounding.
 SHARED_ROUNDING = 1e-9
 

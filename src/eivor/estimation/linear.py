@@ -35,8 +35,6 @@ from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProbl
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
 
-# -- Linearised nuisances --
-
 #: Steps after the search: they shrink by a factor each, of which the noise decides.
 MOST_STEPS = 60
 #: A change of a nuisance that is none, as a share of the span in which it is looked for.
@@ -140,8 +138,6 @@ def check_instruments(rows: Regression, nuisances: int, method: str) -> None:
         raise InstrumentError(expected, f"{available}", remedy)
 
 
-# -- Strength --
-
 #: Columns whose squared correlation is nearer to one than this are the same.
 SAME_COLUMN = 1e-9
 
@@ -203,8 +199,6 @@ def user_level() -> int:
         frame, level = frame.f_back, level + 1
     return level
 
-
-# -- Linear --
 
 #: Parameters with less than this share in a combination of columns that vanishes are not named.
 LEAST_SHARE = 0.1

@@ -39,8 +39,6 @@ from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Float
 
-# -- Joint --
-
 
 @dataclass(frozen=True)
 class MemberSlopes:
@@ -171,8 +169,6 @@ class PoolJoint:
         rest = max(self.criterion.rows - self.criterion.instruments, 1)
         return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
 
-
-# -- Pooled --
 
 #: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
 DIFFERENT = 0.05

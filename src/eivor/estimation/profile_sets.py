@@ -26,8 +26,6 @@ from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.tools import Bool, Float, Int
 
-# -- Member --
-
 
 @dataclass(frozen=True)
 class PoolMember:
@@ -62,8 +60,6 @@ def products_at(
     columns = np.column_stack([rows.response - rows.regressors @ centre, rows.regressors])
     return rows.instruments.T @ columns, columns.T @ columns
 
-
-# -- Criterion --
 
 #: Places between two nodes at which minima are looked for.
 BETWEEN = 4
@@ -125,8 +121,6 @@ class Criterion:
         positions[[1 + item for item in self.shared]] = 1 + flights * specific + np.arange(len(self.shared))
         return positions
 
-    # -- forms -----------------------------------------------------------------------------------------------
-
     @cached_property
     def _scales(self) -> Float[np.ndarray, " b"]:
         """Lengths of residual and regressors, by which columns are divided."""
@@ -177,8 +171,6 @@ class Criterion:
             member.centre + differences[self.indices_of(number)][1:] / self._scales[1:]
             for number, member in enumerate(self.members)
         ]
-
-    # -- scan ------------------------------------------------------------------------------------------------
 
     @property
     def _axis(self) -> NodeAxis | None:
@@ -313,8 +305,6 @@ class Criterion:
         cut_short = [positive and stop == positions.size for _, positions, *_, stop in stretches]
         return rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
 
-    # -- sets ------------------------------------------------------------------------------------------------
-
     def below(self, bound: float, position: int) -> list[ConfidenceSet]:
         """For each flight the values of one parameter at which J is at most a bound."""
         rows, places, cut_short = self.stretches(bound)
@@ -369,8 +359,6 @@ class Criterion:
         pieces = zip((others[rows] + low).tolist(), (others[rows] + high).tolist(), strict=True)
         return ConfidenceSet.union([(here, here), *pieces])
 
-
-# -- Sets --
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
 DEGREES = 8

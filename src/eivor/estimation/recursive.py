@@ -23,8 +23,6 @@ from eivor.models.signal_regression import SignalModel
 from eivor.signals.signals import Signals
 from eivor.tools import Float, Int
 
-# -- Sequential tests --
-
 #: Part of a scaled regressor that the others must leave of it.
 COLLINEAR_SHARE = 1e-10
 
@@ -189,9 +187,6 @@ class Watch:
         changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
         kept = weighted.last(detector.kept_looks * streaming.BLOCKS_PER_LOOK)
         return Watch(before=watch.before, resting=REST), kept, changed
-
-
-# -- Recursion --
 
 
 @dataclass(frozen=True)
@@ -369,8 +364,6 @@ def check_recursive(method: LinearMethod) -> None:
         "that is least squares.",
     )
 
-
-# -- Tracking --
 
 #: Share of the largest variance of the scaled instruments below which a direction of them does not vary.
 CONSTANT = 1e-9

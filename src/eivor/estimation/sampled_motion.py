@@ -127,8 +127,6 @@ class NoiseModel:
         return total
 
 
-# -- Noise fit --
-
 #: Largest order: a random walk, -1, lies inside.
 LARGEST_ORDER = 1.2
 #: Share of it that an order may reach.
@@ -347,8 +345,6 @@ def _orders(vector: Six) -> Float[np.ndarray, " 3"]:
 def _order_slopes(orders: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     return LARGEST_ORDER - orders**2 / LARGEST_ORDER
 
-
-# -- Sampled motion --
 
 Bins = Complex[np.ndarray, " bins"]
 

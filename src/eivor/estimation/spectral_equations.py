@@ -64,8 +64,6 @@ def first_transient(motion: sampled_motion.SampledMotion) -> float:
     return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())
 
 
-# -- Spectral equations --
-
 #: Passes of spectrum and equations, Newton's steps in each, and the relative change that ends them.
 EQUATION_PASSES, STEPS, EQUATION_TOLERANCE = 8, 12, 1e-7
 #: Relative change of the parameters in a pass below which they rest.

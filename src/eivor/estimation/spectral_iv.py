@@ -52,8 +52,6 @@ from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import WhiteNoise
 from eivor.tools import Float
 
-# -- Estimates --
-
 #: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
 #: which outweighs the other, is identified by few cosine averages: beyond 13.8, the limit with a known
 #: covariance,
@@ -255,8 +253,6 @@ def _with_noise(problem: SignalRegression, driver: str, std: float) -> SignalReg
     return replace(problem, signals=replace(problem.signals, noise=noise))
 
 
-# -- Spectral GIV --
-
 #: Records shorter than this are combined with generalized IV: alone, spectra are not identified well enough.
 SHORT_RECORD = 400
 #: Relative change of the parameters in the last pass beyond which they are no answer.
@@ -376,8 +372,6 @@ def _combined(candidate: Estimate, plain: Estimate, solution: SpectralSolution) 
     moved, covariance = replace(candidate.solution, theta=theta), JointCovariance((of_both, *alone.parts))
     return replace(candidate, solution=moved, streamed_covariance=covariance)
 
-
-# -- Whittle --
 
 #: What to do about a likelihood whose assumptions do not hold.
 USE = "Use spectral_giv, which does not assume these."

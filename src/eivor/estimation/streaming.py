@@ -29,8 +29,6 @@ from eivor.models.signal_regression import SignalModel, SignalRegression, shared
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float
 
-# -- Streaming --
-
 
 def moments(
     chunks: Iterable[Signals],
@@ -134,9 +132,6 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         wanted = f"a chunk that begins where the one before it ends, at sample {expected}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
         raise UsageError(wanted, f"one that says it begins at sample {chunk.offset}", remedy)
-
-
-# -- Chunked fit --
 
 
 def identify_chunks(
@@ -327,9 +322,6 @@ def counted_rows(
     if not used.all():
         columns = np.where(used[:, None], columns, 0.0)
     return TimedRows(np.column_stack([columns, used]), psi.shape[1], right.shape[1], positions)
-
-
-# -- Exponentially weighted products --
 
 
 @dataclass(frozen=True)

@@ -91,8 +91,6 @@ def long_memory_covariance(
     return 0.5 * (results + results.T)
 
 
-# -- Shared moments --
-
 #: Degree in the order of the polynomials that stand for D between the orders at which it is computed.
 DEGREE = 14
 #: Where a search of an order begins.
@@ -178,8 +176,6 @@ class SharedMoments:
         slopes[:, :n] = total[:, :n]
         return total @ direction, slopes
 
-
-# -- Noise estimating --
 
 #: Weights of the equations are renewed so often.
 PASSES = 3

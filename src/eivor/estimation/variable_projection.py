@@ -69,8 +69,6 @@ def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
     return np.array(np.unravel_index(index, [axis.size for axis in box]))
 
 
-# -- Search --
-
 #: Where only weights are made of an estimate, tolerances are so many times coarser.
 COARSE = 10.0
 #: Points of a product of grids; but no grid is thinned below three.
@@ -314,8 +312,6 @@ def _step(grid: Float[np.ndarray, " _"], value: float) -> float:
     other = position + 1 if position + 1 < grid.size else position - 1
     return 0.5 * float(grid[other] - value)
 
-
-# -- Nodes --
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
 FEWEST_NODES, MOST_NODES = 17, 400

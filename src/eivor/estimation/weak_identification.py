@@ -112,9 +112,6 @@ def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     return MomentRows(rows.parameters, psi, columns, noise, rows.layout)
 
 
-# -- Error assumptions --
-
-
 class ErrorAssumption(ABC):
     """What an Anderson-Rubin test supposes of the errors, and the region that follows."""
 
@@ -175,9 +172,6 @@ class HomoskedasticErrors(ErrorAssumption):
             remedy = "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is."
             raise UsageError("equations without compensation for the classical test", received, remedy)
         return homoskedastic_region(rows.names, rows.test_functions, rows.columns, level, rows.partialled)
-
-
-# -- Weak identification --
 
 
 class _ConfidenceSets(ABC):

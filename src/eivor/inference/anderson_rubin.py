@@ -22,7 +22,6 @@ Square = Float[np.ndarray, "p p"]
 PerPoint = Float[np.ndarray, " k"]
 Vector = Float[np.ndarray, " n"]
 
-# -- Anderson rubin --
 
 #: Cosine averages B = RATE rows^(2/3) (Lazarus et al. 2018), and at least so many for each equation.
 AVERAGES_RATE = 0.4
@@ -253,9 +252,6 @@ def _no_error() -> CollinearError:
     )
 
 
-# -- Concentrated sets --
-
-
 def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> PerPoint:
     """Least J over all parameters."""
     root = np.linalg.cholesky(D)
@@ -327,8 +323,6 @@ def allowed(Q: Float[np.ndarray, "k m m"], position: int) -> Allowed:
     outside = (a < 0.0) & ~free
     return Allowed(np.where(none, np.nan, low), np.where(none, np.nan, high), outside)
 
-
-# -- Sign perturbation --
 
 #: Rows whose signs are drawn at a time; the signs depend on it, so it is part of what a seed means.
 SIGN_ROWS = 4096

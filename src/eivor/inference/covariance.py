@@ -35,7 +35,6 @@ Vector = Float[np.ndarray, " n"]
 Block = Float[np.ndarray, "_ n"]
 Matrix = Float[np.ndarray, "n n"]
 
-# -- Covariance --
 
 #: A larger variance carries no information, and its products overflow.
 LARGEST_VARIANCE = 1e250
@@ -137,8 +136,6 @@ class JointEstimate:
     covariance: JointCovariance
 
 
-# -- Equal weighted cosines --
-
 #: Number of cosine averages of the autocorrelation-robust covariance.
 COSINE_AVERAGES = 8
 #: Largest angle from the middle of a group: x^6/720 and x^7/5040 are below the rounding of sums.
@@ -212,8 +209,6 @@ def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
     offset = np.arange(length) - 0.5 * (length - 1)
     return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS
 
-
-# -- Estimators --
 
 #: Pools of at least so many flights have their covariance clustered by flight as well.
 CLUSTERED_FROM = 10

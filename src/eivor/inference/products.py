@@ -24,8 +24,6 @@ class Products:
     sums: Float[np.ndarray, "K left right"]
     tested: int  # Number of instruments psi
 
-    # -- parts --------------------------------------------------------------------------------------------
-
     @property
     def whole(self) -> bool:
         """Whether products of all columns are there."""
@@ -79,8 +77,6 @@ class Products:
             remedy = "Make the products of all columns: moments(problem, whole=True) of an assembler."
             raise UsageError("a table with the products of all columns", known, remedy)
 
-    # -- totals -------------------------------------------------------------------------------------------
-
     @property
     def count(self) -> float:
         """Rows in all blocks."""
@@ -95,8 +91,6 @@ class Products:
     def equations_only(self) -> Products:
         """The same with the products of psi with [phi y] only."""
         return replace(self, sums=self.equations)
-
-    # -- operations ---------------------------------------------------------------------------------------
 
     def __add__(self, other: Products) -> Products:
         """Blocks of both, one after the other."""

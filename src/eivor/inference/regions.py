@@ -21,7 +21,6 @@ from eivor.tools import Bool, Float
 
 Point = Float[np.ndarray, " n_plus_1"]
 
-# -- Confidence region --
 
 #: Directions from the pivot, of the half circle, in which a shadow is scanned; fewer where each is a search.
 SCAN_STEPS = 181

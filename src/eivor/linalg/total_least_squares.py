@@ -49,8 +49,6 @@ def balanced(R: Square, shift: float) -> float:
     return max(float(np.sqrt(abs(shift))), smallest / float(np.sqrt(2.0)))
 
 
-# -- Least squares --
-
 #: Share of a solution, and of its standard errors, that rounding may take. A condition number times the
 #: rounding of a number is about what it does take.
 LARGEST_ROUNDING = 1e-3
@@ -241,9 +239,6 @@ def _cholesky(S: Square) -> Square:
         expected = "a positive definite covariance of the noisy columns' errors"
         remedy = "Errors of two columns must not be exact multiples of each other; check signs and sizes."
         raise CovarianceError(expected, "one that is singular or indefinite", remedy) from error
-
-
-# -- Total least squares --
 
 
 class ErrorsInColumns(Solver):

@@ -169,8 +169,6 @@ class AxisRows(RowLayout):
         return scores
 
 
-# -- Regression --
-
 #: Largest variance that products can be formed with.
 LARGEST_VARIANCE = 1e150
 

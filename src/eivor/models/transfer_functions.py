@@ -540,9 +540,6 @@ def _search(
     return min(fits, key=lambda pair: pair[1])
 
 
-# -- Loops --
-
-
 @dataclass(frozen=True)
 class Margins:
     """Margins of a loop; NaN where it does not cross."""

@@ -14,8 +14,6 @@ from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
 from eivor.tools import Complex, Float
 
-# -- Fractional --
-
 #: Longest record whose weights' spectrum is kept for the next one: studies draw many of one length.
 KEPT = 1 << 16
 
@@ -99,8 +97,6 @@ class GrowthTable:
 #: Table of an order and a lag, shared by all who ask: its content does not depend on who did.
 growth_table = lru_cache(maxsize=256)(GrowthTable)
 
-
-# -- Noise --
 
 #: Least and largest order of a fractional measurement noise: a random walk, and differences yet invertible.
 LEAST_ORDER, LARGEST_ORDER = -1.0, 0.5
