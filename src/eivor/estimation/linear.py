@@ -20,7 +20,7 @@ from eivor.errors import (
     WeakInstrumentsWarning,
 )
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.method import Method, NaturalInstruments, Problem
+from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, minimised
 from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
@@ -213,7 +213,7 @@ class LinearMethod(Method):
     solver: Solver
     row_weighting: RowWeighting = field(default_factory=EqualRows)
     equation_weighting: EquationWeighting = field(default_factory=Unweighted)
-    natural_instruments: NaturalInstruments = NaturalInstruments.REFERENCES
+    natural_instruments: str = "references"
 
     @property
     def needs_instruments(self) -> bool:
@@ -227,11 +227,6 @@ class LinearMethod(Method):
     def first_past_input(self) -> int:
         """One where instruments must share no noise, none for compensated ones, the paper's (28)."""
         return 0 if isinstance(self.assembler, Compensated) else 1
-
-    @property
-    def plain_products(self) -> bool:
-        """Whether what is solved is mean(psi [phi' y]), neither corrected nor weighted."""
-        return self.assembler.plain_products and isinstance(self.equation_weighting, Unweighted)
 
     def estimate(self, problem: Problem) -> Estimate:
         if isinstance(problem, LinearisableProblem):
@@ -397,16 +392,19 @@ def _minimum(
         known = sum(nuisance.prior is not None or bool(nuisance.part_of) for nuisance in unknown)
         check_instruments(rows, len(unknown) - known, method.name)
 
+    # what is solved is mean(psi [phi' y]), neither corrected nor weighted
+    plain = method.assembler.plain_products and isinstance(method.equation_weighting, Unweighted)
+
     def solve(values: Values) -> Estimate:
         return method.solve(weights.rows(values))
 
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
-        if method.plain_products:
+        if plain:
             return method.solver.objectives(weights.products(points))
         return np.array([solve(point).solution.objective for point in points])
 
     def solution(values: Values) -> Solution:
-        if not method.plain_products:
+        if not plain:
             return solve(values).solution
         matrix = weights.products([values])[0]
         try:

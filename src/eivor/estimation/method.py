@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import Enum
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
@@ -16,18 +15,11 @@ from eivor.models.separable import SeparableProblem
 Problem = LinearProblem | SeparableProblem | ProblemMoments
 
 
-class NaturalInstruments(Enum):
-    """What serves as instruments of a flight when nothing else is requested."""
-
-    REFERENCES = "references"
-    LAGS = "lags"
-
-
 class Method(ABC):
     """One way to estimate."""
 
     name: str
-    natural_instruments: NaturalInstruments = NaturalInstruments.REFERENCES
+    natural_instruments: str = "references"  # Of a flight when nothing else is requested: or "lags"
 
     @property
     @abstractmethod

@@ -13,7 +13,7 @@ from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.diagnose import contradiction, periodic
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import OUTPUT_ERROR, Method, NaturalInstruments, OutputError, Problem
+from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
 from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
 from eivor.estimation.unknown_noise import EquationChoice, NoiseEstimatingIV
@@ -184,8 +184,7 @@ def extended_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
         `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
     """
     parts, weights = (Instrumental(), AugmentedLeastSquares()), _weighting(weighting)
-    lags = NaturalInstruments.LAGS
-    return LinearMethod("extended_iv", *parts, equation_weighting=weights, natural_instruments=lags)
+    return LinearMethod("extended_iv", *parts, equation_weighting=weights, natural_instruments="lags")
 
 
 def extended_iv_tls() -> LinearMethod:

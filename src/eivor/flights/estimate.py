@@ -22,7 +22,7 @@ from eivor.errors import (
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import OUTPUT_ERROR, Method, NaturalInstruments, OutputError
+from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError
 from eivor.estimation.methods import by_name, identify
 from eivor.estimation.profile_sets import ParameterSets, ProfileSets
 from eivor.estimation.weighting import SpectralWhitening
@@ -108,8 +108,8 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
     method = method.of_flights
     if not method.needs_instruments:
         return Instruments(NoInstruments())
-    wanted = options.instruments or (method.natural_instruments.value,)
-    if wanted == (NaturalInstruments.LAGS.value,):
+    wanted = options.instruments or (method.natural_instruments,)
+    if wanted == ("lags",):
         return Instruments(LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
     references = [reference for flight in flying for reference in flight.references]
     first, *others = (flight.usable_references for flight in flying)
