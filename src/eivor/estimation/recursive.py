@@ -386,13 +386,8 @@ class TrackedPoint:
     change: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Posterior:
-    """Estimate of exponentially weighted products and of what was known beforehand."""
-
-    theta: Float[np.ndarray, " n"]
-    mapped: Float[np.ndarray, "n p"]
-    known: Float[np.ndarray, "n n"]
+#: Estimate of weighted products and of what was known, its map from mean scores, and the latter's covariance.
+Posterior = tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"], Float[np.ndarray, "n n"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -415,12 +410,12 @@ class Follower:
             change = (1 if changed[0][1] else -1) if changed else 0
             j, value, half, posterior = self.index, math.nan, math.inf, self.posterior(then)
             if posterior is not None:
-                theta, mapped = posterior.theta, posterior.mapped[[j]]
-                covariance = streaming.exponentially_weighted_covariance(then, theta, posterior.mapped)
-                half = covariance.half_width(np.eye(theta.size)[j], 0.95, float(posterior.known[j, j]))
-                value, share = float(theta[j]), float(mapped[0] @ then.moments.equations[:, j])
+                theta, mapped, known = posterior
+                covariance = streaming.exponentially_weighted_covariance(then, theta, mapped)
+                half = covariance.half_width(np.eye(theta.size)[j], 0.95, float(known[j, j]))
+                value, share = float(theta[j]), float(mapped[j] @ then.moments.equations[:, j])
                 if share > 0.0:  # later looks are held against what rows alone say of a change
-                    newest = References(theta[None, :], mapped[None] / share, slice(j, j + 1))
+                    newest = References(theta[None, :], mapped[None, [j]] / share, slice(j, j + 1))
                     watching = watching.expecting(newest, detector)
             counted = then.total.products.count / forgetting.memory
             yield TrackedPoint(then.samples, value, half, counted, change)
@@ -455,4 +450,4 @@ class Follower:
             sizes = np.outer(*2 * [unit_scale(np.diag(normal))])
             inverse = sizes * np.linalg.pinv(normal * sizes, rcond=LEAST_INFORMATION_SHARE, hermitian=True)
             theta = inverse @ (row * seen + precision @ mean)
-        return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
+        return theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse
