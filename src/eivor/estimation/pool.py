@@ -232,10 +232,6 @@ class Pooled:
     def problems(self) -> tuple[SeparableProblem, ...]:
         return tuple(member.problem for member in self.criterion.members)
 
-    @property
-    def nuisance_names(self) -> tuple[str, ...]:
-        return tuple(axis.nuisance.name for axis in self.criterion.nodes.axes)
-
     @cached_property
     def agreement_p_value(self) -> float:
         """Of the test that flights agree in what is their own."""

@@ -24,6 +24,7 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.models.regression import Regression
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
+from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float, Int
 
 
@@ -142,15 +143,14 @@ class Criterion:
             joined[:, positions[:, None], positions] += block
         return joined
 
-    def _least(self, N: Forms, D: Forms) -> Float[np.ndarray, " m"]:
-        return least_ratio(self._joined(N), self._joined(D))
-
     def least(self, box: Box) -> Float[np.ndarray, " points"]:
         """Least J at the points of a box."""
         made = [[self.nodes.over(part, box) for part in pair] for pair in self._scaled]
         N = np.stack([seen.transpose(0, 2, 1) @ seen for seen, _ in made])
-        J = self._least(N, np.stack([power for _, power in made]))
-        return J + self.nodes.misfit(self.nodes.values_over(box), self.known)
+        D = np.stack([power for _, power in made])
+        return least_ratio(self._joined(N), self._joined(D)) + self.nodes.misfit(
+            self.nodes.values_over(box), self.known
+        )
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
@@ -222,9 +222,8 @@ class Criterion:
 
     def least_at(self, rows: Rows, places: Places) -> Places:
         """Least J at some places of slices."""
-        return self._least(*self._forms_at(rows, places)).reshape(places.shape) + self._misfit_at(
-            rows, places
-        )
+        J = least_ratio(*map(self._joined, self._forms_at(rows, places)))
+        return J.reshape(places.shape) + self._misfit_at(rows, places)
 
     @cached_property
     def _scanned(self) -> list[tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]:
@@ -281,28 +280,25 @@ class Criterion:
 
     def stretches(self, bound: float) -> tuple[Rows, Places, Bool[np.ndarray, " R"]]:
         """Number of the slice, places, and whether J would stay below the bound beyond, of each stretch."""
-        stretches = []
+        parts = []
         for number, (positions, J) in enumerate(self._scanned):
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], bound >= J, [False]]))).reshape(-1, 2)
-            stretches += [(number, positions, J, start, stop) for start, stop in edges.tolist()]
-        rows = np.array([number for number, *_ in stretches], dtype=np.int64)
+            parts += [(number, positions, J, part.start, part.stop) for part in stretches(bound >= J)]
+        rows = np.array([number for number, *_ in parts], dtype=np.int64)
         ends = np.zeros((4, 0, 2))
-        if stretches:
-            index = [([a, b - 1], [max(a - 1, 0), min(b, x.size - 1)]) for _, x, _, a, b in stretches]
-            both = [(x[i], x[o], J[i], J[o]) for (_, x, J, *_), (i, o) in zip(stretches, index, strict=True)]
+        if parts:
+            index = [([a, b - 1], [max(a - 1, 0), min(b, x.size - 1)]) for _, x, _, a, b in parts]
+            both = [(x[i], x[o], J[i], J[o]) for (_, x, J, *_), (i, o) in zip(parts, index, strict=True)]
             ends = np.array(both).swapaxes(0, 1)
         inside = self._edges(np.repeat(rows, 2), bound, *ends.reshape(4, -1))
         turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(POSITIONS) / (POSITIONS - 1))
         within = [
             np.unique(np.concatenate([low + (high - low) * turned, positions[start:stop]]))
-            for (_, positions, _, start, stop), (low, high) in zip(
-                stretches, inside.reshape(-1, 2), strict=True
-            )
+            for (_, positions, _, start, stop), (low, high) in zip(parts, inside.reshape(-1, 2), strict=True)
         ]
         most = max((item.size for item in within), default=0)
         padded = np.array([np.append(item, np.full(most - item.size, item[-1])) for item in within])
         positive = self._axis is not None and self._axis.nuisance.positive
-        cut_short = [positive and stop == positions.size for _, positions, *_, stop in stretches]
+        cut_short = [positive and stop == positions.size for _, positions, *_, stop in parts]
         return rows, padded.reshape(rows.size, max(most, 1)), np.array(cut_short, dtype=np.bool_)
 
     def below(self, bound: float, position: int) -> list[ConfidenceSet]:
@@ -350,8 +346,7 @@ class Criterion:
             values, roots = np.append(others, here)[order], np.sqrt(excesses[order])
             fine = np.unique(np.append(np.linspace(values[0], values[-1], PROFILE_POINTS), here))
             fits = np.interp(fine, values, roots) <= np.sqrt(max(bound - self.minima.min(), 0.0))
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], fits, [False]]))).reshape(-1, 2)
-            return ConfidenceSet.union((float(fine[a]), float(fine[b - 1])) for a, b in edges.tolist())
+            return ConfidenceSet.union((float(fine[a][0]), float(fine[a][-1])) for a in stretches(fits))
         rows, places, cut_short = self.stretches(bound)
         low, high = axis.values_at(places[:, 0]), axis.values_at(places[:, -1])
         low = np.where(first.positive & (places[:, 0] == axis.nodes[0]), 0.0, low)

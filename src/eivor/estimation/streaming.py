@@ -421,15 +421,10 @@ class ExponentiallyWeightedProducts:
     def _waiting_sums(self) -> WeightedBlockSums:
         return sums_of_rows(self.waiting, self.forgetting, self.waiting.count, whole=self.whole)
 
-    @property
-    def _since(self) -> float:
-        """Weight of the last full block's end now."""
-        return self.forgetting.factor**self.waiting.count
-
     @cached_property
     def recent(self) -> tuple[WeightedBlockSums, Float[np.ndarray, " K"]]:
         """Blocks that are kept apart, rows that wait as one of them."""
-        factors = self._since * self._block_factors(self.closed.blocks)
+        factors = self.forgetting.factor**self.waiting.count * self._block_factors(self.closed.blocks)
         if not self.waiting.count:
             return self.closed, factors
         return self.closed + self._waiting_sums, np.append(factors, 1.0)
@@ -439,7 +434,8 @@ class ExponentiallyWeightedProducts:
         """One sum of all rows, with the weights that they have now."""
         if not self.waiting.count:
             return self.full
-        return (self.full + self._waiting_sums).weighted(np.array([self._since, 1.0]))
+        since = self.forgetting.factor**self.waiting.count
+        return (self.full + self._waiting_sums).weighted(np.array([since, 1.0]))
 
     @property
     def effective_rows(self) -> float:

@@ -258,7 +258,8 @@ def _result(
         pool = make(nuisances=problem.nuisances)
         estimate = pool.whole()
     sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
-    sums = LAG_SUMS if pool.nuisance_names[:1] == (ACTUATOR_LAG.name,) else {}
+    searched = [axis.nuisance.name for axis in pool.criterion.nodes.axes]
+    sums = LAG_SUMS if searched[:1] == [ACTUATOR_LAG.name] else {}
     of_lags = {name: pool.lag_set(parts) for name, parts in sums.items()}
     # strength and agreement of the instruments as the flights have them
     stages = [_first_stage(pool, number) for number in range(len(members))]

@@ -68,10 +68,6 @@ DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 Response: TypeAlias = Callable[[Spectrum], Spectrum]
 
 
-def _no_filter(s: Spectrum) -> Spectrum:
-    return np.ones_like(s)
-
-
 def _bounds(names: tuple[str, ...]) -> tuple[Vector, Vector]:
     """Lowest and highest values of parameters."""
     low, high = (np.array([PARAMETERS[name][end] for name in names], dtype=np.float64) for end in (0, 1))
@@ -287,7 +283,7 @@ class TransferFunction:
     aicc: float = 0.0  # Chi-square with the price of the parameters, for small samples
     #: Of the parameters, of "lag" (first and third together [s]) and of the poles' quantities
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    known: Response = field(default=_no_filter, repr=False)
+    known: Response = field(default=np.ones_like, repr=False)
     _minimum: _Minimum | None = field(default=None, repr=False)
 
     @property
@@ -376,7 +372,7 @@ def transfer_functions(
     orders: tuple[int, ...] = (1, 2, 3, 4),
     band_hz: tuple[float, float] = BAND_HZ,
     hold_s: float | None = None,
-    sensor_filter: Response = _no_filter,
+    sensor_filter: Response = np.ones_like,
     level: float = 0.9,
 ) -> TransferFunctions:
     """Models of several orders with a delay, by limited information.
