@@ -342,7 +342,7 @@ def is_log(path: Path) -> bool:
             return False
         result = format_at(path)
         if result.name == "csv":
-            fitting_map(open_csv(path).names, path.name)  # refuses what is no log
+            fitting_map(open_csv(path).names, path.name, [])  # refuses what is no log
     except (OSError, EivorError):
         return False
     return result.is_read

@@ -175,8 +175,7 @@ class _Compiler:
     """Turns the syntax tree of a text into steps; only the nodes of the white list pass."""
 
     def __init__(self, text: str, where: str) -> None:
-        self.text = text
-        self.where = where
+        self.text, self.where = text, where
         self.source = re.sub(r"\s", " ", text).strip()
         self.steps: list[Step] = []
         self.columns: dict[str, None] = {}
@@ -249,9 +248,8 @@ class _Compiler:
         """A power with an exponent that is a small number."""
         exponent = _number(node.right)
         if exponent is None or abs(exponent) > MAX_EXPONENT:
-            raise self._refuse(
-                f"with an exponent that is no number from -{MAX_EXPONENT:g} to {MAX_EXPONENT:g}"
-            )
+            most = f"{MAX_EXPONENT:g}"
+            raise self._refuse(f"with an exponent that is no number from -{most} to {most}")
         self._add(node.left, depth + 1)
         self.steps += (exponent, np.power)
 
@@ -295,10 +293,9 @@ def _number(node: ast.expr) -> float | None:
     while isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         sign, node = -sign if isinstance(node.op, ast.USub) else sign, node.operand
     value = node.value if isinstance(node, ast.Constant) else None
-    known = (
-        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    )
-    return sign * float(value) if known else None  # type: ignore[arg-type]
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > sys.float_info.max:
+        return None
+    return sign * float(value)
 
 
 ESTIMATOR = "estimator"
@@ -315,13 +312,8 @@ SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
 
-@dataclass(frozen=True, slots=True)
-class ValidRange:
-    """Values that a column can have, and which of the two bounds mean saturation."""
-
-    low: float
-    high: float
-    saturates: str = "both"
+#: Least and largest value that a column can have, and which of the two bounds mean saturation.
+ValidRange = tuple[float, float, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -463,7 +455,7 @@ def _range(section: TomlTable) -> ValidRange:
     _require(section, sound, "valid", "[low, high] with low < high", f"{bounds}", "Correct the range.")
     # nothing is below zero for a motor that stands still, which is no saturation
     saturates = given.saturates or ("upper" if bounds[0] == 0.0 else "both")
-    return ValidRange(bounds[0], bounds[1], section.choose("saturates", saturates, SATURATING))
+    return bounds[0], bounds[1], section.choose("saturates", saturates, SATURATING)
 
 
 def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
@@ -473,25 +465,22 @@ def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
         remedy = did_you_mean(name, known, f"The names are {', '.join(known)}.")
         raise section.wrong("", "a canonical channel name", f"'{name}'", remedy)
     kinds = [kind for kind in EXPRESSIONS if getattr(given, kind) is not None]
-    sources = f"exactly one of {', '.join(EXPRESSIONS)}"
-    received = " and ".join(kinds) or "none of them"
+    sources, received = f"exactly one of {', '.join(EXPRESSIONS)}", " and ".join(kinds) or "none of them"
     _require(section, len(kinds) == 1, "", sources, received, "State one source.")
-    kind = kinds[0]
-    is_turned = kind == "roll_pitch"
+    kind, is_turned = kinds[0], kinds[0] == "roll_pitch"
     default = "rad" if is_turned else channel.unit
     unit = given.unit if given.unit is not None else default
     section.choose("unit", unit, tuple(dict.fromkeys((*UNITS, default))))
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
     expression = _expression(section, given, kind, si_unit, to_si)
-    if kind in ("quaternion", "roll_pitch"):
+    of_tilt = kind in ("quaternion", "roll_pitch")
+    if of_tilt:
         remedy = "Use column or expression."
         _require(section, name == "cos_tilt", kind, "this key for cos_tilt only", f"it in {name}", remedy)
-        factor = 1.0
     else:
         expected = f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit"
         remedy = "Give the unit in which the column is logged."
         _require(section, unit_fits(channel, si_unit), "unit", expected, f"'{unit}'", remedy)
-        factor = to_si
     remedy = "A factor of another size is `scale`."
     _require(section, abs(given.sign) == 1.0, "sign", "1 or -1", f"{given.sign:g}", remedy)
     remedy = "Leave the channel out instead."
@@ -500,7 +489,7 @@ def _rule(name: str, section: TomlTable, source: str | None) -> ChannelRule:
     return ChannelRule(
         name,
         expression,
-        given.sign * given.scale * factor,
+        given.sign * given.scale * (1.0 if of_tilt else to_si),
         channel.held if given.held is None else given.held,
         given.optional,
         expression.columns if is_turned else (),
@@ -523,8 +512,7 @@ def _curve_side(name: str, section: TomlTable, given: _ChannelTable) -> CurveSid
 
 
 def _delay_s(section: TomlTable, given: _ChannelTable) -> float:
-    delay_s = 1e-3 * given.delay_ms
-    longest = 1e3 * LONGEST_DELAY_S
+    delay_s, longest = 1e-3 * given.delay_ms, 1e3 * LONGEST_DELAY_S
     remedy = "Give how long before its stamp a value was true; below zero for after it."
     expected = f"milliseconds between {-longest:g} and {longest:g}"
     _require(section, abs(delay_s) <= LONGEST_DELAY_S, "delay_ms", expected, f"{1e3 * delay_s:g}", remedy)
@@ -565,9 +553,8 @@ def _expression(
     expected = f"a list of {count} column names"
     _require(section, len(names) == count, kind, expected, f"{names}", "Correct the list.")
     if kind == "quaternion":
-        return _formula(
-            "1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", dict(zip("wxyz", names, strict=True))
-        )
+        tilt = "1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)"
+        return _formula(tilt, dict(zip("wxyz", names, strict=True)))
     received = f"a unit of {si_unit or 'pure numbers'}"
     _require(section, si_unit == "rad", "unit", "rad or deg", received, "State the angle's unit.")
     return tilt_of_angles(to_si, *names)

@@ -134,17 +134,18 @@ def _toml(text: str) -> str:
 
 
 def fitting_map(
-    names: Sequence[str], table: str, units: Mapping[str, str] = NO_UNITS
-) -> tuple[ChannelMap, Finding | None]:
-    """Return the map for a table that came without one, and a finding when a shipped map was chosen."""
+    names: Sequence[str], table: str, findings: list[Finding], units: Mapping[str, str] = NO_UNITS
+) -> ChannelMap:
+    """Return the map for a table that came without one; a finding says when a shipped map was chosen."""
     canonical = canonical_map(names, table, units)
     if canonical is not None:
-        return canonical, None
+        return canonical
     for name in shipped_maps():
         shipped = load_channel_map(name)
         if set(shipped.needed_by(rule for rule in shipped.rules if not rule.optional)) <= set(names):
             message = f"The shipped channel map '{name}' fits the table's columns and is used."
-            return shipped, Finding("channel_map", message)
+            findings.append(Finding("channel_map", message))
+            return shipped
     lines = suggested_map(names, units)
     write = (
         "Save the lines below as own.toml, correct what is wrong in them, and give --map own.toml."
@@ -363,9 +364,10 @@ def _within(
 ) -> _Ranged:
     if bounds is None:
         return np.where(missing, np.nan, values) if missing.any() else values, 0, 0
-    outside = (values < bounds.low) | (values > bounds.high)
-    is_low = (values == bounds.low) & (bounds.saturates in ("lower", "both"))
-    saturated = is_low | ((values == bounds.high) & (bounds.saturates in ("upper", "both")))
+    low, high, saturates = bounds
+    outside = (values < low) | (values > high)
+    is_low = (values == low) & (saturates in ("lower", "both"))
+    saturated = is_low | ((values == high) & (saturates in ("upper", "both")))
     return np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum())
 
 

@@ -90,7 +90,7 @@ except BaseException as error:
 
 
 def decode_in_child(
-    file: Path, code: str, requested: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
+    file: Path, code: str, requested: Mapping[str, Any], max_bytes: int, kind: str, timeout_s: float = 120.0
 ) -> None:
     """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish."""
     if SANDBOX in os.environ or not sys.executable or getattr(sys, "frozen", False):
@@ -115,8 +115,7 @@ def decode_in_child(
     if child.returncode == REFUSED:
         reason = f"cannot be decoded: {child.stdout.decode('utf-8', 'replace').strip()}"
     else:
-        limit = f"exit code {child.returncode}; it may use {max_bytes >> 20} MiB"
-        reason = f"makes the decoder fail ({limit})"
+        reason = f"makes the decoder fail (exit code {child.returncode}; it may use {max_bytes >> 20} MiB)"
     if child.returncode != 0:
         raise corrupt_table(file.name, f"{kind} that {reason}", _DAMAGED)
 
@@ -152,7 +151,6 @@ PARQUET_DECODER_BYTES = 512 << 20
 ROW_BYTES = 64
 #: Key of the file's metadata under which `write_recording` keeps what is not a number.
 METADATA_KEY = "eivor"
-_CUT = "Cut the log to the manoeuvre of interest."
 
 
 def open_parquet(file: Path, max_bytes: int) -> TableSource:
@@ -165,14 +163,13 @@ def open_parquet(file: Path, max_bytes: int) -> TableSource:
         rows = int(frame.select(pl.len()).collect().item())
         metadata = pl.read_parquet_metadata(file.resolve())
     if len(schema) > MAX_COLUMNS:
-        raise corrupt_table(
-            file.name, f"with {len(schema)} columns", f"At most {MAX_COLUMNS} are read; select some."
-        )
+        remedy = f"At most {MAX_COLUMNS} are read; select some."
+        raise corrupt_table(file.name, f"with {len(schema)} columns", remedy)
     if rows == 0:
         raise EmptyLogError("a table with rows", f"'{file.name}' without one", "Check the export.")
     if rows > MAX_ROWS:
-        raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", _CUT)
-
+        remedy = "Cut the log to the manoeuvre of interest."
+        raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", remedy)
     read = partial(_read, file, frame, schema, rows, max_bytes)
     return TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
 
@@ -194,9 +191,7 @@ def _read(
     if file.resolve().parent != Path(str(resources.files("eivor.data"))).resolve():
         request = {"patterns": [exactly(base) for base in dict.fromkeys(held)]}
         most = PARQUET_DECODER_BYTES + ROW_BYTES * rows
-        decode_in_child(
-            file, _PARQUET_CODE, request, max_bytes=most, timeout_s=PARQUET_TIMEOUT_S, kind="a Parquet file"
-        )
+        decode_in_child(file, _PARQUET_CODE, request, most, "a Parquet file", PARQUET_TIMEOUT_S)
 
     def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
         kind = schema[base]
@@ -305,7 +300,6 @@ def variables_source(
 
 #: Memory that a decoder may take [bytes]: for itself, and for each number.
 DECODER_BYTES, BYTES_PER_CELL = 400 << 20, 16
-TIMEOUT_S = 120.0
 #: Kinds of MATLAB's variables that are no numbers, although they are stored as such.
 _NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
 
@@ -367,24 +361,20 @@ def open_hdf5(file: Path, max_bytes: int) -> TableSource:
     most = most_cells(file.stat().st_size, max_bytes)
     limits = (most, MAX_OBJECTS, MAX_DEPTH)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
-    decode_in_child(
-        file, _HDF5_CODE, {"limits": limits}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file"
-    )
+    decode_in_child(file, _HDF5_CODE, {"limits": limits}, limit, "an HDF5 file")
     try:
         with h5py.File(file, "r") as content:
             sizes, large = hdf5_variables(h5py, content, *limits)
             kinds = {path: content[path].attrs.get("MATLAB_class") for path in sizes}
     except DECODER_ERRORS as error:
-        raise corrupt_table(
-            file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
-        ) from error
+        reason = f"an HDF5 file that cannot be read: {error}"
+        raise corrupt_table(file.name, reason, "The file is damaged; write it again.") from error
     positions = {path.replace("/", "."): path for path in sizes if kinds[path] not in _NO_NUMBERS}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
         if any(positions[name] in large for name in names):
-            _check_cells(
-                file, max(most + 1, sum(math.prod(sizes[positions[name]]) for name in names)), max_bytes
-            )
+            cells = sum(math.prod(sizes[positions[name]]) for name in names)
+            _check_cells(file, max(most + 1, cells), max_bytes)
         with h5py.File(file, "r") as content:
             return {name: np.asarray(content[positions[name]][()]) for name in names}
 
@@ -420,7 +410,7 @@ def open_matlab(file: Path, max_bytes: int) -> TableSource:
     most = most_cells(file.stat().st_size, max_bytes)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
     requested = {"kinds": _MATLAB_KINDS, "most": most}
-    decode_in_child(file, _MATLAB_CODE, requested, max_bytes=limit, timeout_s=TIMEOUT_S, kind="a MATLAB file")
+    decode_in_child(file, _MATLAB_CODE, requested, limit, "a MATLAB file")
     try:
         known = [item for item in whosmat(file) if item[2] in _MATLAB_KINDS]
         _check_cells(file, sum(math.prod(shape) for _, shape, _ in known), max_bytes)
@@ -449,8 +439,6 @@ def _matlab_numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, np
 
 # -- Written recordings --
 
-_VERSION = 1
-
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording as one table with canonical column names."""
@@ -465,13 +453,14 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     time = _all_stamps(recording)
     channels = {name: _on_stamps(channel, time) for name, channel in recording.channels.items()}
     frame = pl.DataFrame({"time": time, **channels})
+    on_own = [channel.name for channel in recording.channels.values() if channel.time_s.size != time.size]
     if position.suffix == ".csv":
-        _check_csv(recording)
+        _check_csv(recording, on_own)
     with atomic_write(position) as file:
         if position.suffix == ".csv":
             frame.write_csv(file)
         else:
-            frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording)})
+            frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording, on_own)})
 
 
 def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
@@ -494,12 +483,10 @@ def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndar
     return values
 
 
-def _check_csv(recording: Recording) -> None:
-    rows = _all_stamps(recording).size
-    channels = list(recording.channels.values())
-    names = [c.name for c in channels if c.time_s.size != rows]
+def _check_csv(recording: Recording, on_own: Sequence[str]) -> None:
+    channels = recording.channels.values()
     losses = (
-        *(f"the stamps of {name}" + (" and others" if len(names) > 1 else "") for name in names[:1]),
+        *(f"the stamps of {name}" + (" and others" if len(on_own) > 1 else "") for name in on_own[:1]),
         *(["its frame (z down)"] if recording.frame is not Frame.Z_UP else []),
         *([f"its input map '{recording.input_map}'"] if recording.input_map else []),
         *(f"how {c.name} is held" for c in channels if c.held != held_by_default(c.name)),
@@ -518,21 +505,20 @@ _CHANNEL: Mapping[str, type] = {"source": str, "held": bool, "estimated": bool, 
 _QUALITY = ("overflowed", "saturated")
 
 
-def _metadata(recording: Recording) -> str:
-    rows = _all_stamps(recording).size
+def _metadata(recording: Recording, on_own: Sequence[str]) -> str:
     origin = recording.origin
     start = None if origin.start is None else origin.start.isoformat()
     channels = {
         channel.name: {
             **{name: getattr(channel, name) for name in _CHANNEL},
             "curve_side": channel.curve_side.value,
-            "own_clock": channel.time_s.size != rows,
+            "own_clock": channel.name in on_own,
             **{name: getattr(channel.quality, name) for name in _QUALITY},
         }
         for channel in recording.channels.values()
     }
     content = {
-        "version": _VERSION,
+        "version": 1,
         "frame": recording.frame.name,
         "input_map": recording.input_map,
         "parameters": dict(recording.parameters),
@@ -563,10 +549,8 @@ def restore(recording: Recording, metadata: str) -> Recording:
             start = None if start is None else datetime.fromisoformat(_typed(start, str))
             changes["origin"] = LogOrigin(**origin, start=start)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
-        finding = Finding(
-            "metadata", "The file's metadata are not understood; the table is read without them."
-        )
-        return replace(recording, findings=(*recording.findings, finding))
+        sentence = "The file's metadata are not understood; the table is read without them."
+        return replace(recording, findings=(*recording.findings, Finding("metadata", sentence)))
     return replace(recording, **changes)
 
 
@@ -628,8 +612,7 @@ def _table(
         source, alone = opened(file, options.max_bytes), options.channel_map is None
         findings = list(source.findings)
         if options.channel_map is None:
-            chosen, finding = fitting_map(source.names, file.name, source.units)
-            findings += [finding] if finding is not None else []
+            chosen = fitting_map(source.names, file.name, findings, source.units)
         else:
             chosen = load_channel_map(options.channel_map)
         elements = [name for name in columns_of(chosen.rules) if element_of(name, source.names) is not None]
