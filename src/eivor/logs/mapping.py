@@ -12,6 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import ChannelMapError, EmptyLogError, ShapeError, UsageError, did_you_mean
+from eivor.logs import common
 from eivor.logs.channel_map import (
     ChannelMap,
     ChannelRule,
@@ -20,16 +21,6 @@ from eivor.logs.channel_map import (
     columns_of,
     load_channel_map,
     shipped_maps,
-)
-from eivor.logs.common import (
-    TIME_UNITS,
-    UNITS,
-    Columns,
-    channel_findings,
-    noted,
-    on_channel_clock,
-    unit_fits,
-    without_extrapolation,
 )
 from eivor.signals.channels import canonical_channel, canonical_channels, held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording, clean_channel, utc_time
@@ -67,7 +58,7 @@ _CALLED = {
 def known_unit(text: str) -> str | None:
     """Unit that a text is, as maps have it; None for a text that is none."""
     unit = _WRITTEN.get(text, text)
-    return unit if unit in UNITS or unit in TIME_UNITS else None
+    return unit if unit in common.UNITS or unit in common.TIME_UNITS else None
 
 
 def _named(column: str, units: Mapping[str, str]) -> tuple[str, str | None]:
@@ -87,10 +78,10 @@ def canonical_map(
     for column in names:
         name, unit = _named(column, units)
         known = canonical_channel(name)
-        si_unit, factor = UNITS.get(unit or "", (unit or "", 1.0))
-        if name == "time" and (unit or "s") in TIME_UNITS:
+        si_unit, factor = common.UNITS.get(unit or "", (unit or "", 1.0))
+        if name == "time" and (unit or "s") in common.TIME_UNITS:
             times.append((column, unit or "s"))
-        elif known is not None and (unit is None or unit_fits(known, si_unit)):
+        elif known is not None and (unit is None or common.unit_fits(known, si_unit)):
             expression = Expression.of_column(column)
             rules.append(ChannelRule(name, expression, factor, held=held_by_default(name)))
     if len(times) != 1 or not rules:
@@ -104,7 +95,7 @@ def suggested_map(names: Sequence[str], units: Mapping[str, str] = NO_UNITS) -> 
     for column in names:
         name, unit = _named(column, units)
         word, _, suffix = name.rpartition("_")
-        if unit is None and suffix in TIME_UNITS and _CALLED.get(word.lower()) == "time":
+        if unit is None and suffix in common.TIME_UNITS and _CALLED.get(word.lower()) == "time":
             name, unit = word, suffix
         channel = _CALLED.get(re.sub(r"[\W_]", "", name).lower(), name)
         if channel in _CALLED.values() or canonical_channel(channel) is not None:
@@ -217,7 +208,7 @@ _Ranged = tuple[Float[np.ndarray, " n"], int, int]
 def mapped_recording(
     chosen: ChannelMap,
     rules: Sequence[ChannelRule],
-    columns: Columns,
+    columns: common.Columns,
     *,
     name: str,
     log_format: str,
@@ -244,7 +235,7 @@ def mapped_recording(
         frame=chosen.frame,
         input_map=chosen.input_map,
         looked_for=looked_for(chosen) | absent,
-        findings=(*result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
+        findings=(*result, *delay_findings(channels, chosen.origin), *common.channel_findings(channels)),
         origin=LogOrigin(airframe=chosen.airframe, start=utc_time(first) if first > EPOCH_S else None),
     )
 
@@ -256,19 +247,23 @@ def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
 
 
 def mapped_channels(
-    chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str, findings: list[Finding]
+    chosen: ChannelMap,
+    rules: Sequence[ChannelRule],
+    columns: common.Columns,
+    name: str,
+    findings: list[Finding],
 ) -> dict[str, Channel]:
     """Return the channels with a value that rules make of columns of one clock."""
     cells = [f"{key[:60]!r} {count}" for key, count in columns.unreadable.items() if key not in columns.lists]
-    findings += noted("lists", "{}.", _report_lists(columns))
-    findings += noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells)
+    findings += common.noted("lists", "{}.", _report_lists(columns))
+    findings += common.noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells)
     time_s, stamped = _clock(chosen, columns, name, findings)
     measured = {
         key: raw if stamped.all() else raw[stamped]
         for key, raw in columns.values.items()
         if key != chosen.time_column
     }
-    kept = without_extrapolation(time_s, measured, findings)
+    kept = common.without_extrapolation(time_s, measured, findings)
     ranged = {
         key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
@@ -280,17 +275,17 @@ def mapped_channels(
             channels[rule.name] = channel
         else:
             text = f"{rule.name} ({rule.expression.text})"
-            findings += noted("never_valid", "Without one value: {}.", text)
-    selected = {name: on_channel_clock(channel) for name, channel in channels.items()}
+            findings += common.noted("never_valid", "Without one value: {}.", text)
+    selected = {name: common.on_channel_clock(channel) for name, channel in channels.items()}
     own = [f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]]
     sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
-    findings += noted("own_clock", sentence, own)
+    findings += common.noted("own_clock", sentence, own)
     return selected
 
 
 def channels_by_clock(
     chosen: ChannelMap,
-    served: Iterable[tuple[Sequence[ChannelRule], Columns]],
+    served: Iterable[tuple[Sequence[ChannelRule], common.Columns]],
     name: str,
     findings: list[Finding],
 ) -> dict[str, Channel]:
@@ -305,10 +300,10 @@ def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding
     """Say which delays have been taken off, and who says so."""
     late = [f"{name} {1e3 * channel.delay_s:g} ms" for name, channel in channels.items() if channel.delay_s]
     text = f"{origin} says: {', '.join(late)}" if late else ""
-    return noted("sensor_delay", "Taken off the stamps, as {}.", text)
+    return common.noted("sensor_delay", "Taken off the stamps, as {}.", text)
 
 
-def _report_lists(columns: Columns) -> str:
+def _report_lists(columns: common.Columns) -> str:
     """Say which columns hold lists, if any, and how a map names an element."""
     if not columns.lists:
         return ""
@@ -317,7 +312,7 @@ def _report_lists(columns: Columns) -> str:
 
 
 def _clock(
-    chosen: ChannelMap, columns: Columns, name: str, findings: list[Finding]
+    chosen: ChannelMap, columns: common.Columns, name: str, findings: list[Finding]
 ) -> tuple[Float[np.ndarray, " m"], np.ndarray]:
     """Stamps [s] of the rows that have one, and which rows these are."""
     raw = columns.values[chosen.time_column]
@@ -328,7 +323,7 @@ def _clock(
         raise EmptyLogError(expected, f"'{name}', in which it holds no number", remedy)
     unit = _unit(chosen, columns)
     lost = int((~stamped).sum())
-    findings += noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
+    findings += common.noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
     kept = raw[stamped]
     if abs(kept[0]) * unit > EPOCH_S:
         sentence = f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0."
@@ -337,8 +332,8 @@ def _clock(
     return kept * unit, stamped
 
 
-def _unit(chosen: ChannelMap, columns: Columns) -> float:
-    return 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
+def _unit(chosen: ChannelMap, columns: common.Columns) -> float:
+    return 1.0 if chosen.time_column in columns.seconds else common.TIME_UNITS[chosen.time_unit]
 
 
 def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
@@ -470,5 +465,5 @@ def recording_from_columns(
     if unknown:
         raise UsageError(f"channels out of {', '.join(names)}", f"{unknown[0]!r}", "Correct the name.")
     rules = tuple(replace(rule, estimated=True if rule.name in estimated else None) for rule in chosen.rules)
-    recording = mapped_recording(chosen, rules, Columns(arrays), name=name, log_format="frame")
+    recording = mapped_recording(chosen, rules, common.Columns(arrays), name=name, log_format="frame")
     return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))

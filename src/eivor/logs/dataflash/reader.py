@@ -10,17 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import EmptyLogError
-from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
-from eivor.logs.common import (
-    KeptChannels,
-    LogFormat,
-    ReadOptions,
-    advised,
-    believable,
-    findings_of,
-    in_preference,
-    noted,
-)
+from eivor.logs import common
 from eivor.logs.dataflash import channels
 from eivor.logs.dataflash import sources as ardupilot
 from eivor.logs.dataflash.messages import (
@@ -48,7 +38,7 @@ def _advice(channel: str) -> tuple[str, ...]:
 SELDOM = 0.1
 
 
-def read_dataflash(file: Path, _options: ReadOptions) -> Recording:
+def read_dataflash(file: Path, _options: common.ReadOptions) -> Recording:
     """Read a DataFlash log."""
     with file.open("rb") as stream:
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
@@ -67,7 +57,7 @@ def read_dataflash(file: Path, _options: ReadOptions) -> Recording:
     findings += channels.unit_findings(tables)
     findings += channels.delay_findings(reading.heads.values(), parameters)
     sentence = "Not in force while its message is silent: {}."
-    findings += noted("setpoint_silent", sentence, reading.inactive_setpoints)
+    findings += common.noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return Recording(
         name=file.name,
         format="dataflash",
@@ -75,16 +65,16 @@ def read_dataflash(file: Path, _options: ReadOptions) -> Recording:
         frame=Frame.NED,
         parameters=parameters,
         looked_for=ardupilot.LOOKED_FOR,
-        findings=(*findings, *findings_of(reading.profiles, reading.channels)),
+        findings=(*findings, *common.findings_of(reading.profiles, reading.channels)),
         vehicle=channels.vehicle_of(tables, parameters),
         origin=ardupilot.dataflash_origin(tables, parameters),
     )
 
 
-def _add_all(reading: ardupilot.MessageReading) -> KeptChannels:
+def _add_all(reading: ardupilot.MessageReading) -> common.KeptChannels:
     counts = {name: table.count for name, table in reading.tables.items()}
     sources = ardupilot.CHANNEL_SOURCES, ardupilot.CHOSEN_BY_RATE
-    for name, source in in_preference(*sources, lambda source: counts.get(source.message, 0)):
+    for name, source in common.in_preference(*sources, lambda source: counts.get(source.message, 0)):
         if name not in reading.channels:
             _add(reading, name, source)
     channels.add_attitude(reading)
@@ -100,11 +90,11 @@ def _add_all(reading: ardupilot.MessageReading) -> KeptChannels:
 
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
-    read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
+    read = read_lines if is_text(content[: common.HEAD_BYTES]) else read_messages
     messages, findings = read(content, ardupilot.NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
     sentence = "Left out, because codes, names and length of their fields disagree: {}."
-    findings += noted("message_formats", sentence, unusable)
+    findings += common.noted("message_formats", sentence, unusable)
     misfits: list[str] = []
     tables: dict[str, Messages] = {}
     lost = 0
@@ -117,14 +107,14 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
         lowest = _lowest(replace(message, layout=replace(message.layout, fields=fields)))
         if lowest.clock and lowest.count:
             time_s = lowest.time_s()
-            sound = believable(time_s - float(np.median(time_s)))
+            sound = common.believable(time_s - float(np.median(time_s)))
             lost += int((~sound).sum())
             lowest = lowest.where(sound)
         if lowest.count:
             tables[lowest.name] = lowest
     sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
-    findings += noted("message_formats", sentence, sorted(misfits))
-    findings += noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
+    findings += common.noted("message_formats", sentence, sorted(misfits))
+    findings += common.noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
     return tables, findings
 
 
@@ -179,12 +169,12 @@ def _add(reading: ardupilot.MessageReading, name: str, source: ardupilot.Message
 
 
 FORMATS = (
-    LogFormat(
+    common.LogFormat(
         "dataflash",
         "ArduPilot DataFlash",
         lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
         read_dataflash,
-        advice=advised(ardupilot.TABLES["advice"]["all"], _advice),
+        advice=common.advised(ardupilot.TABLES["advice"]["all"], _advice),
         setpoints=ardupilot.TABLES["advice"]["setpoints"],
         sweeps=ardupilot.TABLES["advice"]["sweeps"],
         faster=ardupilot.TABLES["advice"]["faster"],

@@ -10,19 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import EmptyLogError, InputError
+from eivor.logs import common
 from eivor.logs.channel_map import columns_of, load_channel_map
-from eivor.logs.common import (
-    FolderParts,
-    LogFormat,
-    ReadOptions,
-    advised,
-    channel_findings,
-    channel_sources,
-    logged_channel,
-    noted,
-    silenced,
-    source_tables,
-)
 from eivor.logs.mapping import looked_for
 from eivor.logs.rosbag import containers
 from eivor.logs.rosbag import topics as ros
@@ -187,8 +176,8 @@ class RosSource:
 
 
 #: Sources of each channel, the preferred one first.
-_TABLES = source_tables("eivor.logs.rosbag")
-CHANNEL_SOURCES = channel_sources(_TABLES, RosSource)
+_TABLES = common.source_tables("eivor.logs.rosbag")
+CHANNEL_SOURCES = common.channel_sources(_TABLES, RosSource)
 
 
 #: What was looked for, by channel, in the words of a message.
@@ -236,8 +225,8 @@ def ros_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> dict[
                 continue
             made = _channel(name, serving[0], source, start)
             if made is not None:
-                channels[name] = silenced(made, end_s, inactive) if source.is_setpoint else made
-    findings += noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
+                channels[name] = common.silenced(made, end_s, inactive) if source.is_setpoint else made
+    findings += common.noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
     findings += _doubts(unclear, channels)
     return channels
 
@@ -282,7 +271,7 @@ def _channel(name: str, topic: ros.BagTopic, source: RosSource, start: int) -> C
     finite = values[np.isfinite(values)]
     if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
         return None
-    return logged_channel(
+    return common.logged_channel(
         name,
         topic.seconds(start),
         values,
@@ -314,18 +303,18 @@ def _advice(channel: str) -> tuple[str, ...]:
     return (f"Record {known}.",) if known else ()
 
 
-def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
+def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> common.LogFormat:
     magic = next(start for start, known in containers.MAGICS.items() if known == kind)
-    return LogFormat(
+    return common.LogFormat(
         name,
         label,
         lambda head, file: head.startswith(magic) or (folders and bool(containers.bag_candidates(file))),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
-        advice=advised(_TABLES["advice"]["all"], _advice),
+        advice=common.advised(_TABLES["advice"]["all"], _advice),
         setpoints=_TABLES["advice"]["setpoints"],
         endings=(ending,),
-        parts=lambda folder: containers.bag_parts(folder) if folders else FolderParts(),
+        parts=lambda folder: containers.bag_parts(folder) if folders else common.FolderParts(),
     )
 
 
@@ -340,7 +329,7 @@ FORMATS = (
 _MOST_LISTED = 12
 
 
-def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
+def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Recording:
     """Read a bag."""
     containers.check_installed()
     files = containers.bag_files(path)
@@ -366,7 +355,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
         frame=frame,
         input_map=input_map,
         looked_for=looked,
-        findings=(*findings, *channel_findings(channels)),
+        findings=(*findings, *common.channel_findings(channels)),
         vehicle=vehicle,
     )
 

@@ -28,21 +28,8 @@ from eivor.errors import (
     MissingReaderError,
     UsageError,
 )
+from eivor.logs import common
 from eivor.logs.channel_map import columns_of, load_channel_map
-from eivor.logs.common import (
-    DECODER_ERRORS,
-    MAX_CELLS,
-    MAX_DEPTH,
-    MAX_OBJECTS,
-    Columns,
-    LogFormat,
-    ReadOptions,
-    advised,
-    begins_with,
-    element_of,
-    most_cells,
-    noted,
-)
 from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
 from eivor.logs.table.delimited import (
     MAX_COLUMNS,
@@ -180,12 +167,12 @@ def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
 
 def _read(
     file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, max_bytes: int, columns: Sequence[str]
-) -> Columns:
+) -> common.Columns:
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
     import polars as pl
 
     _check_cells(file, rows * len(columns), max_bytes)
-    bases = {column: element_of(column, list(schema)) or (column, None) for column in columns}
+    bases = {column: common.element_of(column, list(schema)) or (column, None) for column in columns}
     held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
     # the package's own file is known to be whole, and a probe takes a process
     if file.resolve().parent != Path(str(resources.files("eivor.data"))).resolve():
@@ -228,10 +215,10 @@ def _holds_lists(kind: pl.DataType) -> bool:
 def _check_cells(file: Path, cells: int, max_bytes: int) -> None:
     """Refuse what the numbers of a file would take, before one is decoded."""
     size = file.stat().st_size
-    most = most_cells(size, max_bytes)
+    most = common.most_cells(size, max_bytes)
     if cells > most:
         remedy = "Cut it to the manoeuvre, or raise the limit: read_log(max_bytes=...)."
-        if most < MAX_CELLS and most < max_bytes // 8:
+        if most < common.MAX_CELLS and most < max_bytes // 8:
             remedy = "Such a file repeats itself, which no flight does; check what wrote it."
         expected = f"at most {most} numbers in the needed variables of {size} bytes"
         raise LogTooLargeError(expected, f"'{file.name}' with {cells}", remedy)
@@ -270,8 +257,8 @@ def variables_source(
     if len(shapes) > MAX_COLUMNS:
         raise corrupt_table(name, f"with {len(shapes)} variables", f"At most {MAX_COLUMNS} are read.")
 
-    def read(columns: Sequence[str]) -> Columns:
-        bases = (element_of(column, list(shapes)) or (column, None) for column in columns)
+    def read(columns: Sequence[str]) -> common.Columns:
+        bases = (common.element_of(column, list(shapes)) or (column, None) for column in columns)
         arrays = values(list(dict.fromkeys(base for base, _ in bases)))
 
         def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
@@ -358,15 +345,15 @@ def open_hdf5(file: Path, max_bytes: int) -> TableSource:
         expected = "h5py, which reads HDF5 and MATLAB 7.3"
         remedy = "Install it: pip install 'eivor[hdf5]'. Or save with '-v7' in MATLAB."
         raise MissingReaderError(expected, f"an installation without it ({error})", remedy) from error
-    most = most_cells(file.stat().st_size, max_bytes)
-    limits = (most, MAX_OBJECTS, MAX_DEPTH)
+    most = common.most_cells(file.stat().st_size, max_bytes)
+    limits = (most, common.MAX_OBJECTS, common.MAX_DEPTH)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
     decode_in_child(file, _HDF5_CODE, {"limits": limits}, limit, "an HDF5 file")
     try:
         with h5py.File(file, "r") as content:
             sizes, large = hdf5_variables(h5py, content, *limits)
             kinds = {path: content[path].attrs.get("MATLAB_class") for path in sizes}
-    except DECODER_ERRORS as error:
+    except common.DECODER_ERRORS as error:
         reason = f"an HDF5 file that cannot be read: {error}"
         raise corrupt_table(file.name, reason, "The file is damaged; write it again.") from error
     positions = {path.replace("/", "."): path for path in sizes if kinds[path] not in _NO_NUMBERS}
@@ -407,7 +394,7 @@ def open_matlab(file: Path, max_bytes: int) -> TableSource:
     """Read the variables of a MATLAB file."""
     from scipy.io import loadmat, whosmat
 
-    most = most_cells(file.stat().st_size, max_bytes)
+    most = common.most_cells(file.stat().st_size, max_bytes)
     limit = DECODER_BYTES + BYTES_PER_CELL * most
     requested = {"kinds": _MATLAB_KINDS, "most": most}
     decode_in_child(file, _MATLAB_CODE, requested, limit, "a MATLAB file")
@@ -415,7 +402,7 @@ def open_matlab(file: Path, max_bytes: int) -> TableSource:
         known = [item for item in whosmat(file) if item[2] in _MATLAB_KINDS]
         _check_cells(file, sum(math.prod(shape) for _, shape, _ in known), max_bytes)
         content = loadmat(file, squeeze_me=True, variable_names=[name for name, *_ in known])
-    except DECODER_ERRORS as error:
+    except common.DECODER_ERRORS as error:
         reason = f"a MATLAB file that cannot be decoded: {error}"
         raise corrupt_table(file.name, reason, "The file is damaged; save it again.") from error
     results = {
@@ -576,7 +563,7 @@ def _typed(value: Any, kind: type) -> Any:
 
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADVISED = advised(
+_ADVISED = common.advised(
     [
         "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
         "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or "
@@ -605,37 +592,39 @@ def _table(
     sniff: Callable[[bytes, Path], bool],
     opened: Callable[[Path, int], TableSource],
     *endings: str,
-) -> LogFormat:
+) -> common.LogFormat:
     """Row of a table: what is the same of all is said here."""
 
-    def read(file: Path, options: ReadOptions) -> Recording:
+    def read(file: Path, options: common.ReadOptions) -> Recording:
         source, alone = opened(file, options.max_bytes), options.channel_map is None
         findings = list(source.findings)
         if options.channel_map is None:
             chosen = fitting_map(source.names, file.name, findings, source.units)
         else:
             chosen = load_channel_map(options.channel_map)
-        elements = [name for name in columns_of(chosen.rules) if element_of(name, source.names) is not None]
+        elements = [
+            name for name in columns_of(chosen.rules) if common.element_of(name, source.names) is not None
+        ]
         rules = fitted_rules(chosen, [*source.names, *elements], file.name)
         needed = chosen.needed_by(rules)
         if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])
             sentence = "Columns without a canonical name are not used: {}."
-            findings += noted("ignored_columns", sentence, ignored)
+            findings += common.noted("ignored_columns", sentence, ignored)
         recording = mapped_recording(
             chosen, rules, source.read(needed), name=file.name, log_format=name, findings=findings
         )
         return restore(recording, source.metadata) if alone else recording
 
-    return LogFormat(
+    return common.LogFormat(
         name, label, sniff, read, takes_map=True, advice=_ADVISED, setpoints=_SETPOINTS, endings=endings
     )
 
 
 TEXTS = (_table("csv", "CSV", _is_csv, lambda file, _: open_csv(file), ".csv", ".tsv"),)
-PARQUETS = (_table("parquet", "Parquet", begins_with(b"PAR1"), open_parquet, ".parquet"),)
+PARQUETS = (_table("parquet", "Parquet", common.begins_with(b"PAR1"), open_parquet, ".parquet"),)
 ARRAYS = (
-    _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat"),
+    _table("matlab", "MATLAB", common.begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat"),
     # at once, or after the 512 bytes of text of MATLAB 7.3
     _table("hdf5", "HDF5", lambda head, _: _HDF5 in (head[:8], head[512:520]), open_hdf5, ".h5", ".hdf5"),
 )
