@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from eivor.atomic_file import parquet_bytes
-from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, NamedRow, PageOf, flight_frame
+from eivor.fleet.table import FLIGHTS, PAGE, FleetOptions, PageOf, flight_frame
 from eivor.logs.addresses import here
 
 
@@ -55,7 +55,7 @@ class QuickRow:
             time.sleep(0.02)
         selected = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
         page = {} if self.page_of is None else {PAGE: f"page of {text}"}
-        return {**NamedRow(self.options)(log), **selected, **page}
+        return {**self.options.row_of(log), **selected, **page}
 
 
 def write_logs(folder, texts):

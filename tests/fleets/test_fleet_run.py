@@ -21,7 +21,7 @@ from statsmodels.stats.meta_analysis import combine_effects
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
 from eivor.fleet.analysis import STEADY, STEPS, across_of, fleet_report, fleet_reports, wanted_columns
-from eivor.fleet.logs import LogList, PathPattern, logs_found, with_covariates
+from eivor.fleet.logs import LogList, logs_found, path_fields, with_covariates
 from eivor.fleet.report import fleet_document, flight_links, interval_text, linked
 from eivor.fleet.run import compact_fleet, hashed, run_fleet
 from eivor.fleet.table import (
@@ -85,7 +85,7 @@ def test_every_log_has_a_row_and_a_copy_no_numbers(logs, tmp_path):
     assert (done.logs, done.before, done.others, done.elsewhere) == (4, 0, 1, 0)
     assert done.verdicts == {"weak": 3, "copy": 1}
     assert (selected[0], selected[-1]) == ((0, 4), (4, 4))
-    assert set(table["options_hash"]) == {OPTIONS.hash()}
+    assert set(table["options_hash"]) == {OPTIONS.hash}
 
 
 def test_what_is_there_is_not_made_again(logs, tmp_path):
@@ -542,7 +542,7 @@ def test_closed_folders_are_told(tmp_path):
     ],
 )
 def test_vehicles_by_path(pattern, name, told):
-    assert PathPattern(pattern).fields_of(name) == told
+    assert path_fields(pattern, name) == told
 
 
 # Reports of fleets whose truth is known: what is pooled, left out, and told to change.

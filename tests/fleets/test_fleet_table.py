@@ -18,7 +18,7 @@ import eivor as ev
 from eivor.atomic_file import parquet_bytes
 from eivor.cli.parsing import log_argument
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import PathPattern, given_covariates, logs_found, with_covariates
+from eivor.fleet.logs import given_covariates, logs_found, path_fields, with_covariates
 from eivor.fleet.run import compact_fleet, run_fleet
 from eivor.fleet.table import FleetFolder, FleetOptions, reports_there
 from eivor.logs.addresses import here, path_of
@@ -206,7 +206,7 @@ test_refused = table(
         ("name,mass\nnone,1\n", "covariates of flights of the fleet"),
         ("name,input_gain.value\nv0000-0000.ulg,1\n", "names of covariates"),
     ),
-    rows("pattern", UsageError, PathPattern,
+    rows("pattern", UsageError, path_fields,
         *((text, r"a pattern with \{vehicle\}") for text in ("{}", "{serial}/*", "{vehicle}/{vehicle}")),
     ),
     calls("call", None,

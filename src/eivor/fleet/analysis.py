@@ -19,7 +19,6 @@ from eivor.fleet.change_points import (
     BestSteps,
     Drifts,
     Ordered,
-    SharedSlopes,
     deviation_p_values,
     drifts,
     outlier_test,
@@ -211,7 +210,8 @@ class FleetTrend:
     vehicles: Groups  # groups that are pooled
     sets: pl.Series  # and what they are pooled as
     used: tuple[Covariate, ...]  # covariates, in the order of the slopes
-    slopes: SharedSlopes
+    slopes: Float[np.ndarray, "sets p"]
+    slopes_covariance: Float[np.ndarray, "sets p p"]
     drifts: Drifts
     steps: BestSteps
 
@@ -266,21 +266,18 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
 
     def without_covariates(
         errors: Rows, before: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
-    ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
+    ) -> tuple[Ordered, tuple[np.ndarray, np.ndarray], Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between of the last step."""
-        slopes = shared_slopes(
-            groups, vehicles, y, Grouped(groups, y, errors).weights(before), trends, x, *expected
-        )
-        of_groups = np.repeat(slopes.values, vehicles.sizes, axis=0)
+        weights = Grouped(groups, y, errors).weights(before)
+        slopes = shared_slopes(groups, vehicles, y, weights, trends, x, *expected)
+        of_groups, covariance = (np.repeat(item, vehicles.sizes, axis=0) for item in slopes)
         level = y - np.einsum("pr,rp->r", x, np.repeat(of_groups, groups.sizes, axis=0))
-        covariance = np.repeat(slopes.covariance, vehicles.sizes, axis=0)
         if used:
             errors = v + isolation(level)
         made = Grouped(groups, level, errors)
         after = made.paule_mandel(vehicles, before)  # common to a type
-        weights, own_weights = made.weights(after), replace(made, v=v).weights(after)
-        ordered = Ordered(groups, level, errors, weights, own_weights, hours, x, covariance)
-        return ordered, slopes, after
+        both = made.weights(after), replace(made, v=v).weights(after)
+        return Ordered(groups, level, errors, *both, hours, x, covariance), slopes, after
 
     variance = Grouped(groups, y, v).paule_mandel(vehicles)
     ordered, slopes, variance = without_covariates(v + isolation(y), variance, hours[None, :])
@@ -288,7 +285,7 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
         both = np.stack([hours, steps(ordered).after])
         ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
     changes = drifts(ordered), steps(ordered)
-    return FleetTrend(about.select(VEHICLE), ordered, vehicles, sets[TOGETHER], used, slopes, *changes)
+    return FleetTrend(about.select(VEHICLE), ordered, vehicles, sets[TOGETHER], used, *slopes, *changes)
 
 
 def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
@@ -633,18 +630,16 @@ class _Quantity:
         """Slopes that the flights reported, type by type; those that they left as expected are none."""
         if self.trend is None or not self.trend.used:
             return COVARIATES
-        slopes = self.trend.slopes
         types = pl.DataFrame({"type": self.trend.sets.str.replace("\n", ", ", literal=True)})
+        errors = np.sqrt(np.einsum("sii->si", self.trend.slopes_covariance))
         return pl.concat(
-            [
-                types.with_columns(
-                    quantity=self.name,
-                    covariate=pl.lit(item.name),
-                    slope=pl.Series(slopes.values[:, entry]),
-                    std_error=pl.Series(np.sqrt(slopes.covariance[:, entry, entry])),
-                ).filter(pl.col("std_error").is_between(0.0, MOVED * item.uncertainty, closed="right"))
-                for entry, item in enumerate(self.trend.used)
-            ]
+            types.with_columns(
+                quantity=self.name,
+                covariate=pl.lit(item.name),
+                slope=pl.Series(self.trend.slopes[:, entry]),
+                std_error=pl.Series(errors[:, entry]),
+            ).filter(pl.col("std_error").is_between(0.0, MOVED * item.uncertainty, closed="right"))
+            for entry, item in enumerate(self.trend.used)
         )
 
 

@@ -184,14 +184,6 @@ FEWEST_DEGREES = 5
 SMALL = 1e-6
 
 
-@dataclass(frozen=True)
-class SharedSlopes:
-    """Slopes of sets of groups."""
-
-    values: Float[np.ndarray, "sets p"]
-    covariance: Float[np.ndarray, "sets p p"]
-
-
 def shared_slopes(
     groups: Groups,
     sets: Groups,
@@ -201,8 +193,8 @@ def shared_slopes(
     covariates: Float[np.ndarray, "p rows"],
     expected: Float[np.ndarray, " p"],
     uncertainty: Float[np.ndarray, " p"],
-) -> SharedSlopes:
-    """Slopes by weighted least squares. Performs no checks."""
+) -> tuple[Float[np.ndarray, "sets p"], Float[np.ndarray, "sets p p"]]:
+    """Slopes of sets of groups by weighted least squares, and their covariances. Performs no checks."""
     count = covariates.shape[0]
     taken: list[Rows] = []
 
@@ -236,7 +228,7 @@ def shared_slopes(
     values = np.einsum("sij,sj->si", inverse, moment)
     squares = total(weights * left**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
     scale = np.where(enough, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
-    return SharedSlopes(values, scale[:, None, None] * inverse)
+    return values, scale[:, None, None] * inverse
 
 
 #: Estimates on each side of a step, at least: fewer are members that deviate.

@@ -268,9 +268,12 @@ def logs_found(given: str) -> LogsFound:
             reasons = sorted(f"{error.filename}: {error.strerror or error}" for error in closed)
             return replace(among, unread_folders=tuple(reasons))
         if path.is_file():
-            single = [named_log(str(path), path.name)]
             is_list = path.suffix.lower() == LINES or _delimiter(path) != ""
-            return LogsFound(_logs_of_list(path) if is_list else LogList.of(single), 0)
+            logs = LogList.of(listed(path) if is_list else [named_log(str(path), path.name)])
+            if not logs:
+                missing = f"'{path}', which names none"
+                raise UsageError("a list of logs", missing, "Write a path into each line.")
+            return LogsFound(logs, 0)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
@@ -289,12 +292,7 @@ def logs_found(given: str) -> LogsFound:
 
 def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
     """Files of a pattern, by their names from the last folder before its first wild part."""
-    fixed: list[str] = []
-    for part in Path(pattern).parts[:-1]:
-        if glob.has_magic(part):
-            break
-        fixed.append(part)
-    folder = Path(*fixed)
+    folder = Path(*takewhile(lambda part: not glob.has_magic(part), Path(pattern).parts[:-1]))
     for path in glob.iglob(pattern, recursive=True):  # noqa: PTH207
         yield path, Path(path).relative_to(folder).as_posix()
 
@@ -326,10 +324,9 @@ def _among(generator: Generator[tuple[str, str], None, None]) -> LogsFound:
 
 
 def _parts_of_folder(folder: Path) -> FolderParts:
-    try:
+    with suppress(OSError):
         return folder_parts(folder)
-    except OSError:
-        return FolderParts()
+    return FolderParts()
 
 
 def is_log(path: Path) -> bool:
@@ -348,42 +345,26 @@ def is_log(path: Path) -> bool:
     return result.is_read
 
 
-def _logs_of_list(path: Path) -> LogList:
-    with closing(listed(path)) as given:
-        logs = LogList.of(given)
-    if not logs:
-        raise UsageError("a list of logs", f"'{path}', which names none", "Write a path into each line.")
-    return logs
-
-
 #: What a pattern may ask of a path, by the name of the table's column.
 PATH_KEYS = ("vehicle", "type")
 _TOKENS = re.compile(r"\{(\w+)\}|(\*\*/?)|(\*)|(\?)|([^*?{]+|\{)")
 
 
-@dataclass(frozen=True, slots=True)
-class PathPattern:
-    """A pattern of paths that says whose log one is."""
-
-    text: str
-
-    def __post_init__(self) -> None:
-        keys = re.findall(r"\{(\w*)\}", self.text)
-        if not keys or set(keys) - set(PATH_KEYS) or len(set(keys)) < len(keys):
-            raise UsageError(
-                "a pattern with {vehicle}, and {type} where the path has it, each once",
-                f"'{self.text}'",
-                "Write one such as '{vehicle}/*.ulg' or '**/{type}_{vehicle}_*.csv'.",
-            )
-
-    def fields_of(self, name: str) -> Mapping[str, str]:
-        """What a path says, by `PATH_KEYS`; nothing when it does not match."""
-        match = _compiled(self.text).fullmatch(name if "/" in self.text else name.rpartition("/")[2])
-        return {key: text for key, text in match.groupdict().items() if text} if match else {}
+def path_fields(pattern: str, name: str = "") -> dict[str, str]:
+    """What the path of a log says by `PATH_KEYS`; nothing when it does not match the pattern."""
+    match = _compiled(pattern).fullmatch(name if "/" in pattern else name.rpartition("/")[2])
+    return {key: text for key, text in match.groupdict().items() if text} if match else {}
 
 
 @cache
 def _compiled(text: str) -> re.Pattern[str]:
+    keys = re.findall(r"\{(\w*)\}", text)
+    if not keys or set(keys) - set(PATH_KEYS) or len(set(keys)) < len(keys):
+        raise UsageError(
+            "a pattern with {vehicle}, and {type} where the path has it, each once",
+            f"'{text}'",
+            "Write one such as '{vehicle}/*.ulg' or '**/{type}_{vehicle}_*.csv'.",
+        )
     parts: list[str] = []
     for key, deep, star, mark, plain in _TOKENS.findall(text):
         if key:

@@ -24,7 +24,6 @@ from eivor.fleet.table import (
     PAGE,
     FleetFolder,
     FleetOptions,
-    NamedRow,
     PageOf,
     RowOfLog,
     SupersededError,
@@ -87,7 +86,7 @@ class Shard:
         try:
             row = (kept_process(function, self.options.limits) if self.guarded else function)(log)
         except LimitError as error:
-            return failed_row(NamedRow(self.options)(log), str(error))
+            return failed_row(self.options.row_of(log), str(error))
         page = row.pop(PAGE, None)
         if page is not None:
             write_report(self.folder.folder, log.sha256, page)
@@ -114,17 +113,8 @@ def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProces
 KEY = ["sha256", "name"]
 
 
-@dataclass(frozen=True)
-class Work:
-    """What is to be done with logs of which some have rows."""
-
-    opened: pl.DataFrame  # logs that could be opened
-    identify: pl.DataFrame  # of each content without a row the first log by name
-    copies: pl.DataFrame  # logs without a row whose numbers are those of another, `first`
-
-
-def work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> Work:
-    """Work on the logs of a `LogList`, by the `KEY_COLUMNS` of the rows that are there."""
+def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
+    """Logs that could be opened; of each content without a row the first by name; copies without a row."""
     opened = logs.filter(pl.col("sha256").is_not_null())
     there = rows.filter(pl.col("verdict") != COPY).unique("sha256", keep="last", maintain_order=True)
     firsts = pl.concat(
@@ -135,14 +125,11 @@ def work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> Work:
     ).unique("sha256", keep="first", maintain_order=True)
     opened = opened.join(firsts, on="sha256", how="left", maintain_order="left")
     is_first = pl.col("name") == pl.col("first")
-    return Work(
-        opened,
-        opened.filter(is_first & ~pl.col("is_there")),
-        opened.filter(~is_first).join(rows, on=KEY, how="anti", maintain_order="left"),
-    )
+    copies = opened.filter(~is_first).join(rows, on=KEY, how="anti", maintain_order="left")
+    return opened, opened.filter(is_first & ~pl.col("is_there")), copies
 
 
-def without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str]) -> pl.DataFrame:
+def _without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str]) -> pl.DataFrame:
     """Logs with a result that have no report, by the hashes of the reports that are there."""
     results = rows.filter(~pl.col("verdict").is_in([COPY, FAILED]))
     there = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
@@ -170,8 +157,7 @@ class FleetRun:
     elsewhere: int  # further rows of the motion in the folder, of logs that were not among these
 
 
-def all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
-    """Logs with the hash of their bytes, or why they cannot be opened."""
+def _all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
     return tuple(map(hashed, logs))
 
 
@@ -236,31 +222,31 @@ class _Run:
     def done(self, logs_found: LogsFound) -> FleetRun:
         folder, options = self.shard.folder, self.shard.options
         logs = self._hashed(logs_found.logs)
-        work, total = work_of(logs, folder.there(options.motion)), logs.height
-        before = done = work.opened.height - work.identify.height - work.copies.height
+        opened, new, copies = _work_of(logs, folder.there(options.motion))
+        total, before = logs.height, opened.height - new.height - copies.height
         if before < total:
             folder.state(options)
         folder.replace_unopened(logs, options)
-        self.progress(done, total)
-        motion, due = options.chosen_motion(), time.monotonic() + MERGE_S
-        for rows in self._mapped(self.shard, work.identify, self.shard_logs):
+        self.progress(before, total)
+        motion, due, done = options.chosen_motion(), time.monotonic() + MERGE_S, before
+        for rows in self._mapped(self.shard, new, self.shard_logs):
             done += rows
             self.progress(done, total)
             if (start_s := time.monotonic()) > due:
                 folder.merge(motion)
                 due = time.monotonic() + max(MERGE_S, MERGE_TIMES * (time.monotonic() - start_s))
-        self._write_copies(work.copies)
+        self._write_copies(copies)
         folder.merge(motion)
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
             with closing(reports_there(folder.folder)) as reports:
-                wanted = without_report(logs, there, reports)
+                wanted = _without_report(logs, there, reports)
             for _ in self._mapped(replace(self.shard, only_reports=True), wanted):
                 pass
         self.progress(total, total)
-        verdicts = Counter(there.join(work.opened, on=KEY, how="semi")["verdict"])
+        verdicts = Counter(there.join(opened, on=KEY, how="semi")["verdict"])
         rows = verdicts.total()
-        if rows != work.opened.height:
+        if rows != opened.height:
             raise _taken_over(folder.folder)
         verdicts[FAILED] += total - rows
         others, unread = logs_found.others, logs_found.unread_folders
@@ -271,7 +257,7 @@ class _Run:
         executor = self.executor if self.shared else InProcess()
         hashes: list[str | None] = [None] * len(logs)
         problems = [""] * len(logs)
-        with closing(executor.map(all_hashed, logs.pages())) as results:
+        with closing(executor.map(_all_hashed, logs.pages())) as results:
             for number, page in results:
                 for index, log in enumerate(page, start=number * PAGE_LOGS):
                     hashes[index], problems[index] = log.sha256 or None, log.problem
@@ -286,11 +272,10 @@ class _Run:
                 yield rows
 
     def _write_copies(self, copies: pl.DataFrame) -> None:
-        named = NamedRow(self.shard.options)
+        options = self.shard.options
         for part in copies.iter_slices(COPIES):
-            named_firsts = zip(LogList(part), part["first"], strict=True)
-            rows = [copy_row(named(log), first) for log, first in named_firsts]
-            self.shard.folder.write(rows)
+            firsts = zip(LogList(part), part["first"], strict=True)
+            self.shard.folder.write([copy_row(options.row_of(log), first) for log, first in firsts])
 
 
 def _taken_over(folder: Path) -> InputError:

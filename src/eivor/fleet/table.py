@@ -26,7 +26,7 @@ import polars as pl
 from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import Log, LogList, PathPattern
+from eivor.fleet.logs import Log, LogList, path_fields
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -42,7 +42,7 @@ from eivor.signals.recording import Recording
 HASH_DIGITS = 16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FleetOptions:
     """What is asked of every log."""
 
@@ -51,7 +51,7 @@ class FleetOptions:
     flight: FlightOptions = field(default_factory=FlightOptions)  # of every identification
     # patterns of logs' or files' names, and channel maps (names or files); the first that fits is taken
     maps: tuple[tuple[str, str], ...] = ()
-    # pattern of paths with ``{vehicle}``, see `PathPattern`, or a column of the list or of the logs;
+    # pattern of paths with ``{vehicle}``, see `path_fields`, or a column of the list or of the logs;
     # empty for the board's id
     vehicle_from: str = ""
     limits: Limits = field(default_factory=Limits)  # of one log
@@ -60,16 +60,18 @@ class FleetOptions:
         self.chosen_motion()
         for _, chosen in self.maps:
             load_channel_map(chosen)
-        self.pattern()
+        if self.is_pattern:
+            path_fields(self.vehicle_from)
 
     def chosen_motion(self) -> Motion[Any]:
         """The motion, of its vehicle; its channels are known from then on."""
         motion = motion_by_name(self.motion)
         return of_vehicle(motion, self.vehicle_file) if self.vehicle_file else motion
 
-    def pattern(self) -> PathPattern | None:
-        """Pattern of paths; None when there is none."""
-        return PathPattern(self.vehicle_from) if "{" in self.vehicle_from else None
+    @property
+    def is_pattern(self) -> bool:
+        """Whether paths say whose logs they are."""
+        return "{" in self.vehicle_from
 
     def document(self) -> dict[str, Any]:
         """Everything that rows depend on, as JSON: files by their content's hash."""
@@ -82,14 +84,23 @@ class FleetOptions:
             "limits": asdict(self.limits),
         }
 
+    @cached_property
     def hash(self) -> str:
         """What rows of the same options are marked with."""
         text = json.dumps(self.document(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
-    def marks(self) -> dict[str, str]:
-        """Columns that all rows have alike."""
-        return {"motion": self.motion, "eivor_version": version("eivor"), "options_hash": self.hash()}
+    def row_of(self, log: Log) -> dict[str, Any]:
+        """Beginning of the row of a log, also of one that is not read: what its name and the list say."""
+        marks = {"motion": self.motion, "eivor_version": version("eivor"), "options_hash": self.hash}
+        return {"sha256": log.sha256 or None, "name": log.name, **marks, **self.whose(log)}
+
+    def whose(self, log: Log) -> Mapping[str, str]:
+        """Vehicle and type as the log's path or the list says, where the user says that it does."""
+        if self.is_pattern:
+            return path_fields(self.vehicle_from, log.name)
+        vehicle = log.metadata.get(self.vehicle_from, "")
+        return {"vehicle": vehicle} if vehicle else {}
 
 
 def given_maps(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -342,7 +353,7 @@ class FleetFolder:
         document = {
             "schema": SCHEMA,
             "versions": versions,
-            "options": {**held, options.motion: {"hash": options.hash(), **options.document()}},
+            "options": {**held, options.motion: {"hash": options.hash, **options.document()}},
         }
         if document != before:
             with report_fleet_errors(self.folder):
@@ -363,7 +374,7 @@ class FleetFolder:
                 )
             return
         held = before["options"].get(options.motion)
-        if held is not None and held.get("hash") != options.hash():
+        if held is not None and held.get("hash") != options.hash:
             changed = [key for key, value in options.document().items() if held.get(key) != value]
             raise UsageError(
                 f"a new folder, or the options that '{folder}' was begun with for the motion "
@@ -424,9 +435,11 @@ class FleetFolder:
 
     def replace_unopened(self, logs: pl.DataFrame, options: FleetOptions) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones of these logs."""
-        named, path = NamedRow(options), self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
+        path = self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
         now = LogList(logs.filter(pl.col("sha256").is_null())).pages()
-        frames = [flight_frame([failed_row(named(log), log.problem) for log in page]) for page in now]
+        frames = [
+            flight_frame([failed_row(options.row_of(log), log.problem) for log in page]) for page in now
+        ]
         with report_fleet_errors(self.folder):
             if path.exists():
                 frames.append(_part(path, None).join(logs, on="name", how="anti"))
@@ -450,10 +463,7 @@ class FleetFolder:
                 path.unlink()
             there = {path: list(pl.read_parquet_schema(_parquet(path))) for path in files}
             types = _types({name for names in there.values() for name in names})
-            by_name = (
-                _NUMBERED.pattern,
-                UNOPENED.format(motion=".*"),
-            )  # any other is taken into one of these
+            by_name = _NUMBERED.pattern, UNOPENED.format(motion=".*")  # any other is taken into one of these
             kept = [path for path in files if any(re.fullmatch(known, path.name) for known in by_name)]
             for path in kept:
                 if there[path] != list(types):
@@ -591,17 +601,13 @@ class RowOfLog:
         except OSError as error:
             if not is_address(log.path):
                 raise
-            return failed_row(NamedRow(self.options)(log), f"It cannot be fetched: {error}.")
+            return failed_row(self.options.row_of(log), f"It cannot be fetched: {error}.")
 
     def _made(self, log: Log) -> dict[str, Any]:
-        motion = self.options.chosen_motion()
-        about = NamedRow(self.options)(log)
+        motion, about = self.options.chosen_motion(), self.options.row_of(log)
         try:
-            names = (log.name, log.name.rpartition("/")[2])
-            fitting = (
-                item for pattern, item in self.options.maps if any(fnmatchcase(n, pattern) for n in names)
-            )
-            chosen = next(fitting, None)
+            names, maps = (log.name, log.name.rpartition("/")[2]), self.options.maps
+            chosen = next((item for fit, item in maps if any(fnmatchcase(name, fit) for name in names)), None)
             takes_map = chosen is not None and format_at(Path(log.path)).takes_map
             recording = read_log(log.path, channel_map=chosen if takes_map else None)
             if recording.sha256 != log.sha256:
@@ -615,32 +621,11 @@ class RowOfLog:
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
-        origin, whose = recording.origin, _whose_by_name(self.options, log)
+        origin, whose = recording.origin, self.options.whose(log)
         results = {"vehicle": origin.board, "type": origin.airframe, **whose}
-        if self.options.vehicle_from and self.options.pattern() is None and not whose:
+        if self.options.vehicle_from and not self.options.is_pattern and not whose:
             results["vehicle"] = _in_table(Path(log.path), self.options.vehicle_from) or origin.board
         return {key: text for key, text in results.items() if text}
-
-
-class NamedRow:
-    """What every row of a log has, also of one that is not read: what its name and the list say of it."""
-
-    def __init__(self, options: FleetOptions) -> None:
-        self._options, self._marks = options, options.marks()
-
-    def __call__(self, log: Log) -> dict[str, Any]:
-        """Beginning of the row of a log."""
-        about = {"sha256": log.sha256 or None, "name": log.name}
-        return {**about, **self._marks, **_whose_by_name(self._options, log)}
-
-
-def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
-    """Vehicle and type as the log's path or the list says, where the user says that it does."""
-    pattern = options.pattern()
-    if pattern is not None:
-        return pattern.fields_of(log.name)
-    vehicle = log.metadata.get(options.vehicle_from, "")
-    return {"vehicle": vehicle} if vehicle else {}
 
 
 def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
@@ -655,10 +640,8 @@ def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
-    start, end = recording.span_s
-    origin = recording.origin
-    duration = {"start": origin.start, "duration_s": end - start}
-    results: dict[str, Any] = {"firmware": origin.firmware or None, **duration}
+    (start, end), origin = recording.span_s, recording.origin
+    results = {"firmware": origin.firmware or None, "start": origin.start, "duration_s": end - start}
     for column, name in SURROUNDINGS.items():
         channel = recording.channels.get(name)
         if channel is not None and np.isfinite(channel.values).any():
@@ -700,15 +683,9 @@ def _in_table(path: Path, column: str) -> str:
 
 @dataclass(frozen=True)
 class Fleet:
-    """A fleet that `eivor fleet run` made.
+    """A fleet that `eivor fleet run` made."""
 
-    Parameters
-    ----------
-    folder : Path
-        Where its files are.
-    """
-
-    folder: Path
+    folder: Path  # Where its files are
 
     @cached_property
     def flights(self) -> pl.DataFrame:
