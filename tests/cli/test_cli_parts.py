@@ -21,7 +21,7 @@ import pytest
 import eivor as ev
 from eivor import __main__ as entry
 from eivor.cli import main, outputs, tools
-from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_window
+from eivor.cli.parsing import declared_noise, log_argument, named, parse_window
 from eivor.errors import CorruptLogError, InputError
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, shipped_vehicles, vehicle_template
@@ -141,15 +141,15 @@ def test_a_window_is_two_seconds(text, expected):
 
 def test_a_log_may_bring_its_window():
     Path("flight@4:67").touch()  # a file that is there wins
-    for text, *expected in (
+    for text, path, window in (
         ("a/b.ulg@4:67", "a/b.ulg", (4.0, 67.0)),
         ("b.ulg@-4:6.5", "b.ulg", (-4.0, 6.5)),
-        ("me@home.csv", "me@home.csv"),
+        ("me@home.csv", "me@home.csv", None),
         ("me@home.csv@1:2", "me@home.csv", (1.0, 2.0)),
-        ("@1:2", "@1:2"),
-        ("flight@4:67", "flight@4:67"),
+        ("@1:2", "@1:2", None),
+        ("flight@4:67", "flight@4:67", None),
     ):
-        assert log_argument(text) == LogArgument(Path(expected[0]), *expected[1:])
+        assert log_argument(text) == (Path(path), window)
 
 
 def test_an_error_names_its_log_once():

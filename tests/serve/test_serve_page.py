@@ -17,7 +17,7 @@ from eivor.cli.main import application
 from eivor.inference.verdict import Status
 from eivor.report.html import report_sources
 from eivor.serve.app import PARTS, page_text
-from eivor.serve.jobs import File, KeptLog, Task, Work
+from eivor.serve.jobs import File, KeptLog, Task, work
 from eivor.serve.requests import RefusedError, parse_job
 from eivor.serve.worker import outcome_of
 from report.parsed_page import parsed
@@ -201,9 +201,9 @@ def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
 
 @pytest.mark.usefixtures("coarse_search")
 def test_choices_are_those_that_there_are():
-    work = Work()(Task("choices"), lambda _: None)
-    assert isinstance(work, dict)
-    known = dict(work)
+    outcome = work(Task("choices"), lambda _: None)
+    assert isinstance(outcome, dict)
+    known = dict(outcome)
     folders = known.pop("folders")
     assert {".ulg", ".bin", ".csv", ".mcap"} <= set(folders["endings"])
     assert {".db3", ".mcap"} <= set(folders["bags"])
@@ -213,4 +213,4 @@ def test_choices_are_those_that_there_are():
     assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
     for entries in known.values():
         assert all(entry["name"] and entry["words"] for entry in entries)
-    assert [item["needs"] for item in work["plans"] if item["name"] == "qgc"] == [["home"]]
+    assert [item["needs"] for item in outcome["plans"] if item["name"] == "qgc"] == [["home"]]

@@ -66,7 +66,7 @@ def log_paths(text: str) -> Iterable[Path]:
         return [Path("/dev/stdin")]
 
     # By name, since help loads no reader of logs.
-    path: Path = resolve_name("eivor.cli.parsing:log_argument")(text).path
+    path: Path = resolve_name("eivor.cli.parsing:log_argument")(text)[0]
     if not resolve_name("eivor.logs.addresses:is_local")(path):
         return []
     return resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]

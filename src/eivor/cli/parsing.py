@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -27,7 +26,7 @@ from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.logs.addresses import here, path_of
 from eivor.logs.common import UNITS, unit_fits
-from eivor.logs.read import example_flight
+from eivor.logs.read import EXAMPLE_FLIGHT, example_flight
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.declaration import load_machine
 from eivor.motions.identify import identify_log, motions_of
@@ -43,20 +42,12 @@ from eivor.tools import Progress, no_stage_callback
 Window = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class LogArgument:
-    """A log as given on the command line."""
-
-    path: Path
-    window: Window | None = None  # [s]
-
-
-def log_argument(text: str) -> LogArgument:
-    """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins."""
+def log_argument(text: str) -> tuple[Path, Window | None]:
+    """Path and window of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins."""
     name, index, tail = text.rpartition("@")
     if not index or not name or ":" not in tail or os.path.lexists(text):
-        return LogArgument(path_of(text))
-    return LogArgument(path_of(name), parse_window(tail))
+        return path_of(text), None
+    return path_of(name), parse_window(tail)
 
 
 def parse_window(text: str) -> Window:
@@ -128,28 +119,27 @@ def named(name: str, *, several: bool) -> Iterator[None]:
 # -- Flights --
 
 
-def with_distinct_names(given: Sequence[LogArgument], recordings: list[Recording]) -> list[Recording]:
-    """Recordings of one file name renamed: to their paths, and to path and window for parts of one log."""
-    paths: dict[str, set[Path]] = {}
-    parts: Counter[Path] = Counter()
-    for log, recording in zip(given, recordings, strict=True):
-        paths.setdefault(recording.name, set()).add(log.path)
-        parts[log.path] += 1
+def named_flights(
+    paths: Sequence[Path],
+    windows: Sequence[Window | None],
+    recordings: Sequence[Recording],
+    options: FlightOptions,
+) -> list[Recording]:
+    """Recordings of one file name named by paths, and parts of a log by windows; these are checked."""
+    of_name = {recording.name: set[Path]() for recording in recordings}
+    for path, recording in zip(paths, recordings, strict=True):
+        of_name[recording.name].add(path)
     renamed = []
-    for log, recording in zip(given, recordings, strict=True):
-        name = str(log.path) if len(paths[recording.name]) > 1 else recording.name
-        if parts[log.path] > 1 and log.window is not None:
-            name += f"@{log.window[0]:g}:{log.window[1]:g}"
+    for path, window, recording in zip(paths, windows, recordings, strict=True):
+        name = str(path) if len(of_name[recording.name]) > 1 else recording.name
+        if paths.count(path) > 1 and window is not None:
+            name += f"@{window[0]:g}:{window[1]:g}"
         renamed.append(recording if name == recording.name else replace(recording, name=name))
+        used = window or options.window
+        if used is not None:
+            with named(name, several=len(recordings) > 1):
+                interval_within(used, recording.span_s)
     return renamed
-
-
-def check_windows(recordings: list[Recording], windows: Sequence[Window | None]) -> None:
-    """Refuse windows outside their logs, and name the log."""
-    for recording, window in zip(recordings, windows, strict=True):
-        if window is not None:
-            with named(recording.name, several=len(recordings) > 1):
-                interval_within(window, recording.span_s)
 
 
 def identified(
@@ -190,6 +180,7 @@ def read_logs(
 ) -> tuple[list[Recording], list[Window | None]]:
     """Recordings of what was typed, and the window of each that has one of its own."""
     logs = [log_argument(text) for text in texts or ()]
+    windows = [window for _, window in logs] or [None]
     if example == bool(logs):
         raise UsageError(
             "one or more logs, or --example",
@@ -202,18 +193,15 @@ def read_logs(
             f"--example with --map {channel_map}",
             "Leave the map out: the example has canonical channels.",
         )
+    read, paths = {}, [path for path, _ in logs]
+    for path in dict.fromkeys(paths):
+        typed = str(path)
+        with step(f"Reading {path.name}"), named(typed, several=len(logs) > 1), here(typed) as file:
+            read[path] = read_log(file, channel_map=channel_map or None)
+    recordings = [read[path] for path in paths]
     if example:
-        recordings = [example_flight()]
-    else:
-        read = {}
-        for path in dict.fromkeys(log.path for log in logs):
-            typed = str(path)
-            with step(f"Reading {path.name}"), named(typed, several=len(logs) > 1), here(typed) as file:
-                read[path] = read_log(file, channel_map=channel_map or None)
-        recordings = with_distinct_names(logs, [read[log.path] for log in logs])
-    windows = [log.window for log in logs] or [None]
-    check_windows(recordings, [window or options.window for window in windows])
-    return recordings, windows
+        paths, recordings = [Path(EXAMPLE_FLIGHT)], [example_flight()]
+    return named_flights(paths, windows, recordings, options), windows
 
 
 def result_of(given: dict[str, Any], needs: str) -> tuple[LogEstimate, tuple[str, ...]]:

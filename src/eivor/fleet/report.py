@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
@@ -29,7 +30,18 @@ from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.logs.addresses import is_local
-from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone, table
+from eivor.report.document import (
+    Bullets,
+    Cell,
+    Document,
+    Figure,
+    Section,
+    TableColumn,
+    TableOf,
+    Tone,
+    bullets,
+    table,
+)
 from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
 from eivor.report.flight import section
 from eivor.report.flight_page import Figures
@@ -53,14 +65,14 @@ def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
 
 def interval_text(row: Row, wording: QuantitySpec, names: tuple[str, str, str]) -> tuple[str, str]:
     """Value and interval of a row as they are shown."""
-    value, low, high = (row[name] for name in names)
-    if value is None:
-        return NO_NUMBER, NO_NUMBER
-    value *= wording.scale
-    low, high = (float("nan") if end is None else end * wording.scale for end in (low, high))
+    value, low, high = _scaled(row, names, wording.scale)
     if 0.0 < FAR * value < high:
         return _two_digits(value), f"[{_two_digits(low)}, {_two_digits(high)}]"
     return plain_numbers(value, (low, high))
+
+
+def _scaled(row: Row, names: Iterable[str], scale: float) -> list[float]:
+    return [math.nan if row[name] is None else scale * row[name] for name in names]
 
 
 def mean_text(row: Row, wording: QuantitySpec) -> tuple[str, str]:
@@ -81,13 +93,12 @@ def _two_digits(number: float) -> str:
 
 def between_text(row: Row, across: AcrossFlights, wording: QuantitySpec) -> tuple[str, str]:
     """Standard deviation between members, and its interval: a share where logarithms are compared."""
-    numbers = [row[name] for name in ("between", "between_low", "between_high")]
-    if any(number is None for number in numbers):
+    names, scale = ("between", "between_low", "between_high"), 100.0 if across.logarithm else wording.scale
+    value, low, high = _scaled(row, names, scale)
+    if math.isnan(value + low + high):
         return NO_NUMBER, ""
     if across.logarithm:
-        value, low, high = (100.0 * number for number in numbers)
         return f"{value:.1f} %", f"[{low:.1f}, {high:.1f}]"
-    value, low, high = (wording.scale * number for number in numbers)
     return plain_numbers(value, (low, high))
 
 
@@ -108,8 +119,8 @@ def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
 
 def report_changes(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
-    changing = report.vehicles.filter(report.vehicles["course"].is_in([DRIFTS, STEPS]))
-    rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
+    changing = report.vehicles.filter(pl.col("course").is_in([DRIFTS, STEPS]))
+    rows = changing.sort(pl.min_horizontal("change_p", "step_p"), maintain_order=True).iter_rows(named=True)
     return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
 
 
@@ -131,9 +142,8 @@ def _change(report: FleetReport, row: Row) -> str:
 
 def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> str:
     wording = report.motion.quantities[across.name]
-    numbers = [row[key] for key in (name, f"{name}_low", f"{name}_high")]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
-    value, low, high = (scale * (float("nan") if number is None else number) for number in numbers)
+    value, low, high = _scaled(row, (name, f"{name}_low", f"{name}_high"), scale)
     value_text, interval = plain_numbers(value, (low, high))
     return f"{value_text}{unit} {interval}"
 
@@ -237,13 +247,12 @@ def _count(number: int, what: str) -> str:
 
 def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
     if not report.vehicles.height:
-        nothing_there = "No flight identifies a quantity with a standard error."
-        yield Section("Nothing to pool", (Bullets((nothing_there,)),))
+        yield Section("Nothing to pool", bullets(["No flight identifies a quantity with a standard error."]))
         yield from section("Left out", Bullets, report_omitted(report))
         return
     types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
-        few = _notes(few_footnote(types, "vehicles"))
+        few = bullets(few_footnote(types, "vehicles"))
         yield Section("By type", (_members(report, types, "vehicle"), *few))
     chosen = vehicles_to_report(report.vehicles).head(MOST_VEHICLES).with_row_index("place")
     numbered = report.vehicles.with_row_index("order")
@@ -260,9 +269,9 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         firsts = "those that change or differ first; the JSON has all."
         notes.append(f"{MOST_VEHICLES} of {count} vehicles, {firsts}")
-    yield Section("By vehicle", (_members(report, vehicles, "flight"), *_notes(notes), Figure(FOREST)))
+    yield Section("By vehicle", (_members(report, vehicles, "flight"), *bullets(notes), Figure(FOREST)))
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
-    yield Section("Changes", (Bullets(tuple(report_changes(report) or nothing)), Figure(LINES)))
+    yield Section("Changes", (*bullets(report_changes(report) or nothing), Figure(LINES)))
     if report.deviating.height:
         yield Section("Flights that deviate", tuple(_deviating(report, links)))
     yield from section("Vehicles that differ", Bullets, report_differences(report))
@@ -270,13 +279,9 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     yield from section("Taken out before changes were sought", Bullets, report_covariates(report))
 
 
-def _notes(notes: Iterable[str]) -> tuple[Bullets, ...]:
-    return (Bullets(texts),) if (texts := tuple(notes)) else ()
-
-
 def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
     """Vehicles by what is noticed of them: those that change or differ first."""
-    noticed = pl.col("course").is_in(["drifts", "steps"]) | pl.col("differs")
+    noticed = pl.col("course").is_in([DRIFTS, STEPS]) | pl.col("differs")
     by_vehicle = vehicles.group_by("type", "vehicle", maintain_order=True).agg(noticed.any().alias("noticed"))
     return by_vehicle.sort("noticed", descending=True, maintain_order=True)
 
@@ -399,26 +404,23 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
         mine = pl.col("quantity") == across.name
         rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
         wording = report.motion.quantities[across.name]
-        drawn = []
-        for row in rows.iter_rows(named=True):
-            label = f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
-            drawn.append(_forest_row(row, report, across, label))
-        drawn += [
-            _forest_row(row, report, across, f"type {row['type']}", whole=True)
-            for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
+        types = report.types.filter(mine).sort("type").head(MOST_ROWS)
+        drawn = [
+            *(_forest_row(row, wording, several=several) for row in rows.iter_rows(named=True)),
+            *(_forest_row(row, wording) for row in types.iter_rows(named=True)),
         ]
         yield forest_picture(capitalised(wording.words), axis_of(wording), drawn)
 
 
-def _forest_row(
-    row: Row, report: FleetReport, across: AcrossFlights, label: str, *, whole: bool = False
-) -> PlottedInterval:
-    wording = report.motion.quantities[across.name]
-    ends = [row[name] for name in ("low", "high")]
-    ends = [row.get(name) for name in ONLY] if None in ends else ends
-    pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
+def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> PlottedInterval:
+    """A vehicle, with its type where there are several, or a type."""
+    label = row.get("vehicle") or f"type {row['type']}"
+    ends = ONLY if None in (row["low"], row["high"]) and "vehicle" in row else ("low", "high")
+    value, low, high = _scaled(row, ("mean", *ends), wording.scale)
+    pieces = () if math.isnan(low) or math.isnan(high) else ((low, high),)
     numbers = " ".join(dict.fromkeys(mean_text(row, wording)))
-    return PlottedInterval(label, row["mean"] * wording.scale, pieces, numbers, None, whole)
+    label = f"{row['type']}: {label}" if several else label
+    return PlottedInterval(label, value, pieces, numbers, None, "vehicle" not in row)
 
 
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:

@@ -33,6 +33,12 @@ class Bullets:
     sentences: tuple[str, ...]
 
 
+def bullets(sentences: Iterable[str]) -> tuple[Bullets, ...]:
+    """Sentences as a part of a section; no part of none."""
+    there = tuple(sentences)
+    return (Bullets(there),) if there else ()
+
+
 @dataclass(frozen=True, slots=True)
 class Facts:
     """Texts with their labels, one below the other."""

@@ -31,6 +31,7 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
+    bullets,
     table,
 )
 from eivor.report.rows import (
@@ -100,7 +101,7 @@ SHOWN_IN = {"rad": ("deg", math.degrees(1.0)), "rad/s": ("deg/s", math.degrees(1
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """Unit to show what is in another one, and what its numbers are multiplied by."""
+    """Unit to show, and what numbers in the given one are multiplied by."""
     return SHOWN_IN.get(unit, (unit, 1.0))
 
 
@@ -115,17 +116,16 @@ def prediction_rows(prediction: MultiStepPrediction) -> list[tuple[str, ...]]:
 
 def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[Part, ...]:
     """Root mean square errors of every quantity and model by horizon, and what is left out."""
-    sentences = ((prediction.sentence,) if sentence else ()) + (prediction.inequality,)
-    bullets = (*(sentences if prediction.errors else ()), *prediction.omitted)
-    below = (Bullets(bullets),) if bullets else ()
     if not prediction.errors:
-        return below
+        return bullets(prediction.omitted)
+    sentences = ((prediction.sentence,) if sentence else ()) + (prediction.inequality,)
     horizons = (TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
     rows, before = [], ""
     for quantity, words, unit, *errors in prediction_rows(prediction):
         rows.append(("" if quantity == before else f"{quantity} [{unit}]", words, *errors))
         before = quantity
-    return (table((TableColumn("RMS error of", whole=True), "by", *horizons), rows), *below)
+    errors_by_horizon = table((TableColumn("RMS error of", whole=True), "by", *horizons), rows)
+    return (errors_by_horizon, *bullets((*sentences, *prediction.omitted)))
 
 
 # -- Fit checks --
@@ -136,13 +136,12 @@ AGREEMENT = ("agree", "may differ", "differ")
 Check = tuple[str, str]
 
 
-def checks(result: FlightEstimate) -> tuple[Check, ...]:
+def checks(result: FlightEstimate) -> Iterator[Check]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
-    if result.fit is None:
-        return ()
-    makers = (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares)
-    shared = tuple(check for maker in makers for check in maker(result, result.fit))
-    return (*shared, *result.fit.motion_checks.report)
+    if result.fit is not None:
+        for make in (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares):
+            yield from make(result, result.fit)
+        yield from result.fit.motion_checks.report
 
 
 def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
@@ -216,10 +215,8 @@ def _residual(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
     memory, leverage = fit.checks.memory, fit.checks.leverage
     if memory is not None:
         drifting = " (it drifts)" if memory.drifts else ""
-        yield (
-            "residual",
-            f"memory {memory.memory:.2f} ± {2.0 * memory.order_error:.2f} (0 = none){drifting}",
-        )
+        width = 2.0 * memory.order_error
+        yield "residual", f"memory {memory.memory:.2f} ± {width:.2f} (0 = none){drifting}"
     if fit.checks.memory_by_axis:
         each = (f"{axis} {item.memory:.2f}" for axis, item in fit.checks.memory_by_axis.items())
         yield "by axis", f"memory of the residual: {', '.join(each)}"
@@ -252,11 +249,8 @@ def _least_squares(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
 
 
 def _closely(result: FlightEstimate) -> list[tuple[str, QuantitySpec]]:
-    return [
-        (name, result.motion.quantities[name])
-        for name in result.motion.quantities.headline
-        if name in result.names
-    ]
+    quantities = result.motion.quantities
+    return [(name, quantities[name]) for name in quantities.headline if name in result.names]
 
 
 def _tail(p_value: float) -> str:
@@ -286,7 +280,7 @@ def further_reasons(result: FlightEstimate) -> dict[Reason, list[str]]:
     """Reasons against single quantities that are not reasons of the verdict, with the symbols of these."""
     known = {reason.sentence for reason in result.verdict.reasons}
     against: dict[Reason, list[str]] = {}
-    for row in quantity_rows(result.quantities, result.motion.quantities):
+    for row in reported_rows(result):
         for reason in row.quantity.reasons:
             if reason.sentence not in known:
                 against.setdefault(reason, []).append(row.wording.symbol)
@@ -403,9 +397,9 @@ def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> I
     if result.flights:
         fly = motion.words.fly  # all reasons end with this advice
         firsts = ((row.label, row.reasons[0]) for row in result.flights if row.reasons)
-        texts = tuple(f"{label}: {reason.removesuffix(fly).strip()}" for label, reason in firsts)
+        texts = bullets(f"{label}: {reason.removesuffix(fly).strip()}" for label, reason in firsts)
         table = _row_table([(row, row_quantities(row, motion)) for row in result.flights], "log")
-        yield Section("Flights one by one", (table, Figure("flights"), *((Bullets(texts),) if texts else ())))
+        yield Section("Flights one by one", (table, Figure("flights"), *texts))
     if result.comparisons:
         table = _row_table([(row, row_quantities(row, motion)) for row in result.comparisons], "method")
         yield Section("Methods side by side", (table, Figure("methods")))
@@ -433,14 +427,13 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
 
 def _facts(result: FlightEstimate) -> Facts:
     with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
-    return Facts(
-        (
-            ("model", result.motion.equation[0].replace(" - ", " − ")),
-            ("", result.motion.view(result.prepared[0]).symbols),
-            ("method", f"{result.method}; {with_what}"),
-            ("used", used(result)),
-        )
-    )
+    facts = {
+        "model": result.motion.equation[0].replace(" - ", " − "),
+        "": result.motion.view(result.prepared[0]).symbols,
+        "method": f"{result.method}; {with_what}",
+        "used": used(result),
+    }
+    return Facts(tuple(facts.items()))
 
 
 def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
@@ -463,9 +456,7 @@ def _implied(implications: Implications) -> Iterator[Part]:
     if rows:
         yield table(("", "", *NUMBER_COLUMNS, "verdict"), rows)
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
-    sentences = (*text, *implications.contradictions)
-    if sentences:
-        yield Bullets(sentences)
+    yield from bullets((*text, *implications.contradictions))
 
 
 def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:

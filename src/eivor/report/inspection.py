@@ -14,8 +14,8 @@ from eivor.errors import EivorError
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import overview
-from eivor.flights.quantity import NAN, Words
-from eivor.flights.references import Reference
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import NAN
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.compatibility import Calibration, comparisons
@@ -62,17 +62,6 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True)
-class AirborneTime:
-    """When a vehicle moved as the motion says, and what reported it."""
-
-    rule: str
-    active: Stretches  # [s]
-    used: Stretches  # [s]
-    used_s: float  # Time that counts [s]
-    references: tuple[Reference, ...]  # Channels that may be instruments
-
-
-@dataclass(frozen=True)
 class _Tried:
     """What `identify` makes of logs, or why it cannot begin."""
 
@@ -110,14 +99,13 @@ class Inspection(_Tried):
         return self.recording.findings if self.result is None else self.result.findings
 
     @property
-    def airborne(self) -> AirborneTime | None:
-        """When the vehicle moved; None when `identify` cannot begin."""
-        if self.result is None:
-            return None
-        flight = self.result.prepared[0]
-        rule, active = self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
-        used = spans_of(flight.used, flight.grid.time_s)
-        return AirborneTime(rule, active, used, flight.used_s, flight.references)
+    def flight(self) -> PreparedFlight | None:
+        """The log as `identify` takes it; None when it cannot begin."""
+        return None if self.result is None else self.result.prepared[0]
+
+    def active(self, flight: PreparedFlight) -> tuple[str, Stretches]:
+        """What reported that the vehicle moved as the motion says, and when."""
+        return self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
 
     @property
     def calibration(self) -> tuple[str, ...]:
@@ -129,7 +117,7 @@ class Inspection(_Tried):
     @cached_property
     def compatibility(self) -> tuple[Calibration, ...]:
         """Clocks, scales, biases and axes of sensors in the air, by kinematics alone."""
-        spans = self.airborne.active if self.airborne is not None else (self.recording.span_s,)
+        spans = (self.recording.span_s,) if self.flight is None else self.active(self.flight)[1]
         return tuple(row for item in comparisons(self.recording, spans) for row in item.table())
 
     @property
@@ -195,19 +183,21 @@ def _part_to_try(active: Stretches) -> tuple[float, float] | None:
 
 
 def _summary(channel: Channel) -> ChannelSummary:
-    known = np.isfinite(channel.values)
-    low = float(np.min(channel.values, where=known, initial=np.inf))
-    high = float(np.max(channel.values, where=known, initial=-np.inf))
+    known, ends = np.isfinite(channel.values), (NAN, NAN)
+    if known.any():
+        low = np.min(channel.values, where=known, initial=np.inf)
+        ends = float(low), float(np.max(channel.values, where=known, initial=-np.inf))
     # a held channel may rest: silence is no gap in it
     gaps = () if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps())
-    return (
-        ChannelSummary(channel, low, high, gaps) if known.any() else ChannelSummary(channel, NAN, NAN, gaps)
-    )
+    return ChannelSummary(channel, *ends, gaps)
 
 
 def inspection_json(inspection: Inspection) -> dict[str, Json]:
     """Document of an inspection, ready for `json_text`."""
-    log, airborne = inspection.recording, inspection.airborne
+    log, flight, airborne = inspection.recording, inspection.flight, None
+    if flight is not None:
+        rule, active = inspection.active(flight)
+        airborne = {"rule": rule, "segments": active, "used": spans_of(flight.used, flight.grid.time_s)}
     return document(
         "eivor.inspect/1",
         log={
@@ -219,14 +209,9 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
         },
         channels=[
             {
-                "name": item.channel.name,
-                "source": item.channel.source,
-                "unit": item.channel.unit,
+                **{name: getattr(item.channel, name) for name in ("name", "source", "unit")},
                 "samples": item.channel.time_s.size,
-                "rate_hz": item.channel.rate_hz,
-                "held": item.channel.held,
-                "estimated": item.channel.estimated,
-                "delay_s": item.channel.delay_s,
+                **{name: getattr(item.channel, name) for name in ("rate_hz", "held", "estimated", "delay_s")},
                 "range": (item.lowest, item.highest),
                 "gaps": item.gaps,
                 **asdict(item.channel.quality),
@@ -236,11 +221,11 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
         missing=inspection.missing,
         looked_for=log.looked_for,
         advice=inspection.advice,
-        airborne=airborne and {"rule": airborne.rule, "segments": airborne.active, "used": airborne.used},
+        airborne=airborne,
         tried=inspection.tried,
         references=[
             {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
-            for reference in (airborne.references if airborne else ())
+            for reference in (flight.references if flight else ())
         ],
         parameters=inspection.parameters,
         calibration=inspection.compatibility,
@@ -280,8 +265,7 @@ def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
 
 
 def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
-    log = inspected.recording
-    first, last = log.span_s
+    log, (first, last) = inspected.recording, inspected.recording.span_s
     sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
     about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
     return Document(log.name, about, sections)
@@ -298,10 +282,14 @@ def calibration_document(result: Inspection) -> Document:
 
 def _sections(result: Inspection) -> Iterator[Section]:
     yield Section("Channels", (_channel_table(result),))
-    if result.airborne is not None:
-        words = result.motion.words
-        yield from section(capitalised(words.where), Bullets, _airborne(result.airborne, words))
-        yield from section("References", Bullets, _references(result.airborne, words))
+    if result.flight is not None:
+        words, references = result.motion.words, result.flight.references
+        yield from section(capitalised(words.where), Bullets, _airborne(result, result.flight))
+        usable = (
+            f"{item.name}: {'usable' if item.usable else 'not usable'} ({item.remark})."
+            for item in references
+        )
+        yield Section("References", (Bullets(tuple(usable) or (words.no_reference,)),))
         yield from section("Calibration", Bullets, result.calibration)
     yield from _absent(result)
     parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
@@ -310,12 +298,9 @@ def _sections(result: Inspection) -> Iterator[Section]:
     if result.tried is None:
         yield _verdict_section(result)
         return
-    start, end = result.tried
-    why = (
-        f"The log does not fit into memory: identify was tried on {start:.1f} to {end:.1f} s. Name another "
-        "part with --window START:END."
-    )
-    yield _verdict_section(result, f" of {start:.1f} to {end:.1f} s", why)
+    part = "{:.1f} to {:.1f} s".format(*result.tried)
+    why = f"The log does not fit into memory: identify was tried on {part}."
+    yield _verdict_section(result, f" of {part}", f"{why} Name another part with --window START:END.")
 
 
 def _channel_table(result: Inspection) -> TableOf:
@@ -357,26 +342,19 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
             yield f"{number} {what}"
 
 
-def _airborne(flight: AirborneTime, words: Words) -> Iterator[str]:
-    yield f"Known by {flight.rule}."
-    where = capitalised(words.where)
-    yield f"{where}: {_listed(flight.active)}." if flight.active else f"Never {words.where}."
-    if flight.active:
-        kept = f"{flight.used_s:.1f} s in {_listed(flight.used)}" if flight.used else "nothing"
+def _airborne(result: Inspection, flight: PreparedFlight) -> Iterator[str]:
+    (rule, active), words = result.active(flight), result.motion.words
+    yield f"Known by {rule}."
+    yield f"{capitalised(words.where)}: {_listed(active)}." if active else f"Never {words.where}."
+    if active:
+        used = spans_of(flight.used, flight.grid.time_s)
+        kept = f"{flight.used_s:.1f} s in {_listed(used)}" if used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
 
 
-def _listed(intervals: tuple[tuple[float, float], ...]) -> str:
+def _listed(intervals: Stretches) -> str:
     text = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
     return text + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
-
-
-def _references(flight: AirborneTime, words: Words) -> Iterator[str]:
-    if not flight.references:
-        yield words.no_reference
-    for reference in flight.references:
-        verdict = "usable" if reference.usable else "not usable"
-        yield f"{reference.name}: {verdict} ({reference.remark})."
 
 
 def _absent(result: Inspection) -> Iterator[Section]:
@@ -390,10 +368,12 @@ def _absent(result: Inspection) -> Iterator[Section]:
     def sought(name: str) -> str:
         return ", ".join(absent.get(name, ())) or f"a channel or column '{name}'"
 
-    selected = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
+    plain = [name for name, sources in absent.items() if sources == (f"column {name}",)]
     first = [f"{name} (needed): looked for {sought(name)}" for name in result.missing]
-    others = [f"{name}: looked for {sought(name)}" for name in selected if name not in result.missing]
-    plain = [name for name in absent if name not in selected and name not in result.missing]
+    others = [
+        f"{name}: looked for {sought(name)}" for name in absent if name not in (*plain, *result.missing)
+    ]
+    plain = [name for name in plain if name not in result.missing]
     columns = [f"Columns {', '.join(plain)}."] if plain else []
     yield from section("Not in the log", Bullets, (*first, *others, *columns))
     yield from section("How to log it", Bullets, result.advice)

@@ -105,6 +105,12 @@ class PredictionError:
     rms: float
     explained: float
 
+    @property
+    def texts(self) -> tuple[str, str]:
+        """Both as tables show them."""
+        share = f"{self.explained:.1%}" if math.isfinite(self.explained) else NO_NUMBER
+        return f"{self.rms:.3g}", share
+
 
 @dataclass(frozen=True)
 class ModelPrediction:
@@ -157,12 +163,16 @@ class Validation:
         """
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.predicts
+        farthest, rivals = self._farthest
+        least = all(farthest.error.rms <= other.error.rms for other in rivals)
+        return farthest.error.explained > 0.0 and least
+
+    @property
+    def _farthest(self) -> tuple[ModelPrediction, list[ModelPrediction]]:
+        """Prediction of the fit at the farthest horizon, and those that it is held against."""
         farthest, *others = self.by_quantity[-1]
         # one step ahead least squares leave the least, whatever they mean
-        rivals = others if farthest.horizon is Horizon.OPEN_LOOP else []
-        return farthest.error.explained > 0.0 and all(
-            farthest.error.rms <= other.error.rms for other in rivals
-        )
+        return farthest, others if farthest.horizon is Horizon.OPEN_LOOP else []
 
     @property
     def contradictions(self) -> tuple[QuantityComparison, ...]:
@@ -184,8 +194,7 @@ class Validation:
     def _predicted(self) -> str:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
-        farthest, *others = self.by_quantity[-1]
-        others = others if farthest.horizon is Horizon.OPEN_LOOP else []
+        farthest, others = self._farthest
         runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
         far = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
         share = f"{farthest.error.explained:.1%}" if farthest.error.explained > 0.0 else "nothing"
@@ -398,15 +407,16 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
 
 
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for item in validation.predictions:
-        what, error = f"{item.quantity}, {item.horizon.words}", item.error
-        rows.append((what, item.words, f"{error.rms:.3g}", item.unit, _share(error)))
-    return rows
-
-
-def _share(error: PredictionError) -> str:
-    return f"{error.explained:.1%}" if np.isfinite(error.explained) else NO_NUMBER
+    return [
+        (
+            f"{item.quantity}, {item.horizon.words}",
+            item.words,
+            item.error.texts[0],
+            item.unit,
+            item.error.texts[1],
+        )
+        for item in validation.predictions
+    ]
 
 
 def validation_json(validation: Validation) -> dict[str, Json]:
@@ -463,10 +473,9 @@ def validation_document(validation: Validation) -> Document:
 def _validation_facts(validation: Validation) -> Facts:
     logs = ", ".join(str(log.get("name")) for log in validation.fit.document.provenance.logs)
     verdict, flight = validation.fit.verdict, validation.flight
-    trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    runs, multi_step = len(validation.spans_s), validation.multi_step_prediction
+    runs, multi_step = len(flight.runs), validation.multi_step_prediction
     facts = {
-        "fit": f"of {logs}{trust}",
+        "fit": f"of {logs}{'' if verdict is Status.IDENTIFIED else f' ({verdict.value})'}",
         "model": validation.motion.equation[0].replace(" - ", " − "),
         "used": f"{flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}",
     }
@@ -509,8 +518,7 @@ def _by_run(validation: Validation) -> TableOf:
         columns += [TableColumn(title, right=True, strong=True), TableColumn("explained", right=True)]
     rows = []
     for index, (start, end) in enumerate(validation.spans_s):
-        errors = [item.by_run[index] for item in selected]
-        texts = [text for error in errors for text in (f"{error.rms:.3g}", _share(error))]
+        texts = (text for item in selected for text in item.by_run[index].texts)
         rows.append((f"{start:.1f} to {end:.1f}", *texts))
     return table(columns, rows)
 

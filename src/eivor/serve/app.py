@@ -46,10 +46,10 @@ from eivor.serve.jobs import (
     KeptLogs,
     Outcome,
     Task,
-    Work,
     Workers,
     WorkFunction,
     shown_name,
+    work,
 )
 from eivor.serve.requests import RefusedError, error_parts, parse_job, refusal, sent_files
 
@@ -118,7 +118,7 @@ class ServeOptions:
     largest: int = 500_000_000  # bytes of a log at most
     most_waiting: int = 256  # jobs in the queue
     clock: Callable[[], float] = time.monotonic
-    work: WorkFunction = field(default_factory=Work)  # function of the worker processes
+    work: WorkFunction = work  # function of the worker processes
 
 
 class Server:
@@ -141,7 +141,7 @@ class Server:
         self.jobs = Jobs(self.folder / "jobs", self.workers, chosen.clock)
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
-                Gate(_application(self), self.port, self.token),
+                Gate(_Routes(self).application(), self.port, self.token),
                 http=BoundedProtocol,
                 ws="none",
                 lifespan="off",
@@ -337,6 +337,31 @@ class _Routes:
     def __init__(self, server: Server) -> None:
         self._server, self._logs, self._jobs = server, server.logs, server.jobs
 
+    def application(self) -> Starlette:
+        """The routes, and what answers errors."""
+        routes = (
+            ("GET", "/", self.page),
+            ("GET", "/choices", self.choices),
+            ("GET", "/options.schema.json", self.options_schema),
+            ("POST", "/logs", self.keep_log),
+            ("POST", "/example", self.keep_example),
+            ("DELETE", "/logs/{log}", self.forget_log),
+            ("POST", "/jobs", self.begin_job),
+            ("DELETE", "/jobs/{job}", self.end_job),
+            ("GET", "/jobs/{job}/events", self.events),
+            ("GET", "/jobs/{job}/result.json", self.result),
+            ("GET", "/jobs/{job}/report.html", self.report),
+            ("GET", "/jobs/{job}/exports", self.list_exports),
+            ("GET", "/jobs/{job}/exports/{target}", self.export),
+            ("GET", "/jobs/{job}/plan/{form}", self.plan),
+        )
+        app = Starlette(
+            routes=[Route(path, endpoint, methods=[method]) for method, path, endpoint in routes],
+            exception_handlers=dict.fromkeys((EivorError, HTTPException, OSError, TimeoutError), self.refuse),
+        )
+        app.router.redirect_slashes = False
+        return app
+
     def page(self, _request: Request) -> Response:
         return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy})
 
@@ -369,10 +394,11 @@ class _Routes:
         return JSONResponse({})
 
     async def begin_job(self, request: Request) -> Response:
-        body = _Body(request, _length(request, MOST_JSON))
+        size = _length(request, MOST_JSON)
+        body = _Body(request, size)
 
         def begin() -> str:
-            job_request = parse_job(b"".join(body.parts(body.left)))
+            job_request = parse_job(b"".join(body.parts(size)))
             return self._jobs.begin(job_request, {log: self._logs.get(log) for log, _ in job_request.logs})
 
         return JSONResponse({"job": await anyio.to_thread.run_sync(begin)})
@@ -420,34 +446,6 @@ class _Routes:
         return _refused(_as_refusal(request, error))
 
 
-def _application(server: Server) -> Starlette:
-    answers = _Routes(server)
-    app = Starlette(
-        routes=[
-            Route(path, endpoint, methods=[method])
-            for method, path, endpoint in (
-                ("GET", "/", answers.page),
-                ("GET", "/choices", answers.choices),
-                ("GET", "/options.schema.json", answers.options_schema),
-                ("POST", "/logs", answers.keep_log),
-                ("POST", "/example", answers.keep_example),
-                ("DELETE", "/logs/{log}", answers.forget_log),
-                ("POST", "/jobs", answers.begin_job),
-                ("DELETE", "/jobs/{job}", answers.end_job),
-                ("GET", "/jobs/{job}/events", answers.events),
-                ("GET", "/jobs/{job}/result.json", answers.result),
-                ("GET", "/jobs/{job}/report.html", answers.report),
-                ("GET", "/jobs/{job}/exports", answers.list_exports),
-                ("GET", "/jobs/{job}/exports/{target}", answers.export),
-                ("GET", "/jobs/{job}/plan/{form}", answers.plan),
-            )
-        ],
-        exception_handlers=dict.fromkeys((EivorError, HTTPException, OSError, TimeoutError), answers.refuse),
-    )
-    app.router.redirect_slashes = False
-    return app
-
-
 def _as_refusal(request: Request, error: Exception) -> EivorError:
     if isinstance(error, EivorError):
         return error
@@ -470,7 +468,6 @@ class _Body:
     """The body of a request, read by a thread in parts as they come."""
 
     def __init__(self, request: Request, size: int) -> None:
-        self.left = size
         self._chunks = request.stream()
         self._rest = b""
         self._end = time.monotonic() + BODY_S + size / BODY_RATE
@@ -482,7 +479,7 @@ class _Body:
             if time.monotonic() > self._end:
                 raise TimeoutError
             part, self._rest = chunk[:size], chunk[size:]
-            size, self.left = size - len(part), self.left - len(part)
+            size -= len(part)
             yield part
 
     async def _next(self) -> bytes:

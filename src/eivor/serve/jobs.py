@@ -57,13 +57,9 @@ WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 Event = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Work:
-    """The function of worker processes, which alone load what it needs: a task to its outcome."""
-
-    def __call__(self, item: Task, report: ProgressCallback) -> Outcome:
-        """Outcome of a task."""
-        return resolve_name("eivor.serve.worker:outcome_of")(item, report)
+def work(item: Task, report: ProgressCallback) -> Outcome:
+    """Outcome of a task in a worker process, which alone loads what that needs."""
+    return resolve_name("eivor.serve.worker:outcome_of")(item, report)
 
 
 #: A process that has worked ends after so long without work [s].
@@ -85,8 +81,8 @@ class Ticket:
 class Workers:
     """At most `count` processes that do tasks by `work`, each within its limits, and the queue."""
 
-    def __init__(self, count: int, limits: Limits, most_waiting: int, work: WorkFunction) -> None:
-        self._limits, self._most_waiting, self._work = limits, most_waiting, work
+    def __init__(self, count: int, limits: Limits, most_waiting: int, function: WorkFunction) -> None:
+        self._limits, self._most_waiting, self._function = limits, most_waiting, function
         self._lock = threading.Lock()
         self._threads = ThreadPoolExecutor(count)
         self._waiting: list[Ticket] = []
@@ -177,7 +173,7 @@ class Workers:
             if not self._waiting:  # it was given up
                 return
             ticket = self._waiting.pop(0)
-            new = WorkerProcess(self._work, self._limits), math.inf
+            new = WorkerProcess(self._function, self._limits), math.inf
             process, worked_at = self._free.pop() if self._free else new
         ticket.on_start()
         outcome = self._done(process, ticket)

@@ -52,11 +52,7 @@ def choices() -> dict[str, object]:
             {**_named(name, item.words), "file": f"{name}{item.ending}"} for name, item in TARGETS.items()
         ],
         "plans": [
-            {
-                **_named(name, item.words),
-                "file": item.file,
-                "needs": ["home"] if item.is_mission else [],
-            }
+            {**_named(name, item.words), "file": item.file, "needs": ["home"] * item.is_mission}
             for name, item in WRITTEN.items()
         ],
         "folders": {
@@ -119,13 +115,9 @@ def identify(
                 log: replace(_recording(logs[log], channel_map, several=several), name=name)
                 for log, name in names.items()
             }
-        given = [
-            parsing.LogArgument(Path(names[log]), parsing.parse_window(window) if window else None)
-            for log, window in request.logs
-        ]
-        recordings = parsing.with_distinct_names(given, [read[log] for log, _ in request.logs])
-        windows = [item.window for item in given]
-        parsing.check_windows(recordings, [window or options.window for window in windows])
+        windows = [parsing.parse_window(window) if window else None for _, window in request.logs]
+        paths = [Path(names[log]) for log, _ in request.logs]
+        recordings = parsing.named_flights(paths, windows, [read[log] for log, _ in request.logs], options)
         result = parsing.identified(
             recordings, motions, options, windows, progress=lambda stage: progress({"stage": stage.value})
         )
