@@ -51,41 +51,29 @@ EXAMPLES = {
     "vehicle show": "quadrotor-x",
     "machine show": "rover",
 }
-#: Commands in the order of help: heading, where the command or group is, and what `eivor --help` says. The
-#: module of a command holds NAME_EXIT_CODES too; those of other rooms and packages are entry points.
+#: Commands in the order of help: heading, module, and what `eivor --help` says. The module has the command or
+#: group by its name, and NAME_EXIT_CODES of a command; those of other rooms and packages are entry points.
 COMMANDS = {
     "identify": (
         "Identify",
-        "eivor.cli.identify:identify",
+        "identify",
         "Identify a motion from a flight log, with intervals and a verdict.",
     ),
-    "report": (
-        "Identify",
-        "eivor.cli.identify:report",
-        "Identify logs, and write the result as one page of HTML.",
-    ),
-    "track": ("Identify", "eivor.cli.identify:track", "Follow a parameter over a flight."),
-    "inspect": ("Look", "eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
+    "report": ("Identify", "identify", "Identify logs, and write the result as one page of HTML."),
+    "track": ("Identify", "identify", "Follow a parameter over a flight."),
+    "inspect": ("Look", "tools", "Show what a log holds, and what it could be used for."),
     "frequency-response": (
         "Look",
-        "eivor.cli.identify:frequency_response",
+        "identify",
         "Bode plot in closed loop with bands, orders and a controller.",
     ),
     "serve": ("Look", "", "Open a page on this machine, on which logs are dropped."),
-    "example": ("Look", "eivor.cli.tools:example_app", "Logs to try Eivor with."),
-    "export": (
-        "Use the result",
-        "eivor.cli.export:export",
-        "Write a result for an autopilot, a controller or a simulator.",
-    ),
-    "validate": (
-        "Use the result",
-        "eivor.cli.identify:validate",
-        "Compare a fit with another flight of the vehicle.",
-    ),
-    "plan": ("Plan", "eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
-    "vehicle": ("Plan", "eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
-    "machine": ("Plan", "eivor.cli.tools:machine_app", "Machines that are declared: equations in ten lines."),
+    "example": ("Look", "tools", "Logs to try Eivor with."),
+    "export": ("Use the result", "export", "Write a result for an autopilot, a controller or a simulator."),
+    "validate": ("Use the result", "identify", "Compare a fit with another flight of the vehicle."),
+    "plan": ("Plan", "tools", "Plan the flight that would identify what a result could not."),
+    "vehicle": ("Plan", "tools", "Vehicle files of the rigid body."),
+    "machine": ("Plan", "tools", "Machines that are declared: equations in ten lines."),
     "simulate": ("Simulate and study", "", "Simulate motion with known parameters into a log."),
     "study": ("Simulate and study", "", "Run a Monte Carlo study."),
     "paper": ("Simulate and study", "", "Make the tables and figures of the paper again."),
@@ -97,9 +85,9 @@ ENTRY_POINTS = "eivor.commands"
 
 def _targets() -> dict[str, str]:
     """Where each command is, in the order of help."""
+    own = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    known = {name: target for name, (_, target, _) in COMMANDS.items()} | added
-    return {name: target for name, target in known.items() if target}
+    return {name: target.replace("-", "_") for name, target in (own | added).items() if target}
 
 
 @contextmanager

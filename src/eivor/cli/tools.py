@@ -149,11 +149,11 @@ def _cause(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-example_app = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
+example = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
 NO_FAILURE = "[bold]Exit codes[/bold]: 0 done; 2 wrong usage."
 
 
-@example_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
+@example.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
 @guarded
 def list_logs() -> ExitCode:
     """List the public real logs that can be fetched."""
@@ -162,7 +162,7 @@ def list_logs() -> ExitCode:
     return ExitCode.IDENTIFIED
 
 
-@example_app.command(
+@example.command(
     cls=ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that "
     "cannot be written; 2 wrong usage.",
@@ -197,7 +197,7 @@ def fetch(
     return ExitCode.IDENTIFIED
 
 
-@example_app.command(cls=ReadableCommand, epilog=NO_FAILURE)
+@example.command(cls=ReadableCommand, epilog=NO_FAILURE)
 @guarded
 def path() -> ExitCode:
     """Print where the bundled example flight is."""
@@ -445,7 +445,7 @@ def _begun(what: str, text: str, file: str) -> ExitCode:
     return ExitCode.IDENTIFIED
 
 
-vehicle_app = _shipped_group(
+vehicle = _shipped_group(
     "vehicle",
     "Vehicle files: what is known of a vehicle before its flight is identified.",
     ("name", "what it is"),
@@ -456,14 +456,14 @@ vehicle_app = _shipped_group(
 )
 
 
-@vehicle_app.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
+@vehicle.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
 @guarded
 def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> ExitCode:
     """Write a vehicle file to begin with: every key, with what it means."""
     return _begun("a vehicle", vehicle_template(), file)
 
 
-machine_app = _shipped_group(
+machine = _shipped_group(
     "machine",
     "Machines: equations whose parameters are identified from logs.",
     ("name", "what it is", "equation"),
@@ -476,7 +476,7 @@ machine_app = _shipped_group(
 )
 
 
-@machine_app.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
+@machine.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
 @guarded
 def new_machine(
     file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,

@@ -30,20 +30,8 @@ from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.logs.addresses import is_local
-from eivor.report.document import (
-    Bullets,
-    Cell,
-    Document,
-    Figure,
-    Section,
-    TableColumn,
-    TableOf,
-    Tone,
-    bullets,
-    table,
-)
+from eivor.report import document as doc
 from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
-from eivor.report.flight import section
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
@@ -219,9 +207,9 @@ MOST_VEHICLES = 30
 FOREST, LINES = "forest", "lines"
 
 
-def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> Document:
+def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> doc.Document:
     """Document of a fleet's report."""
-    return Document(title, about_fleet(report), tuple(_sections(report, links)))
+    return doc.Document(title, about_fleet(report), tuple(_sections(report, links)))
 
 
 def about_fleet(report: FleetReport) -> str:
@@ -245,15 +233,17 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number:,} {what}s"
 
 
-def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
+def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.Section]:
     if not report.vehicles.height:
-        yield Section("Nothing to pool", bullets(["No flight identifies a quantity with a standard error."]))
-        yield from section("Left out", Bullets, report_omitted(report))
+        yield doc.Section(
+            "Nothing to pool", doc.bullets(["No flight identifies a quantity with a standard error."])
+        )
+        yield from doc.section("Left out", doc.Bullets, report_omitted(report))
         return
     types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
-        few = bullets(few_footnote(types, "vehicles"))
-        yield Section("By type", (_members(report, types, "vehicle"), *few))
+        few = doc.bullets(few_footnote(types, "vehicles"))
+        yield doc.Section("By type", (_members(report, types, "vehicle"), *few))
     chosen = vehicles_to_report(report.vehicles).head(MOST_VEHICLES).with_row_index("place")
     numbered = report.vehicles.with_row_index("order")
     vehicle_rows = chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
@@ -269,14 +259,16 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         firsts = "those that change or differ first; the JSON has all."
         notes.append(f"{MOST_VEHICLES} of {count} vehicles, {firsts}")
-    yield Section("By vehicle", (_members(report, vehicles, "flight"), *bullets(notes), Figure(FOREST)))
+    yield doc.Section(
+        "By vehicle", (_members(report, vehicles, "flight"), *doc.bullets(notes), doc.Figure(FOREST))
+    )
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
-    yield Section("Changes", (*bullets(report_changes(report) or nothing), Figure(LINES)))
+    yield doc.Section("Changes", (*doc.bullets(report_changes(report) or nothing), doc.Figure(LINES)))
     if report.deviating.height:
-        yield Section("Flights that deviate", tuple(_deviating(report, links)))
-    yield from section("Vehicles that differ", Bullets, report_differences(report))
-    yield from section("Left out", Bullets, report_omitted(report))
-    yield from section("Taken out before changes were sought", Bullets, report_covariates(report))
+        yield doc.Section("Flights that deviate", tuple(_deviating(report, links)))
+    yield from doc.section("Vehicles that differ", doc.Bullets, report_differences(report))
+    yield from doc.section("Left out", doc.Bullets, report_omitted(report))
+    yield from doc.section("Taken out before changes were sought", doc.Bullets, report_covariates(report))
 
 
 def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
@@ -286,45 +278,45 @@ def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
     return by_vehicle.sort("noticed", descending=True, maintain_order=True)
 
 
-def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:
+def linked(name: str, sha256: str, links: Mapping[str, str]) -> doc.Cell:
     """A flight's name, which leads to its report; one without says so where others have one."""
     link = links.get(sha256, "")
-    return Cell(name, "no report of its own" if links and not link else "", link=link)
+    return doc.Cell(name, "no report of its own" if links and not link else "", link=link)
 
 
-def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[TableOf | Bullets]:
+def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[doc.TableOf | doc.Bullets]:
     cells = []
     for row in report.deviating.head(MOST).iter_rows(named=True):
         wording = report.motion.quantities[row["quantity"]]
         name = linked(row["name"], row["sha256"], links or {})
-        value = Cell(*interval_text(row, wording, ("value", "low", "high")))
+        value = doc.Cell(*interval_text(row, wording, ("value", "low", "high")))
         expected = f"{row['expected'] * wording.scale:.4g}"
         cells.append((name, row["vehicle"], f"{wording.words} {symbol_of(wording)}", value, expected))
     columns = (
-        TableColumn("flight", strong=True),
+        doc.TableColumn("flight", strong=True),
         "vehicle",
         "quantity",
-        TableColumn("value", right=True, whole=True, below=Tone.FAINT),
-        TableColumn("the others", right=True, whole=True),
+        doc.TableColumn("value", right=True, whole=True, below=doc.Tone.FAINT),
+        doc.TableColumn("the others", right=True, whole=True),
     )
-    yield table(columns, cells)
+    yield doc.table(columns, cells)
     if report.deviating.height > MOST:
-        yield Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
+        yield doc.Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
 
 
-def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
+def _members(report: FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
     """Types of vehicles, or vehicles of flights; each is named in the first of its rows."""
     key = ("type",) if of == "vehicle" else VEHICLE
-    columns: list[str | TableColumn] = [
-        TableColumn(key[-1], strong=True),
+    columns: list[str | doc.TableColumn] = [
+        doc.TableColumn(key[-1], strong=True),
         "quantity",
-        TableColumn("mean", right=True, whole=True, below=Tone.FAINT),
-        TableColumn("between", right=True, whole=True, below=Tone.FAINT),
-        TableColumn(f"next {of}", right=True, whole=True),
-        TableColumn(f"{of}s", right=True, below=Tone.FAINT),
+        doc.TableColumn("mean", right=True, whole=True, below=doc.Tone.FAINT),
+        doc.TableColumn("between", right=True, whole=True, below=doc.Tone.FAINT),
+        doc.TableColumn(f"next {of}", right=True, whole=True),
+        doc.TableColumn(f"{of}s", right=True, below=doc.Tone.FAINT),
     ]
     if of == "flight":
-        columns.append(TableColumn("course", whole=True))
+        columns.append(doc.TableColumn("course", whole=True))
     seen: set[tuple[str, ...]] = set()
     cells = []
     for row in rows:
@@ -335,14 +327,14 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
         line = (
             "" if member in seen else member[-1],
             f"{wording.words} {symbol_of(wording)}",
-            Cell(*mean_text(row, wording)),
-            Cell(*between_text(row, across, wording)),
+            doc.Cell(*mean_text(row, wording)),
+            doc.Cell(*between_text(row, across, wording)),
             next_text(row, wording),
-            Cell(f"{row['pooled']}", omitted),
+            doc.Cell(f"{row['pooled']}", omitted),
         )
         cells.append((*line, row["course"]) if of == "flight" else line)
         seen.add(member)
-    return table(columns, cells)
+    return doc.table(columns, cells)
 
 
 def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from eivor.inference.verdict import Status
 
@@ -154,6 +154,13 @@ class Section:
 
     heading: str  # May be empty
     parts: tuple[Part, ...]
+
+
+def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[Any]) -> Iterator[Section]:
+    """Section of one part, unless there is nothing to report."""
+    result = tuple(record)
+    if result:
+        yield Section(heading, (part(result),))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from math import isfinite
 from typing import Any
@@ -20,20 +20,8 @@ from eivor.inference.diagnostics.record import outcome_word
 from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.logs.read import log_format
+from eivor.report import document as doc
 from eivor.report.card import answered_reasons, quantities_with_number, result_card
-from eivor.report.document import (
-    Bullets,
-    Cell,
-    Document,
-    Facts,
-    Figure,
-    Part,
-    Section,
-    TableColumn,
-    TableOf,
-    bullets,
-    table,
-)
 from eivor.report.rows import (
     NO_NUMBER,
     QuantityRow,
@@ -114,18 +102,18 @@ def prediction_rows(prediction: MultiStepPrediction) -> list[tuple[str, ...]]:
     return rows
 
 
-def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[Part, ...]:
+def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[doc.Part, ...]:
     """Root mean square errors of every quantity and model by horizon, and what is left out."""
     if not prediction.errors:
-        return bullets(prediction.omitted)
+        return doc.bullets(prediction.omitted)
     sentences = ((prediction.sentence,) if sentence else ()) + (prediction.inequality,)
-    horizons = (TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
+    horizons = (doc.TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
     rows, before = [], ""
     for quantity, words, unit, *errors in prediction_rows(prediction):
         rows.append(("" if quantity == before else f"{quantity} [{unit}]", words, *errors))
         before = quantity
-    errors_by_horizon = table((TableColumn("RMS error of", whole=True), "by", *horizons), rows)
-    return (errors_by_horizon, *bullets((*sentences, *prediction.omitted)))
+    errors_by_horizon = doc.table((doc.TableColumn("RMS error of", whole=True), "by", *horizons), rows)
+    return (errors_by_horizon, *doc.bullets((*sentences, *prediction.omitted)))
 
 
 # -- Fit checks --
@@ -345,87 +333,82 @@ def reported_findings(result: FlightEstimate) -> tuple[str, ...]:
 #: Where the card is, when it is not shown.
 WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command with --card."
 NUMBER_COLUMNS = (
-    TableColumn("value", right=True, strong=True, whole=True),
-    TableColumn("95 % interval", whole=True),
-    TableColumn("unit"),
+    doc.TableColumn("value", right=True, strong=True, whole=True),
+    doc.TableColumn("95 % interval", whole=True),
+    doc.TableColumn("unit"),
 )
 
 
-def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
+def flight_document(result: FlightEstimate, *, card: bool = False) -> doc.Document:
     """Document of a motion, with the flight card when that is wanted."""
     (made,) = log_documents(LogEstimate({result.motion.name: result}), card=card)
     return made
 
 
-def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[Document, ...]:
+def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[doc.Document, ...]:
     """Documents of the motions of a log behind the card of all; the last says why others are left out."""
     results = tuple(result.motions.values())
     title, made = ", ".join(flight.recording.name for flight in result.first.prepared), result_card(results)
     lines = [line for group in made.groups for line in group.lines]
     said = {text for line in lines for text in (line.text, f"{line.words}: {line.text}")}
     bodies = [tuple(_sections(item, said, flight_card=card)) for item in results]
-    bodies[-1] = (*bodies[-1], *section("Left out", Facts, tuple(result.left_out.items())))
+    bodies[-1] = (*bodies[-1], *doc.section("Left out", doc.Facts, tuple(result.left_out.items())))
     if len(results) == 1:
-        return (Document(title, "", bodies[0], made),)
-    titled = (Document(item.motion.words.title, "", body) for item, body in zip(results, bodies, strict=True))
-    return (Document(title, "", (), made), *titled)
+        return (doc.Document(title, "", bodies[0], made),)
+    titled = (
+        doc.Document(item.motion.words.title, "", body) for item, body in zip(results, bodies, strict=True)
+    )
+    return (doc.Document(title, "", (), made), *titled)
 
 
-def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> Iterator[Section]:
+def _sections(result: FlightEstimate, said: set[str], *, flight_card: bool) -> Iterator[doc.Section]:
     """Sections of a motion; what is of the log is said once of all motions."""
     motion = result.motion
     numbers = quantities_with_number(result)
     others = tuple(
         row for row in reported_rows(result) if row.name not in numbers and math.isfinite(row.quantity.value)
     )
-    yield Section("", (_facts(result), *((_quantity_table(others),) if others else ())))
+    yield doc.Section("", (_facts(result), *((_quantity_table(others),) if others else ())))
     if result.implications.numbers:
-        yield Section("What follows for the vehicle", tuple(_implied(result.implications)))
-    yield from section("Key figures", Facts, _figures(result.figures))
-    yield from section("Why", Bullets, reasons(result))
+        yield doc.Section("What follows for the vehicle", tuple(_implied(result.implications)))
+    yield from doc.section("Key figures", doc.Facts, _figures(result.figures))
+    yield from doc.section("Why", doc.Bullets, reasons(result))
     steps = flight_steps(result)
     where = () if flight_card or not steps or WHERE_THE_CARD_IS in said else (WHERE_THE_CARD_IS,)
     said.update(where)
-    yield from section("What to do", Bullets, (*remedies(result), *where))
-    yield from section("Checks", Facts, checks(result))
+    yield from doc.section("What to do", doc.Bullets, (*remedies(result), *where))
+    yield from doc.section("Checks", doc.Facts, checks(result))
     if result.multi_step_prediction is not None:
-        prediction_section = (*prediction_parts(result.multi_step_prediction), Figure("ahead"))
-        yield Section("Predicted ahead, from many starts of this flight", prediction_section)
-    yield from section("Systematic parts", Bullets, systematic_sentences(result))
+        prediction_section = (*prediction_parts(result.multi_step_prediction), doc.Figure("ahead"))
+        yield doc.Section("Predicted ahead, from many starts of this flight", prediction_section)
+    yield from doc.section("Systematic parts", doc.Bullets, systematic_sentences(result))
     if result.by_flight:
-        yield Section("What belongs to each flight of the pool", (_flight_table(result),))
+        yield doc.Section("What belongs to each flight of the pool", (_flight_table(result),))
     if result.flights:
         fly = motion.words.fly  # all reasons end with this advice
         firsts = ((row.label, row.reasons[0]) for row in result.flights if row.reasons)
-        texts = bullets(f"{label}: {reason.removesuffix(fly).strip()}" for label, reason in firsts)
+        texts = doc.bullets(f"{label}: {reason.removesuffix(fly).strip()}" for label, reason in firsts)
         table = _row_table([(row, row_quantities(row, motion)) for row in result.flights], "log")
-        yield Section("Flights one by one", (table, Figure("flights"), *texts))
+        yield doc.Section("Flights one by one", (table, doc.Figure("flights"), *texts))
     if result.comparisons:
         table = _row_table([(row, row_quantities(row, motion)) for row in result.comparisons], "method")
-        yield Section("Methods side by side", (table, Figure("methods")))
+        yield doc.Section("Methods side by side", (table, doc.Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(result.prepared) > 1 else 'log'}"
     findings = [item for item in reported_findings(result) if item not in said]
     said.update(findings)
-    yield from section(noticed, Bullets, findings)
+    yield from doc.section(noticed, doc.Bullets, findings)
     if flight_card:
         yield from card_section(steps)
-    yield Section("Figure", (Figure("flight"),))
+    yield doc.Section("Figure", (doc.Figure("flight"),))
 
 
-def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[Any]) -> Iterator[Section]:
-    """Section of one part, unless there is nothing to report."""
-    result = tuple(record)
-    if result:
-        yield Section(heading, (part(result),))
-
-
-def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
+def card_section(card: tuple[CardSection, ...]) -> Iterator[doc.Section]:
     """The flight card, unless there is none."""
-    facts = ((part.title, Bullets(part.sentences)) for part in card)
-    yield from section("Flight card", Facts, facts)
+    facts = ((part.title, doc.Bullets(part.sentences)) for part in card)
+    yield from doc.section("Flight card", doc.Facts, facts)
 
 
-def _facts(result: FlightEstimate) -> Facts:
+def _facts(result: FlightEstimate) -> doc.Facts:
     with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
     facts = {
         "model": result.motion.equation[0].replace(" - ", " − "),
@@ -433,30 +416,30 @@ def _facts(result: FlightEstimate) -> Facts:
         "method": f"{result.method}; {with_what}",
         "used": used(result),
     }
-    return Facts(tuple(facts.items()))
+    return doc.Facts(tuple(facts.items()))
 
 
-def _quantity_table(quantities: tuple[QuantityRow, ...]) -> TableOf:
+def _quantity_table(quantities: tuple[QuantityRow, ...]) -> doc.TableOf:
     rows = []
     for row in quantities:
-        verdict, wording = Cell(row.label, status=row.quantity.verdict), row.wording
+        verdict, wording = doc.Cell(row.label, status=row.quantity.verdict), row.wording
         symbol = ", ".join(filter(None, (wording.symbol, wording.field_symbol.replace("-", "−"))))
         rows.append((wording.words, symbol, *row.texts, wording.shown_unit, verdict))
-    return table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
+    return doc.table(("quantity", "", *NUMBER_COLUMNS, "verdict"), rows)
 
 
-def _implied(implications: Implications) -> Iterator[Part]:
+def _implied(implications: Implications) -> Iterator[doc.Part]:
     """Numbers that follow, then in sentences those that do not, and what cannot be."""
     rows = []
     for number in implications.numbers:
         if number.value is not None and number.interval is not None:
-            verdict = Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
+            verdict = doc.Cell(verdict_label(number.verdict, number.interval), status=number.verdict)
             numbers = bounded_numbers(number.value, number.interval)
             rows.append((number.words, number.symbol, *numbers, number.unit, verdict))
     if rows:
-        yield table(("", "", *NUMBER_COLUMNS, "verdict"), rows)
+        yield doc.table(("", "", *NUMBER_COLUMNS, "verdict"), rows)
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
-    yield from bullets((*text, *implications.contradictions))
+    yield from doc.bullets((*text, *implications.contradictions))
 
 
 def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
@@ -469,19 +452,19 @@ def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
         yield words, " ".join(filter(None, (text, interval, alike[0].unit.replace("^2", "²"))))
 
 
-def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> TableOf:
+def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> doc.TableOf:
     """A row for each flight or method, a column for each quantity."""
     titles = [symbol_of(quantity.wording) for quantity in rows[0][1]]
-    columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
+    columns = (doc.TableColumn(label), *(doc.TableColumn(title, strong=True, whole=True) for title in titles))
     cells = []
     for row, quantities in rows:
         texts = [quantity.texts for quantity in quantities]
-        numbers = (Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
-        cells.append((Cell(row.label, row.verdict.label, row.verdict), *numbers))
-    return table(columns, cells)
+        numbers = (doc.Cell(value, "" if value == NO_NUMBER else interval) for value, interval in texts)
+        cells.append((doc.Cell(row.label, row.verdict.label, row.verdict), *numbers))
+    return doc.table(columns, cells)
 
 
-def _flight_table(result: FlightEstimate) -> TableOf:
+def _flight_table(result: FlightEstimate) -> doc.TableOf:
     """Quantities that differ among the flights of a pool."""
     tables = [row.quantities for row in result.by_flight]
     wording = {

@@ -31,7 +31,7 @@ from eivor.models.transfer_functions import (
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
 from eivor.motions.table import motion_by_name
-from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, table
+from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
 from eivor.report.figure_panels import BLUE, DARK, GREY, RED, Picture, labelled, legend, mosaic, page
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
@@ -175,11 +175,12 @@ def response_of_axis(
         models = transfer_functions(response, band_hz=band_hz, sensor_filter=_filter(first, path))
     except EstimationError as error:
         findings.append(f"No model: {error.received}. {error.remedy}")
-    if models is not None:
-        findings += _model_findings(models.chosen.p_value, response)
-        sound = not response.is_provisional and models.chosen.p_value >= UNLIKELY and response.is_shown.any()
-        if loops and path.turns and sound and models.chosen.parameters["gain"] > 0.0:
-            controllers = proposed_controllers(models)
+    if models is not None and models.chosen.p_value < UNLIKELY:
+        why = f"{' of the direct estimate' * response.is_direct} (p = {models.chosen.p_value:.1g})"
+        findings.append(f"No order up to 4 explains the response{why}: its intervals are too narrow.")
+    elif models is not None and loops and path.turns and models.chosen.p_value >= UNLIKELY:
+        shown = response.is_shown.any() and not response.is_provisional
+        controllers = proposed_controllers(models) if shown and models.chosen.parameters["gain"] > 0.0 else ()
     asked_for = (f"feedback_reference_{output}", f"reference_{output}")
     setpoint = next((name for name in asked_for if name in first.recording.channels), "")
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
@@ -246,11 +247,9 @@ def _grid(flights: Sequence[PreparedFlight], slowest_hz: float) -> Float[np.ndar
 def _saturation(u: list[Float[np.ndarray, " n"]], name: str) -> list[str]:
     values = np.concatenate(u)
     values = values[np.isfinite(values)]
-    ends = (values == values.max()) | (values == values.min())
-    share = float(ends.mean())
-    if share < SATURATED:
-        return []
-    return [f"{name} stands at its limits for {share:.0%} of the time: the response is of what is left."]
+    share = float(np.isin(values, (values.min(), values.max())).mean())
+    text = f"{name} stands at its limits for {share:.0%} of the time: the response is of what is left."
+    return [text] if share >= SATURATED else []
 
 
 def _filter(flight: PreparedFlight, path: ResponsePath) -> Any:
@@ -267,14 +266,6 @@ def _filter(flight: PreparedFlight, path: ResponsePath) -> Any:
     return low_pass
 
 
-def _model_findings(p_value: float, response: FrequencyResponse) -> list[str]:
-    why = " of the direct estimate" if response.is_direct else ""
-    sentence = (
-        f"No order up to 4 explains the response{why} (p = {p_value:.1g}): its intervals are too narrow."
-    )
-    return [sentence] if p_value < UNLIKELY else []
-
-
 def response_document(item: LogResponse) -> Document:
     """Document of the response of one axis."""
     response = item.response
@@ -284,18 +275,14 @@ def response_document(item: LogResponse) -> Document:
     bands = f"{response.level:.0%} at each frequency by itself"
     reference = item.reference or "none"
     facts = (("from", item.input), ("to", item.output), ("reference", reference), ("bands", bands))
-    parts: list[Any] = [Facts(facts)]
-    if response.is_shown.any():
-        parts.append(_frequencies(response))
-    sections = [Section("", tuple(parts))]
+    shown = (_frequencies(response),) if response.is_shown.any() else ()
+    sections = [Section("", (Facts(facts), *shown))]
     if item.models is not None:
         sections.append(Section("Models by order", (_orders(item.models),)))
         sections.append(Section("What the orders within 4 AICc allow", (_shared(item.models),)))
     if item.controllers:
         sections.append(Section("Controllers, to be test-flown; none is applied", _controllers(item)))
-    if item.findings:
-        sections.append(Section("Findings", (Bullets(item.findings),)))
-    return Document(item.name, about, tuple(sections))
+    return Document(item.name, about, (*sections, *section("Findings", Bullets, item.findings)))
 
 
 def _frequencies(response: FrequencyResponse) -> Any:
@@ -416,19 +403,16 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
 
 def response_figure(results: Sequence[LogResponse]) -> Figure:
     """Bode plot with bands and models, coherences, and loops on a Nichols chart; a column for each axis."""
-    count = len(results)
-    title = f"{printable(results[0].name)}: frequency responses"
-    rows = [[f"{row}{k}" for k in range(count)] for row in ("magnitude", "phase", "coherence", "nichols")]
-    panels = mosaic(page(max(5.2 * count, 7.0), 11.0, title), rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
-    for k, item in enumerate(results):
-        of = {row: panels[f"{row}{k}"] for row in ("magnitude", "phase", "coherence", "nichols")}
+    figure = page(max(5.2 * len(results), 7.0), 11.0, f"{printable(results[0].name)}: frequency responses")
+    draws = _draw_magnitude, _draw_phase, _draw_coherences, _draw_nichols
+    rows = [[f"{draw.__name__} {item.axis}" for item in results] for draw in draws]
+    panels = mosaic(figure, rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
+    for item in results:
+        for draw in draws:
+            draw(panels[f"{draw.__name__} {item.axis}"], item)
         names = f"{item.axis}: {item.input} to {item.output}"
-        of["magnitude"].set_title(names, fontsize=9, parse_math=False)
-        _draw_magnitude(of["magnitude"], item)
-        _draw_phase(of["phase"], item)
-        _draw_coherences(of["coherence"], item)
-        _draw_nichols(of["nichols"], item)
-    return panels["magnitude0"].figure  # type: ignore[return-value]
+        panels[f"_draw_magnitude {item.axis}"].set_title(names, fontsize=9, parse_math=False)
+    return figure
 
 
 def _unwrapped(values: Complex[np.ndarray, " f"], mask: Any) -> Float[np.ndarray, " f"]:
@@ -493,6 +477,7 @@ def _over_frequency(axes: Axes, words: str, **limits: Any) -> None:
 def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
     """Magnitude, phase and coherences of the axes of turning whose responses the flights show."""
     flying = [flight for flight in result.prepared if flight.runs]
+    draws = {"magnitude": _draw_magnitude, "phase": _draw_phase, "coherences": _draw_coherences}
     for axis, path in TURNING.items() if isinstance(result.motion, Rates) and result.fit else ():
         try:
             item = response_of_axis(axis, path, flying, loops=False)
@@ -501,11 +486,7 @@ def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
         if item.response.is_direct or not item.response.is_shown.any():
             continue
         words = f"{item.input} to {item.output}, on {item.reference}; {item.response.level:.0%} bands."
-        for what, draw in (
-            ("magnitude", _draw_magnitude),
-            ("phase", _draw_phase),
-            ("coherences", _draw_coherences),
-        ):
+        for what, draw in draws.items():
             yield Picture(f"Response of {axis}: {what}", words, partial(draw, item=item))
 
 
@@ -535,13 +516,8 @@ def _draw_nichols(axes: Axes, item: LogResponse) -> None:
         angle = _unwrapped(loop, np.ones(f.size, dtype=np.bool_))
         axes.plot(angle, 20.0 * np.log10(np.abs(loop)), color=colour, lw=1.1, label=controller.name)
         margins = controller.margins
-        axes.plot(
-            [margins.phase_margin_deg - 180.0, -180.0],
-            [0.0, -margins.gain_margin_db],
-            "s",
-            color=colour,
-            ms=4,
-        )
+        ends = [margins.phase_margin_deg - 180.0, -180.0], [0.0, -margins.gain_margin_db]
+        axes.plot(*ends, "s", color=colour, ms=4)
     axes.plot([-180.0], [0.0], "+", color=DARK, ms=10)
     axes.set(xlim=(-300.0, -30.0), ylim=(-30.0, 30.0))
     axes.grid(alpha=0.25)

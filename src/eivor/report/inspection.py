@@ -19,25 +19,13 @@ from eivor.flights.quantity import NAN
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.compatibility import Calibration, comparisons
+from eivor.report import document as doc
 from eivor.report.card import result_card
-from eivor.report.document import (
-    Bullets,
-    Cell,
-    Document,
-    Look,
-    Section,
-    Statement,
-    TableColumn,
-    TableOf,
-    Tone,
-    table,
-)
 from eivor.report.flight import (
     card_section,
     flight_steps,
     logging_advice_for,
     missing_channels,
-    section,
     spans_of,
 )
 from eivor.report.json_document import Json, document
@@ -250,51 +238,53 @@ def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
 LISTED = 6
 
 
-def inspection_document(result: Inspection) -> Document:
+def inspection_document(result: Inspection) -> doc.Document:
     """Document of one log, with the flight card unless it is identified."""
     card = () if result.result is None else card_section(flight_steps(result.result))
     return _document(result, (*_sections(result), *card))
 
 
-def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
+def pooled_documents(result: PooledInspection) -> tuple[doc.Document, ...]:
     """A document of each log, and one of all together, which has the flight card."""
     verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
     card = () if result.result is None else card_section(flight_steps(result.result))
-    together = Document("", "", (verdict, *card))
+    together = doc.Document("", "", (verdict, *card))
     return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
 
 
-def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
+def _document(inspected: Inspection, sections: tuple[doc.Section, ...]) -> doc.Document:
     log, (first, last) = inspected.recording, inspected.recording.span_s
     sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
     about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
-    return Document(log.name, about, sections)
+    return doc.Document(log.name, about, sections)
 
 
-def calibration_document(result: Inspection) -> Document:
+def calibration_document(result: Inspection) -> doc.Document:
     """What kinematics says of the sensors of a log."""
     sentence = "Sensors cannot be compared: attitude and body rates, at 20 Hz or more, are not logged."
     rows = [(row.what, *plain_numbers(row.value, row.interval), row.unit) for row in result.compatibility]
-    heads = ("by kinematics alone", TableColumn("value", right=True), "95 % interval", "unit")
-    part = table(heads, rows) if rows else Bullets((sentence,))
-    return _document(result, (Section("Calibration", (part,)),))
+    heads = ("by kinematics alone", doc.TableColumn("value", right=True), "95 % interval", "unit")
+    part = doc.table(heads, rows) if rows else doc.Bullets((sentence,))
+    return _document(result, (doc.Section("Calibration", (part,)),))
 
 
-def _sections(result: Inspection) -> Iterator[Section]:
-    yield Section("Channels", (_channel_table(result),))
+def _sections(result: Inspection) -> Iterator[doc.Section]:
+    yield doc.Section("Channels", (_channel_table(result),))
     if result.flight is not None:
         words, references = result.motion.words, result.flight.references
-        yield from section(capitalised(words.where), Bullets, _airborne(result, result.flight))
+        yield from doc.section(capitalised(words.where), doc.Bullets, _airborne(result, result.flight))
         usable = (
             f"{item.name}: {'usable' if item.usable else 'not usable'} ({item.remark})."
             for item in references
         )
-        yield Section("References", (Bullets(tuple(usable) or (words.no_reference,)),))
-        yield from section("Calibration", Bullets, result.calibration)
+        yield doc.Section("References", (doc.Bullets(tuple(usable) or (words.no_reference,)),))
+        yield from doc.section("Calibration", doc.Bullets, result.calibration)
     yield from _absent(result)
     parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
-    yield from section("Parameters of the vehicle", Bullets, parameters)
-    yield from section("Noticed in the log", Bullets, (finding.message for finding in result.findings))
+    yield from doc.section("Parameters of the vehicle", doc.Bullets, parameters)
+    yield from doc.section(
+        "Noticed in the log", doc.Bullets, (finding.message for finding in result.findings)
+    )
     if result.tried is None:
         yield _verdict_section(result)
         return
@@ -303,11 +293,11 @@ def _sections(result: Inspection) -> Iterator[Section]:
     yield _verdict_section(result, f" of {part}", f"{why} Name another part with --window START:END.")
 
 
-def _channel_table(result: Inspection) -> TableOf:
+def _channel_table(result: Inspection) -> doc.TableOf:
     columns = (
-        TableColumn("channel, and its source", strong=True, below=Tone.FAINT),
-        TableColumn("rate [Hz]", right=True, whole=True),
-        TableColumn("range, and remarks", below=Tone.WARNING),
+        doc.TableColumn("channel, and its source", strong=True, below=doc.Tone.FAINT),
+        doc.TableColumn("rate [Hz]", right=True, whole=True),
+        doc.TableColumn("range, and remarks", below=doc.Tone.WARNING),
     )
     rows = []
     for item in result.channels:
@@ -318,8 +308,8 @@ def _channel_table(result: Inspection) -> TableOf:
         if math.isfinite(item.lowest):
             span = f"{item.lowest:.4g} to {item.highest:.4g} {channel.unit}".rstrip()
         remarks = "; ".join(_remarks(item))
-        rows.append((Cell(channel.name, channel.source), text, Cell(span, remarks)))
-    return table(columns, rows)
+        rows.append((doc.Cell(channel.name, channel.source), text, doc.Cell(span, remarks)))
+    return doc.table(columns, rows)
 
 
 def _remarks(summary: ChannelSummary) -> Iterator[str]:
@@ -357,7 +347,7 @@ def _listed(intervals: Stretches) -> str:
     return text + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
 
 
-def _absent(result: Inspection) -> Iterator[Section]:
+def _absent(result: Inspection) -> Iterator[doc.Section]:
     log = result.recording
     absent = {
         name: sources
@@ -375,15 +365,15 @@ def _absent(result: Inspection) -> Iterator[Section]:
     ]
     plain = [name for name in plain if name not in result.missing]
     columns = [f"Columns {', '.join(plain)}."] if plain else []
-    yield from section("Not in the log", Bullets, (*first, *others, *columns))
-    yield from section("How to log it", Bullets, result.advice)
+    yield from doc.section("Not in the log", doc.Bullets, (*first, *others, *columns))
+    yield from doc.section("How to log it", doc.Bullets, result.advice)
 
 
-def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> Section:
+def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> doc.Section:
     heading = f"What identify says{of} (found by running it)"
     if result.result is None:
-        statement = Statement("nothing: it cannot begin", Look.MISSING)
+        statement = doc.Statement("nothing: it cannot begin", doc.Look.MISSING)
     else:
         card = result_card((result.result,))
-        statement = Statement(card.title, card.look, f" (method {result.result.method})")
-    return Section(heading, (statement, Bullets((*result.reasons, *record))))
+        statement = doc.Statement(card.title, card.look, f" (method {result.result.method})")
+    return doc.Section(heading, (statement, doc.Bullets((*result.reasons, *record))))

@@ -18,9 +18,8 @@ from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, LARGEST_SHARE, Moment, Track, relative_change
 from eivor.planning.plan import SECONDS, FlightPlan, MachinePlan, make_plan, plan_machine
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
-from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, TableOf, Tone, table
+from eivor.report import document as doc
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
-from eivor.report.flight import section
 from eivor.report.flight_figures import flight_runs, within_band
 from eivor.report.html import rendered
 from eivor.report.json_document import Json, document
@@ -146,19 +145,19 @@ LINE, ROWS = 60, 16
 FLAT = 0.1
 
 
-def track_document(track: Track) -> Document:
+def track_document(track: Track) -> doc.Document:
     """Document of a track."""
     (flight,) = track.result.prepared
     texts = "no moment identifies it"
     if track.moments:
         texts = f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
     sections = (
-        *((Section("", (_line(track), _table(track))),) if track.moments else ()),
-        *section("Changes", Bullets, report_changes(track)),
-        *section("Not identified", Bullets, untold(track)),
-        *section("Taken as known", Bullets, (*_at(track), *track.known)),
+        *((doc.Section("", (_line(track), _table(track))),) if track.moments else ()),
+        *doc.section("Changes", doc.Bullets, report_changes(track)),
+        *doc.section("Not identified", doc.Bullets, untold(track)),
+        *doc.section("Taken as known", doc.Bullets, (*_at(track), *track.known)),
     )
-    return Document(flight.recording.name, f"{_called(track)} over the log: {texts}", sections)
+    return doc.Document(flight.recording.name, f"{_called(track)} over the log: {texts}", sections)
 
 
 def _called(track: Track) -> str:
@@ -233,22 +232,22 @@ def _thinned(track: Track, most: int) -> list[Moment]:
     return [moment for number, moment in numbered if moment.change or number % step == 0]
 
 
-def _line(track: Track) -> Facts:
+def _line(track: Track) -> doc.Facts:
     thinned = _thinned(track, LINE)
     line = marks([item.value for item in thinned], [item.is_precise for item in thinned])
     ends = f"{track.moments[0].time_s:.1f} to {track.moments[-1].time_s:.1f} s"
     symbol = track.result.motion.quantities[track.name].symbol
-    return Facts(((symbol, line), ("", f"{ends}; {UNTOLD} is not identified")))
+    return doc.Facts(((symbol, line), ("", f"{ends}; {UNTOLD} is not identified")))
 
 
-def _table(track: Track) -> TableOf:
+def _table(track: Track) -> doc.TableOf:
     wording = track.result.motion.quantities[track.name]
     columns = (
-        TableColumn("time [s]", strong=True),
-        TableColumn(f"{wording.symbol} [{wording.shown_unit or wording.unit}]", right=True, whole=True),
-        TableColumn("95 % interval", whole=True),
-        TableColumn("of the first reported", right=True),
-        TableColumn("", below=Tone.WARNING),
+        doc.TableColumn("time [s]", strong=True),
+        doc.TableColumn(f"{wording.symbol} [{wording.shown_unit or wording.unit}]", right=True, whole=True),
+        doc.TableColumn("95 % interval", whole=True),
+        doc.TableColumn("of the first reported", right=True),
+        doc.TableColumn("", below=doc.Tone.WARNING),
     )
     first = track.precise_moments[0].value if track.precise_moments else None
     rows = []
@@ -260,7 +259,7 @@ def _table(track: Track) -> TableOf:
         share = f"{100.0 * item.value / first:.0f} %" if item.is_precise and first else ""
         note = {1: "rose", -1: "fell", 0: ""}[item.change]
         rows.append((f"{item.time_s:.1f}", value, interval, share, note))
-    return table(columns, rows)
+    return doc.table(columns, rows)
 
 
 def track_json(track: Track) -> dict[str, Json]:
@@ -362,24 +361,24 @@ def plan(
     return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 
-def plan_document(made: FlightPlan | MachinePlan) -> Document:
+def plan_document(made: FlightPlan | MachinePlan) -> doc.Document:
     """Document of a plan."""
     if isinstance(made, MachinePlan):
         limits = (
             f"{name} ± {' · '.join(f'{item:.3g}' for item in sizes)}" for name, sizes in made.limits.items()
         )
-        facts = Facts((("references", ", ".join(made.references)), ("limits", "; ".join(limits))))
+        facts = doc.Facts((("references", ", ".join(made.references)), ("limits", "; ".join(limits))))
         widths = [
             (item.words, f"{item.value:.3g}", f"± {item.half_width:.2g}", item.unit)
             for item in made.predicted.values()
         ]
-        right = (TableColumn(name, right=True) for name in ("taken as", "half-width"))
-        sections = (Section("", (facts, table(("quantity", *right, "unit"), widths))),)
-        return Document(f"Plan for {made.machine.name}", made.sentence, sections)
+        right = (doc.TableColumn(name, right=True) for name in ("taken as", "half-width"))
+        sections = (doc.Section("", (facts, doc.table(("quantity", *right, "unit"), widths))),)
+        return doc.Document(f"Plan for {made.machine.name}", made.sentence, sections)
     columns = (
         "quantity",
-        TableColumn("taken as", right=True),
-        TableColumn("half-width", right=True, strong=True),
+        doc.TableColumn("taken as", right=True),
+        doc.TableColumn("half-width", right=True, strong=True),
         "unit",
         "identified",
     )
@@ -388,18 +387,18 @@ def plan_document(made: FlightPlan | MachinePlan) -> Document:
         target = TARGETS[word]
         text = f"in {item.identified} of {len(item.verdicts)}"
         rows.append((target.words, made.taken(word), f"± {item.half_width:.2g}", target.unit, text))
-    return Document(
+    return doc.Document(
         f"Plan for the {TARGETS[made.target].words}",
         made.sentence,
-        (Section("", (_plan_facts(made), table(columns, rows))),),
+        (doc.Section("", (_plan_facts(made), doc.table(columns, rows))),),
     )
 
 
-def _plan_facts(made: FlightPlan) -> Facts:
+def _plan_facts(made: FlightPlan) -> doc.Facts:
     limits, (low, high, speed) = made.limits, made.reached
     gains = made.vehicle.follows
     why = ", to suit the lag" if made.vehicle.controller is None else ", as the flight was flown"
-    return Facts(
+    return doc.Facts(
         (
             ("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
             (

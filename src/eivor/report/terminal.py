@@ -12,22 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eivor.inference.verdict import Status
-from eivor.report.document import (
-    Bullets,
-    Card,
-    CardLine,
-    Cell,
-    Document,
-    Facts,
-    Figure,
-    Look,
-    Part,
-    Section,
-    Statement,
-    TableColumn,
-    TableOf,
-    Tone,
-)
+from eivor.report import document as doc
 from eivor.tools import printable
 
 #: By the values of `Status` and of `Look`.
@@ -36,9 +21,9 @@ COLOURS = {
     Status.WEAK.value: "bold yellow",
     Status.PROVISIONAL.value: "bright_black",
     Status.REFUSED.value: "bright_black",
-    Look.CONTRADICTED.value: "bold red",
+    doc.Look.CONTRADICTED.value: "bold red",
 }
-TONES = {Tone.PLAIN: "", Tone.FAINT: "dim", Tone.WARNING: "yellow"}
+TONES = {doc.Tone.PLAIN: "", doc.Tone.FAINT: "dim", doc.Tone.WARNING: "yellow"}
 #: Labels and words up to this length stay whole.
 LONGEST_WHOLE = LONGEST_LABEL = 20
 #: Below this width intervals stay in one line, too.
@@ -47,7 +32,7 @@ NARROW = 72
 GAP = 2
 
 
-def on_terminal(*documents: Document) -> Group:
+def on_terminal(*documents: doc.Document) -> Group:
     """Documents, one below the other."""
     parts: list[RenderableType] = []
     for number, document in enumerate(documents):
@@ -56,7 +41,7 @@ def on_terminal(*documents: Document) -> Group:
     return Group(*parts)
 
 
-def _document(document: Document) -> Iterator[RenderableType]:
+def _document(document: doc.Document) -> Iterator[RenderableType]:
     if document.title:
         head = Text(printable(document.title), style="bold", overflow="fold")
         about = document.about if document.card is None else document.card.title
@@ -72,7 +57,7 @@ def _document(document: Document) -> Iterator[RenderableType]:
 class CardText:
     """A card whose numbers stand below their words where an interval would break beside them."""
 
-    card: Card
+    card: doc.Card
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Groups one below the other; numbers of all begin in one column."""
@@ -109,7 +94,7 @@ class CardText:
                 yield Padding(grid, (0, 0, 0, GAP))
 
 
-def _number(line: CardLine, room: int) -> Text:
+def _number(line: doc.CardLine, room: int) -> Text:
     """Number, setting and remark; a setting that would break has a line of its own."""
     text, setting = Text(printable(line.number), style="bold"), printable(line.setting)
     if setting:
@@ -118,14 +103,14 @@ def _number(line: CardLine, room: int) -> Text:
     return text.append(f"\n{printable(line.remark)}", style="not bold") if line.remark else text
 
 
-def _section(section: Section) -> Iterator[RenderableType]:
+def _section(section: doc.Section) -> Iterator[RenderableType]:
     """Heading with an empty line above it, and the parts with one between; there are no figures here."""
-    parts = [part for part in section.parts if not isinstance(part, Figure)]
+    parts = [part for part in section.parts if not isinstance(part, doc.Figure)]
     if not parts:
         return
     yield heading(section.heading) if section.heading else Text()
     for number, part in enumerate(parts):
-        if number and not isinstance(parts[number - 1], Statement):
+        if number and not isinstance(parts[number - 1], doc.Statement):
             yield Text()
         yield _part(part)
 
@@ -135,22 +120,22 @@ def heading(title: str) -> RenderableType:
     return Padding(Text(printable(title), style="bold"), (1, 0, 0, 0))
 
 
-def _part(part: Part) -> RenderableType:
+def _part(part: doc.Part) -> RenderableType:
     match part:
-        case Facts():
+        case doc.Facts():
             return _facts(part)
-        case TableOf():
+        case doc.TableOf():
             return FoldingTable(part)
-        case Bullets():
+        case doc.Bullets():
             return _bullets(part)
-        case Statement():
+        case doc.Statement():
             sentence = (printable(part.text), COLOURS[part.look.value])
             return Text.assemble(sentence, printable(part.more))
-        case Figure():
+        case doc.Figure():
             return Text()
 
 
-def _bullets(part: Bullets) -> Table:
+def _bullets(part: doc.Bullets) -> Table:
     grid = Table.grid(padding=(0, 1))
     grid.add_column(width=1)
     grid.add_column(overflow="fold")
@@ -159,13 +144,13 @@ def _bullets(part: Bullets) -> Table:
     return grid
 
 
-def _facts(part: Facts) -> Table:
+def _facts(part: doc.Facts) -> Table:
     grid = Table.grid(padding=(0, GAP))
     whole = all(len(label) <= LONGEST_LABEL for label, _ in part.facts)
     grid.add_column(style="dim", no_wrap=whole, overflow="fold")
     grid.add_column(overflow="fold")
     for label, item in part.facts:
-        text = _bullets(item) if isinstance(item, Bullets) else Text(printable(item))
+        text = _bullets(item) if isinstance(item, doc.Bullets) else Text(printable(item))
         grid.add_row(Text(printable(label)), text)
     return grid
 
@@ -174,7 +159,7 @@ def _facts(part: Facts) -> Table:
 class FoldingTable:
     """A table whose columns become lines below the first one where numbers would break side by side."""
 
-    table: TableOf
+    table: doc.TableOf
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Choose by what would become of the words in the width that there is."""
@@ -203,7 +188,7 @@ def _width(text: str) -> int:
     return Text(printable(text)).cell_len
 
 
-def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
+def _side_by_side(table: doc.TableOf, *, whole: bool, names: bool) -> Table:
     """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
     grid = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
     for number, column in enumerate(table.columns):
@@ -220,7 +205,7 @@ def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
     return grid
 
 
-def _cell(cell: Cell, column: TableColumn, between: str) -> Text:
+def _cell(cell: doc.Cell, column: doc.TableColumn, between: str) -> Text:
     last = COLOURS[cell.status.value] if cell.status is not None else TONES[column.below]
     strong = "bold" if column.strong else ""
     if not cell.below:
@@ -228,7 +213,7 @@ def _cell(cell: Cell, column: TableColumn, between: str) -> Text:
     return Text.assemble((printable(cell.text), strong), between, (printable(cell.below), last))
 
 
-def _folded(table: TableOf, width: int) -> Group:
+def _folded(table: doc.TableOf, width: int) -> Group:
     """Row after row: the first cell with those that have no title, and below it a line for each other one."""
     titled = [number for number, column in enumerate(table.columns) if column.title and number]
     room = width - GAP - max((_width(table.columns[number].title) for number in titled), default=0) - GAP
@@ -246,7 +231,7 @@ def _folded(table: TableOf, width: int) -> Group:
     return Group(*parts)
 
 
-def _row_head(table: TableOf, row: tuple[Cell, ...], width: int) -> Text:
+def _row_head(table: doc.TableOf, row: tuple[doc.Cell, ...], width: int) -> Text:
     neighbours = _width(row[0].text) + GAP + _width(row[0].below) <= width
     head = _cell(row[0], table.columns[0], " " * GAP if neighbours else "\n")
     for cell, column in zip(row[1:], table.columns[1:], strict=True):
