@@ -135,8 +135,7 @@ def _information(
     known = replace(noise_of_record(scenario, record), disturbance=power)
     C = known.spectrum(motion)
     d = motion.directions[:2]
-    weighted = C.solved(d)
-    information = 2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
+    information = 2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), C.solved(d), np.abs(U) ** 2).real
     if known.moves and power.any():
         information[0, 0] += _shaped_noise_information(known, motion)
     return np.asarray(information)
@@ -193,8 +192,7 @@ def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float
     known_powers = zip(noise.variances[:2].tolist(), noise.orders[:2].tolist(), strict=True)
     velocity, acceleration = (variance * record.power(order) for variance, order in known_powers)
     R[:, index, index] += np.stack([acceleration, velocity, np.full(h.size, noise.input_variance)], axis=-1)
-    R_K = power * (_outer(q_K, q) + _outer(q, q_K))
-    share = np.linalg.solve(R, R_K)
+    share = np.linalg.solve(R, power * (_outer(q_K, q) + _outer(q, q_K)))
     return float(np.einsum("bij,bji->", share, share).real)
 
 

@@ -255,8 +255,7 @@ class BoundedAdversary(Disturbance):
         t, duration = step_s * np.arange(count), step_s * max(count, 1)
         rate = np.log(self.longest_s / self.shortest_s) / duration
         turns = t if rate == 0.0 else np.expm1(rate * t) / rate
-        high = turns / self.longest_s % 1.0 < self.high_share
-        return np.where(high, self.bound, -self.bound)
+        return np.where(turns / self.longest_s % 1.0 < self.high_share, self.bound, -self.bound)
 
 
 @dataclass(frozen=True, slots=True)

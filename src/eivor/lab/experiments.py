@@ -36,7 +36,6 @@ def stream(seed: int, *key: int) -> np.random.Generator:
 #: First value and factor of both sequences of constants of NumPy's `SeedSequence`, and factors of its mixing.
 POOL_HASH, STATE_HASH, MIX = (0x43B0D7E5, 0x931E8875), (0x8B51F9DD, 0x58F38DED), (0xCA01F9DD, 0x4973F715)
 
-
 Words: TypeAlias = "np.ndarray[Any, np.dtype[np.uint32]]"
 
 
@@ -140,7 +139,6 @@ class VerticalExperiment(Experiment):
         return VerticalMotion(intercept=False).regression(signals, instruments)
 
 
-#: Channels of a record.
 OUTPUT, INPUT = "output", "input"
 #: Sources of randomness, in the order in which they take their streams from the record's generator.
 SOURCES = ("excitation", "disturbance", OUTPUT, INPUT)

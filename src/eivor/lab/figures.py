@@ -277,10 +277,10 @@ def _digits(value: float) -> str:
 
 def by_reading(results: Iterable[paper.PaperResult]) -> dict[str, list[paper.PaperResult]]:
     """Results of each reading, in the order in which they came."""
-    solution: dict[str, list[paper.PaperResult]] = {}
+    groups: dict[str, list[paper.PaperResult]] = {}
     for result in results:
-        solution.setdefault(result.reading.name, []).append(result)
-    return solution
+        groups.setdefault(result.reading.name, []).append(result)
+    return groups
 
 
 def nearest(results: Sequence[paper.PaperResult]) -> str:
@@ -322,8 +322,7 @@ def overview_report(results: Sequence[paper.PaperResult]) -> Iterator[Renderable
 
 def verdict_sentence(results: Sequence[paper.PaperResult]) -> str:
     """Whether any reading gives the printed tables."""
-    groups = by_reading(results)
-    near = {name: paper.nearness(group) for name, group in groups.items()}
+    near = {name: paper.nearness(group) for name, group in by_reading(results).items()}
     whole = [name for name, result in near.items() if result.agreeing == result.printed]
     if whole:
         return f"Every printed mean is met by: {', '.join(whole)}."

@@ -169,7 +169,6 @@ class Side:
         return abs(round(float(turned[-1] - turned[0]) / np.pi))
 
 
-#: Largest order, in absolute value.
 LARGEST_ORDER = 3.0
 
 

@@ -419,7 +419,6 @@ def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "
 SEED = 20240513
 #: Standard errors within which a measured mean agrees with a printed one.
 AGREEMENT = 3.0
-#: Runs behind the printed tables.
 PRINTED_RUNS = 100
 
 

@@ -182,7 +182,6 @@ def from_rest(
 ALWAYS_MEASURED = ("velocity_z", "acceleration_z", "input")
 #: All that are measured with noise; the altitude under altitude control only.
 NOISY_CHANNELS = (*ALWAYS_MEASURED, "position_z")
-#: Fewest samples of a record.
 LEAST_SAMPLES = 2
 #: What to say to those who name the response of a recording.
 ABOUT_HOVER = "A scenario moves about hover, without gravity: its response is acceleration_z, which is z''."
@@ -320,7 +319,6 @@ class SimulatedRecord:
     parameters: Mapping[str, float]  # viscous_friction and input_gain
 
 
-#: Fields that are objects, with their types.
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("excitation", Excitation, "an excitation"),
     ("disturbance", (Disturbance, type(None)), "a disturbance"),

@@ -271,7 +271,6 @@ def _of_table(table: TomlTable, annotation: Any) -> Any:
     return of_kind(table, annotation) if annotation in KINDS else built(table, annotation)
 
 
-#: Folders of what comes with the package.
 FLIGHTS, SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
 
@@ -296,8 +295,7 @@ def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     known: dict[str, object] = {"seed": 0}
     if "noise" in table.values:
         # The log of vertical motion has no angular rates.
-        quiet = SensorNoise().angular_rate
-        known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=quiet)
+        known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=SensorNoise().angular_rate)
     return built(table, VerticalFlightSpec, "kind", "noise", **known)
 
 
@@ -317,8 +315,7 @@ def noises(
     if "specific_force_z" in sections.values and "acceleration_z" in channels:
         expected = f"noise of {', '.join(channels)}"
         raise sections.wrong("", expected, "noise of 'specific_force_z'", ABOUT_HOVER)
-    optional = dict[str, Any] | msgspec.UnsetType
-    fields: list[Any] = [(name, optional, msgspec.UNSET) for name in channels]
+    fields: list[Any] = [(name, dict[str, Any] | msgspec.UnsetType, msgspec.UNSET) for name in channels]
     sections.convert(msgspec.defstruct("Noise", fields, forbid_unknown_fields=True))
     for name in filter(sections.values.__contains__, channels):
         section = sections.part(name)
@@ -337,7 +334,6 @@ class _Ratio(msgspec.Struct):
     ratio_to_signal: Annotated[float, msgspec.Meta(ge=0.0)] | None = None
 
 
-#: Most steps of a flight from a file.
 MOST_STEPS = 2_000_000
 
 
@@ -356,7 +352,6 @@ def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
     return flight
 
 
-#: Most samples of a record that is simulated from a file.
 MOST_SAMPLES = 50_000_000
 
 

@@ -74,7 +74,6 @@ INSTRUMENTAL = (
 PLAIN = (*DIRECT, *WEIGHTED, "extended_iv_tls", "generalized_iv_tls")
 #: Every method of a study, by the name of its maker in `eivor.methods`.
 METHODS = (*DIRECT, *INSTRUMENTAL)
-#: Weightings of equations by name.
 WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
     "unweighted": methods.Unweighted,
     "two_stage": methods.TwoStage,
@@ -243,7 +242,6 @@ def _plain(value: object) -> object:
 
 #: Status of a method that raised.
 FAILED = "failed"
-
 
 #: A row of the table of trials: a trial's number, and what each method did, by column; None for nothing.
 Row = dict[str, int | float | str | None]

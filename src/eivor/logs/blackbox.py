@@ -415,8 +415,7 @@ def _read_columns(
     """Columns with the names and units of `blackbox_decode`, and how many bytes are of no frame."""
     data = np.frombuffer(padded, dtype=np.uint8)
     chain = _chain(padded, begins, end, _lengths(data, begins, end, head.frames))
-    names = head.frames[INTRA].names
-    wanted = [field for field, item in enumerate(names) if item != "loopIteration"]
+    wanted = [field for field, item in enumerate(head.frames[INTRA].names) if item != "loopIteration"]
     starts = np.array(chain.starts, dtype=np.int64)
     if starts.size * len(wanted) > NUMBERS_PER_BYTE * end + 1_000_000:
         raise _corrupt(name, f"whose {starts.size} frames hold more than {NUMBERS_PER_BYTE} numbers a byte")

@@ -306,11 +306,9 @@ LONGEST_DELAY_S = 1.0
 LONGEST_LIST = 100_000
 #: Channels, or families of them, that stand on one side of a thrust curve.
 COMMANDS = ("input", "rotor_command", "rotor_speed", "actuator_output")
-#: Keys of what a channel is made of.
 EXPRESSIONS = ("column", "expression", "quaternion", "roll_pitch")
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
-
 
 #: Least and largest value that a column can have, and which of the two bounds mean saturation.
 ValidRange = tuple[float, float, str]

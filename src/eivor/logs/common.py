@@ -647,7 +647,6 @@ UNITS: Mapping[str, tuple[str, float]] = {
     for unit, factor in units.items()
 }
 
-#: Seconds in one unit of a clock.
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 

@@ -115,7 +115,6 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
     "tilt": _tilt,
 }
 
-
 _TABLES = common.source_tables("eivor.logs", "crazyflie.toml")
 #: All sources; of one quantity the preferred first.
 SOURCES = tuple(
@@ -123,7 +122,6 @@ SOURCES = tuple(
     for row in _TABLES["sources"]
 )
 
-#: What was looked for, by channel.
 LOOKED_FOR = {
     name: tuple(rule.expression.text for source in SOURCES for rule in source.rules if rule.name == name)
     for name in dict.fromkeys(rule.name for source in SOURCES for rule in source.rules)
@@ -161,7 +159,6 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
 MAGIC = b"\xbc"
 #: Type of a stamp and its unit [s], by version.
 STAMPS: Mapping[int, tuple[str, float]] = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
-#: Types of variables, by their letter.
 TYPES: Mapping[str, str] = {
     **{letter: f"<{letter}" for letter in "bBhHefdiIqQ"},
     "?": "<u1",
@@ -292,8 +289,6 @@ LONGEST_LOG_S = 86400.0
 MAX_SEARCH_BYTES = 1 << 22
 SEARCH_BLOCK = 512
 
-
-#: Name of the clock of all events.
 CLOCK = "timestamp"
 
 

@@ -32,7 +32,6 @@ _MOST_LISTED = 12
 #: Columns that are recognised before a map of them is of use: time, a state and a command.
 LEAST_SUGGESTED = 3
 
-
 #: Units by column, of a table without a line of them.
 NO_UNITS: Mapping[str, str] = {}
 #: A column's name, and its unit in brackets behind it.

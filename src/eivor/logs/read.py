@@ -82,8 +82,8 @@ def _is_telemetry(head: bytes, _file: Path) -> bool:
         first, length = head[position + 8], head[position + 9]
         if not _STAMPS_US[0] < stamp < _STAMPS_US[1] or first not in _MAVLINK:
             break
-        signed = 13 * (first == _MAVLINK_2 and head[position + 10] & 1)
-        position += 8 + length + _MAVLINK[first] + signed
+        signed = first == _MAVLINK_2 and head[position + 10] & 1
+        position += 8 + length + _MAVLINK[first] + 13 * signed
         result += 1
     return result >= 3
 
@@ -98,7 +98,6 @@ def _is_dji(head: bytes, file: Path) -> bool:
     return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
 
 
-#: Formats of others that are recognised by more than their first bytes.
 TELEMETRY = _refused(
     "tlog",
     "a telemetry log",
@@ -158,7 +157,6 @@ EIGHT_BIT = _in_encoding(
     "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
     "WINDOWS-1252",
 )
-
 
 # -- Table of formats --
 

@@ -329,8 +329,7 @@ def _finalists(
     best = [shapes[index] for index in np.argsort(of_target)]
     firsts = [next(item for item in best if item.kind == kind) for kind in kinds]
     others = [shapes[index] for index in np.argsort(of_target * lag)]
-    chosen = {id(item): item for item in (*firsts, *others)}
-    return list(chosen.values())[:FINALISTS]
+    return list({id(item): item for item in (*firsts, *others)}.values())[:FINALISTS]
 
 
 def _within_limits(
@@ -373,7 +372,6 @@ SECONDS = (10.0, 3600.0)
 WIDER = (1.0, 4.0)
 #: References are so many times as quick as those of the log, at most.
 BEYOND = 1.75
-#: Any target.
 ALL = "all"
 
 
@@ -596,11 +594,9 @@ def _item(command: int, frame: int, params: list[float | None]) -> dict[str, obj
 def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:
     """Time [s], height above take-off [m], velocity [m/s] and acceleration [m/s^2] at about that rate."""
     every = max(round(1.0 / (rate_hz * STEP_S)), 1)
-    columns = np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])
-    return columns[::every]
+    return np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])[::every]
 
 
-#: Setpoints per second.
 OFFBOARD_RATE_HZ = 20.0
 #: Line of the program in whose place the numbers stand.
 MARK = "# -- numbers --\n"

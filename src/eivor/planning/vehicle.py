@@ -178,7 +178,6 @@ TARGETS = {
     "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0, number="lag_s"),
 }
 
-
 #: Gain of a velocity loop times its lag, and the largest one [1/s]; of the position loop, a share of that.
 QUICKNESS, LARGEST_VELOCITY_GAIN, POSITION_SHARE, INTEGRAL_SHARE = 0.35, 4.0, 0.3, 0.05
 #: Half a step of a controller at 100 Hz [s].

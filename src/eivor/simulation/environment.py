@@ -17,8 +17,6 @@ from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
 
-
-#: Orders of fractional noise of acceleration and velocity.
 ACCELERATION_ORDER = -0.5
 VELOCITY_ORDER = -0.4
 #: Degrees of freedom of heavy-tailed noise, whose fourth moment is infinite.
@@ -230,7 +228,6 @@ _SHAPES: Mapping[TrajectoryKind, Callable[[Series, float, np.random.Generator], 
     TrajectoryKind.HOVER_STEPS: _hover_steps,
 }
 
-
 Truth = TypeVar("Truth")
 
 
@@ -252,5 +249,4 @@ def gusts(
     shocks = rng.standard_normal((count, axes))
     decay = np.exp(-step_s / correlation_s)
     shocks[1:] *= np.sqrt(1.0 - decay**2)
-    wind: Float[np.ndarray, "count axes"] = rms * lfilter([1.0], [1.0, -decay], shocks, axis=0)
-    return wind
+    return np.asarray(rms * lfilter([1.0], [1.0, -decay], shocks, axis=0))

@@ -99,8 +99,7 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
         raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
     # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
     recording = replace(flight.recording, input_map="")
-    truth = _rigid_body_truth(spec, flight)
-    return known_log(recording, spec.rate_hz, spec.count, spec.seed, truth)
+    return known_log(recording, spec.rate_hz, spec.count, spec.seed, _rigid_body_truth(spec, flight))
 
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:

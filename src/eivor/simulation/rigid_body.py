@@ -95,10 +95,8 @@ _Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n _ flights"]
 #: Body, rotor speeds, commands, thrust, torques and wanted rates of a step.
 _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple]
 
-
 #: What the loop reads at each step; the rest is of the log.
 READ = Surroundings.__slots__[:9]
-
 
 #: Shapes of the parts of a moment, of one flight.
 _SHAPES: tuple[tuple[int, ...], ...] = ((13,), (-1,), (-1,), (), (3,), (3,))
@@ -304,8 +302,7 @@ def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterato
     """Fly each specification and give its log and its truth, in order."""
     for _, group in groupby(specs, shared_settings):
         together = list(group)
-        first = together[0]
-        most = max(BATCH_STEPS // first.count, 1)
+        most = max(BATCH_STEPS // together[0].count, 1)
         for start in range(0, len(together), most):
             batch = together[start : start + most]
             met = [surroundings_of(spec) for spec in batch]

@@ -30,7 +30,6 @@ from eivor.tools import Float
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]
 
-
 #: State of body and rotors a step later, of a flight or of several side by side, under what is held over it:
 #: commands, velocity of the air in the world [m/s], and torque from outside on the body's axes [N m].
 Stepper: TypeAlias = Callable[[Body, Sequence[Value], Sequence[Value], Triple, Triple], Moved]

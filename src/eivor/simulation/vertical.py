@@ -135,8 +135,7 @@ class CommandHistory:
     def reaching(self, substep: int) -> Flights:
         """Command that each actuator receives in this substep of the present period."""
         periods_back = -((substep - self._substeps) // SUBSTEPS)
-        reached: Flights = self._past[periods_back, self._flight]
-        return reached
+        return np.asarray(self._past[periods_back, self._flight])
 
 
 class ExactSubstep:
@@ -229,8 +228,7 @@ class VerticalFlightSpec:
         """K_u at each stamp over that at the beginning."""
         since = STEP_S * np.arange(self.count) - self.gain_changes_at
         done = np.clip(since / max(self.gain_changes_over, STEP_S), 0.0, 1.0)
-        share: Float[np.ndarray, " samples"] = 1.0 + (self.gain_after - 1.0) * done
-        return share
+        return np.asarray(1.0 + (self.gain_after - 1.0) * done)
 
     @property
     def controller(self) -> AltitudeController:

@@ -460,8 +460,7 @@ def _add_sweep(
     channel = reading.channels.get(name)
     if channel is None:
         return
-    ends = np.append(channel.time_s[1:], np.inf)
-    last = np.flatnonzero(ends - channel.time_s > SILENCE_S)
+    last = np.flatnonzero(np.diff(channel.time_s, append=np.inf) > SILENCE_S)
     step = float(np.median(np.diff(channel.time_s))) if channel.time_s.size > 1 else 0.01
     time = np.insert(channel.time_s, last + 1, channel.time_s[last] + step)
     injected = np.insert(channel.values, last + 1, 0.0)
@@ -503,7 +502,6 @@ BUILDS = {
     13: HELICOPTER,
 }
 _PREFIXES = ("ardu", "apm:", "")
-
 
 #: What a vehicle is by its kind and FRAME_CLASS: helicopters of Copter, boats of Rover.
 FRAMES = {**{(ROTARY_WING, number): HELICOPTER for number in (6.0, 11.0, 13.0)}, ("rover", 2.0): "boat"}

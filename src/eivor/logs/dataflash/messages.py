@@ -237,7 +237,6 @@ def rows_of(tables: Mapping[str, Messages], name: str, *columns: str) -> list[tu
     return list(zip(*values, strict=True))
 
 
-#: Bytes that are looked at together.
 BLOCK_BYTES = 1 << 22
 #: A file whose chain breaks more often is read up to there.
 MAX_BREAKS = 1_000_000
@@ -292,8 +291,7 @@ def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: C
         part = data[start : start + BLOCK_BYTES + 2]
         indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
         heads = indices[lengths[part[indices + 2]] > 0] + start
-        message = _chained(data, heads, lengths, positions)
-        heads = heads[message]
+        heads = heads[_chained(data, heads, lengths, positions)]
         kinds = data[heads + 2]
         heads, kinds = heads[is_wanted[kinds]], kinds[is_wanted[kinds]]
         for number in np.unique(kinds).tolist():
@@ -351,7 +349,6 @@ _FIRST = re.compile(_COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,
 _FMT_LINE = re.compile(_BEGIN + rb"[ \t]*,([^\n]*)\n", re.MULTILINE)
 #: What may stand before the name of a line's type, and behind it: spaces, and the mark of UTF-8.
 _AROUND = b"\xef\xbb\xbf \t"
-#: Lines that are looked at together [bytes].
 TEXT_BLOCK_BYTES = 1 << 23
 #: Cells that are longer are not looked at together [bytes].
 LONGEST_NUMBER = 32

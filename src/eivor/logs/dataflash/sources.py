@@ -100,7 +100,6 @@ class MessageSource:
         return f"{'-' if self.factor < 0.0 else ''}{self.message}.{self.column}"
 
 
-#: Sources of each channel, the preferred one first.
 TABLES = common.source_tables("eivor.logs.dataflash")
 CHANNEL_SOURCES = common.channel_sources(TABLES, MessageSource)
 #: How often each message is logged, and what raises it.
@@ -141,12 +140,10 @@ NEEDED = frozenset(
     | ORIGIN_MESSAGES
 )
 
-#: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
     **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
 }
-
 
 #: ATT.AEKF and AHRS_EKF_TYPE of each estimator.
 _TYPES = {3: "XKF1", 2: "NKF1", 1: "EKF1"}

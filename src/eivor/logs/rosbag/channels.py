@@ -141,7 +141,6 @@ def _agreed(raw: ros.RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Mess
     return layout_of
 
 
-#: The folder of mavros' topics.
 MAVROS = "mavros/"
 #: Words in the name of a topic that is requested, not measured.
 ASKED = re.compile(
@@ -175,16 +174,12 @@ class RosSource:
         return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
 
 
-#: Sources of each channel, the preferred one first.
 _TABLES = common.source_tables("eivor.logs.rosbag")
 CHANNEL_SOURCES = common.channel_sources(_TABLES, RosSource)
 
-
-#: What was looked for, by channel, in the words of a message.
 ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
     name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
 }
-
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0
@@ -318,13 +313,11 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
     )
 
 
-#: ROS 1 bags, ROS 2 bags (a folder, or a file of sqlite3), and MCAP.
 FORMATS = (
     _bag("ros1", "ROS 1 bag", containers.ROS1, ".bag"),
     _bag("ros2", "ROS 2 bag", containers.SQLITE, ".db3", folders=True),
     _bag("mcap", "MCAP", containers.MCAP, ".mcap"),
 )
-
 
 _MOST_LISTED = 12
 

@@ -117,7 +117,6 @@ ROS1, SQLITE, MCAP = "ros1", "sqlite", "mcap"
 MAGICS = {b"#ROSBAG": ROS1, b"SQLite format 3\x00": SQLITE, b"\x89MCAP0\r\n": MCAP}
 #: How a file begins that is compressed as a whole.
 ZSTD = b"\x28\xb5\x2f\xfd"
-#: Ends of the names of a bag's files.
 ENDINGS = (".bag", ".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 #: The file that ROS 2 writes beside them.
 METADATA = "metadata.yaml"

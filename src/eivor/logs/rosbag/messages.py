@@ -21,7 +21,6 @@ SIZES: Mapping[str, str] = {
     "float64": "f8",
 }
 STRING = "string"
-#: Package of PX4's messages.
 PACKAGE = "px4_msgs"
 #: Longest text of a definition that is read [characters].
 MAX_TEXT = 1 << 18
@@ -272,7 +271,6 @@ class _MessageWalk:
 
 #: Layouts that the messages of one topic may have, those that are none included; more are left out.
 MAX_LAYOUTS = 256
-
 
 #: Messages of a topic: their fields of shape (n,), their indices of shape (n,), and why others are none.
 Decoded = tuple[Mapping[str, np.ndarray], np.ndarray, str]

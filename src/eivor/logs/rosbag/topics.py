@@ -48,8 +48,7 @@ _PARTS = "wxyz"
 
 def with_derived(kind: str, fields: Fields) -> dict[str, np.ndarray]:
     """Return the columns of a topic with those that are worked out of them."""
-    added = _MAKERS[kind](fields) if kind in _MAKERS else {}
-    return {**fields, **added}
+    return {**fields, **(_MAKERS[kind](fields) if kind in _MAKERS else {})}
 
 
 def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, " n"]:
@@ -148,7 +147,6 @@ _MAKERS: Mapping[str, Callable[[Fields], Fields]] = {
     "mavros_msgs/State": _state,
     "mavros_msgs/ExtendedState": _extended_state,
 }
-
 
 #: Messages are recorded as they arrive, which may be late by so much; more is a jump of the clock [ns].
 OVERTAKEN_NS = 500_000_000

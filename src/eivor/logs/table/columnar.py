@@ -109,7 +109,6 @@ def decode_in_child(
 
 # -- Parquet --
 
-#: Longest time that the child may take [s].
 PARQUET_TIMEOUT_S = 300.0
 
 #: Runs in the child; an import that fails there says nothing about the file, hence leaves with 0.

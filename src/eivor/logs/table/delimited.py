@@ -44,7 +44,6 @@ def is_delimited(text: str) -> bool:
     return any(mark in header for mark in DELIMITERS)
 
 
-#: Rows read at a time.
 CHUNK_ROWS = 1_000_000
 
 
@@ -231,8 +230,7 @@ def open_csv(file: Path) -> TableSource:
         words = ", ".join(f"{name} {unit or 1}" for name, unit in layout.units.items())
         sentence = f"The line below the names holds units: {words}. What has another unit is left out."
         findings.append(Finding("units_row", sentence))
-    read = partial(_read, file, layout)
-    return TableSource(layout.names, read, tuple(findings), units=layout.units)
+    return TableSource(layout.names, partial(_read, file, layout), tuple(findings), units=layout.units)
 
 
 @dataclass(slots=True)

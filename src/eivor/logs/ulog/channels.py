@@ -98,7 +98,6 @@ LONGEST_LATENCY_S = 0.02
 #: Longer intervals are no means of an inertial sensor [s].
 LONGEST_MEAN_S = 0.02
 
-
 #: Delay of a topic [s], and its cause.
 Delay = tuple[float, str]
 

@@ -379,8 +379,7 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
     if not flags[0] & 1:
         return []
     offsets = struct.unpack_from("<3Q", data, begin + 16)
-    lowest = begin + size
-    return sorted({offset for offset in offsets if lowest < offset < len(data)})
+    return sorted({offset for offset in offsets if begin + size < offset < len(data)})
 
 
 def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
@@ -442,8 +441,7 @@ def _file_findings(content: UlogContent) -> list[Finding]:
     texts += [f"{nameless} of topics whose names are damaged"] if nameless else []
     sentence = "Messages that are there and cannot be read: {}."
     findings += common.noted("lost_messages", sentence, texts)
-    total = sum(content.dropouts_ms) * 1e-3
-    sentence = f"The logger lost data {{}} times, {total:.3g} s in total."
+    sentence = f"The logger lost data {{}} times, {sum(content.dropouts_ms) * 1e-3:.3g} s in total."
     return findings + common.noted("dropouts", sentence, len(content.dropouts_ms))
 
 

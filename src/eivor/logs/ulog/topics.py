@@ -35,11 +35,9 @@ class TopicSource:
     @property
     def label(self) -> str:
         """The source in the log's own words."""
-        minus = "-" if self.sign < 0 else ""
-        return f"{minus}{self.topic}.{self.field}"
+        return f"{'-' if self.sign < 0 else ''}{self.topic}.{self.field}"
 
 
-#: Sources of each channel, the preferred one first.
 TABLES = source_tables("eivor.logs.ulog")
 CHANNEL_SOURCES = channel_sources(TABLES, TopicSource)
 
@@ -65,7 +63,6 @@ OPEN_LOOP_STATES = (0, 10, 15)
 #: In manual, altitude and stabilized mode the sticks set the attitude, in acro the rates; elsewhere loops do.
 ATTITUDE_STATES = (0, 1, 15)
 RATE_STATES = (10,)
-#: Setpoints of attitude and of rates.
 ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_setpoint"
 
 #: Motor outputs as they are sent: pulse widths, or counts of DShot.
@@ -117,7 +114,6 @@ def _with_profile(source: TopicSource) -> str:
     return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
 
 
-#: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
     **{name: tuple(texts) for name, texts in TABLES["looked_for"].items()},
