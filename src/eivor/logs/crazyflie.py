@@ -443,9 +443,9 @@ class _RecordWalk:
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     findings: list[Finding] = []
-    complete = sound or walk.left == CHECKSUM_BYTES
-    left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
-    if not complete:
+    is_another = not sound and walk.left == CHECKSUM_BYTES
+    left = 0 if is_another else walk.left
+    if not sound and not is_another:
         rest = (
             f"{left} bytes at its end, of no whole record, were left out" if left else "no record is broken"
         )
@@ -454,11 +454,8 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
             "(usd.logging = 0)."
         )
         findings += common.noted("truncated", sentence, rest)
-    elif not sound:
-        sentence = (
-            "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
-        )
-        findings.append(Finding("checksum", sentence))
+    sentence = "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
+    findings += common.noted("checksum", sentence, is_another)
     skipped = walk.skipped + (left if sound else 0)
     damaged = "Damaged parts were left out: {} bytes that belong to no record."
     return findings + common.noted("corrupt_parts", damaged, skipped)
@@ -562,9 +559,9 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
         if source.zero_is_absent and not any(np.any(np.nan_to_num(item)) for item in values):
             zeros += source.columns
             continue
-        used, answers = source, _answering(source, event)
-        if answers is not None:
-            findings.append(answers)
+        used, feedback = source, _feedback(source, event)
+        findings += feedback
+        if feedback:
             name = "feedback_reference_velocity_z"
             used = VariableSource(name, tuple(replace(rule, name=name) for rule in source.rules))
         chosen.setdefault(used.quantity, (used, event))
@@ -573,22 +570,18 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
     return list(chosen.values())
 
 
-def _answering(source: VariableSource, event: Event) -> Finding | None:
+def _feedback(source: VariableSource, event: Event) -> list[Finding]:
     """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
-    neighbours = VELOCITY_SETPOINTS.get(column)
-    if neighbours is None or not event.has((neighbours,)):
-        return None
-    velocity, height = event.values(column), event.values(neighbours)
+    beside = VELOCITY_SETPOINTS.get(column)
+    if beside is None or not event.has((beside,)):
+        return []
+    velocity, height = event.values(column), event.values(beside)
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
-    if not np.any(changing) or np.mean(standing[changing]) < 0.5:
-        return None
-    return Finding(
-        "feedback_setpoint",
-        f"{column} changes while {neighbours} stands still, so the position loop wrote it: it answers the "
-        "vehicle, and is no reference.",
-    )
+    answers = bool(np.any(changing)) and np.mean(standing[changing]) >= 0.5
+    sentence = "{} stands still, so the position loop wrote it: it answers the vehicle, and is no reference."
+    return common.noted("feedback_setpoint", sentence, f"{column} changes while {beside}" if answers else "")
 
 
 def _map_channels(

@@ -442,10 +442,8 @@ def add_sweeps(reading: ardupilot.MessageReading) -> None:
     if settings is not None:
         axes = held_at(settings.time_s(), settings.values("Ax"), sweep.time_s(), axis)
     present = np.unique(axes).tolist()
-    for axis in present:
-        if axis not in SWEPT:
-            sentence = f"Sweeps of system identification on axis {axis:g} are not used."
-            reading.findings.append(Finding("sweep_unused", sentence))
+    sentence = "Sweeps of system identification on axis {:g} are not used."
+    reading.findings += (Finding("sweep_unused", sentence.format(a)) for a in present if a not in SWEPT)
     for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
         swept = np.isin(axes, [axis for axis, (of, _) in SWEPT.items() if of == name])
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))

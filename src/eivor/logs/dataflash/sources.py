@@ -181,13 +181,11 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         if table is None or not table.has("PI"):
             continue
         core = _most(table, "PI")
-        share = float(np.mean(table.stored("PI") != core))
-        if share > 0.0:
-            sentence = (
-                f"The estimator changed its core ({name}.PI): velocity and position are those of core "
-                f"{core}, which was not in use for {share:.0%} of the log."
-            )
-            findings.append(Finding("estimator_core", sentence))
+        sentence = (
+            f"The estimator changed its core ({name}.PI): velocity and position are those of core {core}, "
+            "which was not in use for {:.0%} of the log."
+        )
+        findings += common.noted("estimator_core", sentence, float(np.mean(table.stored("PI") != core)))
         return max(core, 0)
     return 0
 

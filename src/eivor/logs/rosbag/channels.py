@@ -88,23 +88,18 @@ def _layouts(
         return layouts
     releases = px4_releases()
     fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
-    common = set(releases).intersection(*(fit for fit in fits.values() if fit))
+    shared = set(releases).intersection(*(fit for fit in fits.values() if fit))
     misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
-    if misfits:
-        known = ", ".join(releases)
-        sentence = (
-            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
-            f"({known}) and are left out: {', '.join(misfits)}."
-        )
-        findings.append(Finding("px4_release", sentence))
+    sentence = (
+        "Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
+        f"({', '.join(releases)}) and are left out: {{}}."
+    )
+    findings += common.noted("px4_release", sentence, misfits)
     for raw in unsaid:
         if fits[raw.name]:
-            layouts[raw.name] = _agreed(raw, sorted(fits[raw.name] & common or fits[raw.name]))
-    text = ", ".join(sorted(common)) or "several"
-    sentence = (
-        f"The bag has no definitions of messages: they are read as those of PX4 {text}, whose lengths fit."
-    )
-    findings.append(Finding("px4_release", sentence))
+            layouts[raw.name] = _agreed(raw, sorted(fits[raw.name] & shared or fits[raw.name]))
+    sentence = "The bag has no definitions of messages: they are read as those of PX4 {}, whose lengths fit."
+    findings += common.noted("px4_release", sentence, sorted(shared) or "several")
     return layouts
 
 

@@ -25,7 +25,7 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs.common import Columns, element_of
+from eivor.logs.common import Columns, element_of, noted
 from eivor.logs.mapping import known_unit
 from eivor.signals.noise import MeasurementNoise
 from eivor.signals.recording import Finding
@@ -218,19 +218,14 @@ def open_csv(file: Path) -> TableSource:
     """Check the lines of a delimited text and name its columns."""
     with file.open("rb") as stream:
         layout = _layout(_Lines(stream, file.name))
-    findings = []
-    if layout.cut:
-        findings.append(Finding("truncated", "The last line is incomplete; it was left out."))
-    if layout.open_end:
-        cell = f"the last cell, of '{layout.names[-1]}'"
-        findings.append(
-            Finding("truncated", f"No line break ends the file: {cell}, may be cut and is left out.")
-        )
-    if layout.units:
-        words = ", ".join(f"{name} {unit or 1}" for name, unit in layout.units.items())
-        sentence = f"The line below the names holds units: {words}. What has another unit is left out."
-        findings.append(Finding("units_row", sentence))
-    return TableSource(layout.names, partial(_read, file, layout), tuple(findings), units=layout.units)
+    open_end = "No line break ends the file: the last cell, of {}, may be cut and is left out."
+    units = "The line below the names holds units: {}. What has another unit is left out."
+    findings = (
+        *noted("truncated", "The last line is incomplete; it was left out.", layout.cut),
+        *noted("truncated", open_end, f"'{layout.names[-1]}'" if layout.open_end else ""),
+        *noted("units_row", units, [f"{name} {unit or 1}" for name, unit in layout.units.items()]),
+    )
+    return TableSource(layout.names, partial(_read, file, layout), findings, units=layout.units)
 
 
 @dataclass(slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,68 +13,9 @@ from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Bool, Float
 
-#: Stamps of each topic's messages, from the log's start on [s].
-Clocks = Mapping[str, Float[np.ndarray, " _"]]
-
-# -- Attitude setpoints --
-
 NAMES = ("roll", "pitch", "yaw")
 #: A quaternion further from one in length is none.
 UNIT_WITHIN = 0.05
-
-
-def attitude_setpoints(
-    topics: Mapping[str, px4.Topic], clocks: Clocks
-) -> Iterator[tuple[str, str, Float[np.ndarray, " n"], str]]:
-    """Setpoints of roll, pitch and yaw, and of their rates: name, topic, values and label."""
-    attitude = topics.get(px4.ATTITUDE_SETPOINT)
-    if attitude is not None:
-        by_sticks = _in_states(topics, clocks, px4.ATTITUDE_SETPOINT, px4.ATTITUDE_STATES)
-        for name, (values, field) in zip(NAMES, _angles(attitude.fields), strict=False):
-            label = f"{px4.ATTITUDE_SETPOINT}.{field}"
-            for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
-                series = np.where(where, values, np.nan)
-                yield f"{kind}reference_{name}", px4.ATTITUDE_SETPOINT, series, label
-    rates = topics.get(px4.RATES_SETPOINT)
-    if rates is not None:
-        by_sticks = _in_states(topics, clocks, px4.RATES_SETPOINT, px4.RATE_STATES)
-        for axis, name in zip("xyz", NAMES, strict=True):
-            if name in rates.fields:
-                series = np.where(by_sticks, rates.fields[name].astype(np.float64), np.nan)
-                yield (
-                    f"reference_angular_rate_{axis}",
-                    px4.RATES_SETPOINT,
-                    series,
-                    f"{px4.RATES_SETPOINT}.{name}",
-                )
-
-
-def _in_states(
-    topics: Mapping[str, px4.Topic], clocks: Clocks, topic: str, states: tuple[int, ...]
-) -> Bool[np.ndarray, " n"]:
-    """Whether the vehicle was in one of some states at each message of a topic."""
-    status = topics.get(px4.NAVIGATION_STATE.topic)
-    if status is None or px4.NAVIGATION_STATE.field not in status.fields:
-        return np.zeros(clocks[topic].size, dtype=np.bool_)
-    times = clocks[px4.NAVIGATION_STATE.topic]
-    known = np.isfinite(times)
-    within = np.isin(status.fields[px4.NAVIGATION_STATE.field], states)
-    return common.held_at(times[known], within[known], clocks[topic], before=False)
-
-
-def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " n"], str]]:
-    """Roll, pitch and yaw of the setpoint [rad], of its quaternion or, where it has none, of its angles."""
-    parts = [f"q_d[{index}]" for index in range(4)]
-    if all(part in fields for part in parts):
-        quaternion = np.stack([fields[part].astype(np.float64) for part in parts])
-        length = np.linalg.norm(quaternion, axis=0)
-        whole = np.abs(length - 1.0) <= UNIT_WITHIN
-        if whole.any():
-            result = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
-            return [(angle, "q_d") for angle in result]
-    angles = [f"{name}_body" for name in NAMES]
-    known = all(angle in fields for angle in angles)
-    return [(fields[angle].astype(np.float64), angle) for angle in angles] if known else []
 
 
 #: Topics that are measured, whose stamp is that of publication.
@@ -185,9 +126,9 @@ def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[s
 
 
 def as_shares(
-    widths: Mapping[int, Float[np.ndarray, " n"]], parameters: Mapping[str, float]
-) -> tuple[dict[int, Float[np.ndarray, " n"]], Finding]:
-    """Outputs of motors as shares, in the order of the motors, and what to say of it."""
+    widths: Mapping[int, Float[np.ndarray, " n"]], parameters: Mapping[str, float], findings: list[Finding]
+) -> dict[int, Float[np.ndarray, " n"]]:
+    """Outputs of motors as shares, in the order of the motors; as they are where no range is known."""
     group, motors = motor_outputs(list(widths), parameters)
     ranges = {motor: pulse_range(group, motor, parameters) for motor in motors}
     known = {name: item for name, item in ranges.items() if item is not None}
@@ -197,7 +138,8 @@ def as_shares(
             f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
             "map fits an offset."
         )
-        return dict(widths), Finding("pulse_range_unknown", sentence)
+        findings.append(Finding("pulse_range_unknown", sentence))
+        return dict(widths)
     in_words: dict[tuple[float, float], str] = {}
     for low, high, names in known.values():
         in_words.setdefault((low, high), f"{low:g} to {high:g} ({names})")
@@ -205,11 +147,11 @@ def as_shares(
         f"{px4.PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
         f"{', '.join(in_words.values())}."
     )
-    shares = {
+    findings.append(Finding("pulse_widths", sentence))
+    return {
         name: np.asarray(np.clip((widths[name] - low) / (high - low), 0.0, 1.0))
         for name, (low, high, _) in known.items()
     }
-    return shares, Finding("pulse_widths", sentence)
 
 
 def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
@@ -242,7 +184,9 @@ def pulse_range(
 @dataclass(slots=True)
 class _Reading:
     topics: Mapping[str, px4.Topic]
-    clocks: Clocks
+    clocks: Mapping[
+        str, Float[np.ndarray, " _"]
+    ]  # Stamps of each topic's messages, from the log's start on [s]
     delays_s: Mapping[str, float]
     end_s: float
     findings: list[Finding]
@@ -252,16 +196,35 @@ class _Reading:
 
     def values(self, source: px4.TopicSource) -> Float[np.ndarray, " n"] | None:
         """Values of a source, NaN where invalid; None when the log has no such field."""
-        topic = self.topics.get(source.topic)
-        if topic is None or source.field not in topic.fields:
+        fields = self.fields(source.topic)
+        if source.field not in fields:
             return None
-        values = source.sign * topic.fields[source.field].astype(np.float64)
-        if source.valid_field in topic.fields:
-            values[topic.fields[source.valid_field] == 0] = np.nan
+        values = source.sign * fields[source.field].astype(np.float64)
+        if source.valid_field in fields:
+            values[fields[source.valid_field] == 0] = np.nan
         return values
 
-    def put(self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide) -> None:
-        self.channels[name] = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side)
+    def fields(self, topic: str) -> Mapping[str, np.ndarray]:
+        """Fields of a topic; none where it is not logged."""
+        return self.topics[topic].fields if topic in self.topics else {}
+
+    def in_states(self, topic: str, states: tuple[int, ...]) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle was in one of some states at each message of a topic."""
+        stamps = self.clocks.get(topic, np.empty(0))
+        stated = self.fields(px4.NAVIGATION_STATE.topic).get(px4.NAVIGATION_STATE.field)
+        if stated is None:
+            return np.zeros(stamps.size, dtype=np.bool_)
+        times = self.clocks[px4.NAVIGATION_STATE.topic]
+        known = np.isfinite(times)
+        return common.held_at(times[known], np.isin(stated, states)[known], stamps, before=False)
+
+    def put(
+        self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide = CurveSide.UNKNOWN
+    ) -> None:
+        """Add a channel, when it has a value."""
+        channel = common.logged_channel(name, self.clocks[topic], values, label, curve_side=side)
+        if np.isfinite(channel.values).any():
+            self.channels[name] = channel
 
     def add(self, name: str, source: px4.TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
         """Add a channel from a source, when that has a valid value (among the samples `where`)."""
@@ -308,10 +271,7 @@ def read_topics(
             reading.add(name, source)
     _add_controller_velocity(reading)
     _add_modes(reading)
-    for name, topic, values, label in attitude_setpoints(topics, clocks):
-        channel = common.logged_channel(name, clocks[topic], values, label)
-        if np.isfinite(channel.values).any():
-            reading.channels[name] = channel
+    _add_setpoints(reading)
     _add_actuators(reading, parameters)
     _add_rotor_speeds(reading)
     findings += _rotor_findings(reading) + _reset_findings(reading)
@@ -324,8 +284,7 @@ def read_topics(
 
 def _rotor_findings(reading: _Reading) -> list[Finding]:
     """When a vehicle that flies in another way too is on its rotors."""
-    status = reading.topics.get("vehicle_status")
-    types = np.zeros(0) if status is None else status.fields.get("vehicle_type", np.zeros(0))
+    types = reading.fields("vehicle_status").get("vehicle_type", np.zeros(0))
     on_rotors = types == 1
     if not (on_rotors.any() and np.isin(types, list(px4.LOCOMOTION.keys() - {1})).any()):
         return []
@@ -337,12 +296,11 @@ def _rotor_findings(reading: _Reading) -> list[Finding]:
 
 def _reset_findings(reading: _Reading) -> list[Finding]:
     """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
-    topic = reading.topics.get(px4.ESTIMATOR_TOPIC)
     findings: list[Finding] = []
     for counter, meaning in px4.RESET_COUNTERS.items():
-        if topic is None or counter not in topic.fields:
+        counts = reading.fields(px4.ESTIMATOR_TOPIC).get(counter, np.empty(0))
+        if not counts.size:
             continue
-        counts = topic.fields[counter]
         times = reading.clocks[px4.ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
         text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
         findings += common.noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
@@ -367,10 +325,41 @@ def _add_controller_velocity(reading: _Reading) -> None:
         reading.add("reference_velocity_z", px4.CONTROLLER_VELOCITY, ~in_force)
 
 
+def _add_setpoints(reading: _Reading) -> None:
+    """Add setpoints of the attitude, distinguished by who makes them, and of rates where sticks do."""
+    topic = px4.ATTITUDE_SETPOINT
+    by_sticks = reading.in_states(topic, px4.ATTITUDE_STATES)
+    for name, (values, source) in zip(NAMES, _angles(reading.fields(topic)), strict=False):
+        for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
+            series = np.where(where, values, np.nan)
+            reading.put(f"{kind}reference_{name}", topic, series, f"{topic}.{source}")
+    topic = px4.RATES_SETPOINT
+    by_sticks = reading.in_states(topic, px4.RATE_STATES)
+    for axis, name in zip("xyz", NAMES, strict=True):
+        if name in reading.fields(topic):
+            series = np.where(by_sticks, reading.fields(topic)[name].astype(np.float64), np.nan)
+            reading.put(f"reference_angular_rate_{axis}", topic, series, f"{topic}.{name}")
+
+
+def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " n"], str]]:
+    """Roll, pitch and yaw of the setpoint [rad], of its quaternion or, where it has none, of its angles."""
+    parts = [f"q_d[{index}]" for index in range(4)]
+    if all(part in fields for part in parts):
+        quaternion = np.stack([fields[part].astype(np.float64) for part in parts])
+        length = np.linalg.norm(quaternion, axis=0)
+        whole = np.abs(length - 1.0) <= UNIT_WITHIN
+        if whole.any():
+            result = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
+            return [(angle, "q_d") for angle in result]
+    angles = [f"{name}_body" for name in NAMES]
+    known = all(angle in fields for angle in angles)
+    return [(fields[angle].astype(np.float64), angle) for angle in angles] if known else []
+
+
 def _add_modes(reading: _Reading) -> None:
     """Add when a pilot flies, when no loop acts on the thrust, and when sticks set attitude or rates."""
     states = reading.values(px4.NAVIGATION_STATE)
-    if states is None or not np.isfinite(reading.clocks[px4.NAVIGATION_STATE.topic]).any():
+    if states is None:
         return
     modes = {
         "pilot_in_control": px4.PILOT_STATES,
@@ -379,7 +368,7 @@ def _add_modes(reading: _Reading) -> None:
     }
     for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
-        reading.put(name, px4.NAVIGATION_STATE.topic, within, px4.NAVIGATION_STATE.label, CurveSide.UNKNOWN)
+        reading.put(name, px4.NAVIGATION_STATE.topic, within, px4.NAVIGATION_STATE.label)
 
 
 def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
@@ -390,8 +379,7 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
         if not values:
             continue
         if topic_name == px4.PULSES_TOPIC and are_pulses(list(values.values()), parameters):
-            values, finding = as_shares(values, parameters)
-            reading.findings.append(finding)
+            values = as_shares(values, parameters, reading.findings)
         for number, (item, column) in enumerate(values.items(), start=1):
             reading.put(f"actuator_output_{number}", topic_name, column, f"{topic_name}.{stem}[{item}]", side)
         return
@@ -399,23 +387,19 @@ def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
 
 def _add_rotor_speeds(reading: _Reading) -> None:
     """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
-    topic = reading.topics.get(px4.ESC_TOPIC)
-    if topic is None:
-        return
+    fields = reading.fields(px4.ESC_TOPIC)
     names = {index: px4.ESC_SPEED.format(index) for index in range(px4.MAX_ESCS)}
-    turning = {
-        index: name for index, name in names.items() if name in topic.fields and np.any(topic.fields[name])
-    }
-    selected = {item: _motor_of(topic, item) for item in turning}
+    turning = {index: name for index, name in names.items() if np.any(fields.get(name, 0))}
+    selected = {item: _motor_of(fields, item) for item in turning}
     known = all(selected.values()) and len(set(selected.values())) == len(selected)
     for entry, name in turning.items():
-        speeds = topic.fields[name].astype(np.float64) * common.UNITS["rpm"][1]
+        speeds = fields[name].astype(np.float64) * common.UNITS["rpm"][1]
         channel = f"rotor_speed_{selected[entry] if known else entry + 1}"
         reading.put(channel, px4.ESC_TOPIC, speeds, f"{px4.ESC_TOPIC}.{name}", CurveSide.BEHIND)
 
 
-def _motor_of(topic: px4.Topic, position: int) -> int:
+def _motor_of(fields: Mapping[str, np.ndarray], position: int) -> int:
     """Number of the motor that a report is of, from 1 on; 0 when it does not say, or not always the same."""
-    functions = np.unique(topic.fields.get(px4.ESC_FUNCTION.format(position), np.zeros(1)))
+    functions = np.unique(fields.get(px4.ESC_FUNCTION.format(position), np.zeros(1)))
     number = int(functions[0]) - px4.FIRST_MOTOR_FUNCTION + 1
     return number if functions.size == 1 and 1 <= number <= px4.MAX_ESCS else 0
