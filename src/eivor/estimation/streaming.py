@@ -225,11 +225,6 @@ class Forgetting:
         return 1.0 - 1.0 / self.memory
 
     @property
-    def effective_rows(self) -> float:
-        """Rows of equal weight whose mean scatters as much."""
-        return (1.0 + self.factor) / (1.0 - self.factor)
-
-    @property
     def block(self) -> int:
         """Samples of a block."""
         return max(int(self.memory / BLOCKS_PER_MEMORY), 1)

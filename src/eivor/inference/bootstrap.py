@@ -77,12 +77,6 @@ class BlockPlan:
         within = np.arange(self.atoms) - np.flatnonzero(begins)[block]
         return np.asarray((first[block] + within) % self.atoms)
 
-    def rows_of(self, pieces: Int[np.ndarray, " k"]) -> Int[np.ndarray, " rows"]:
-        """Rows of a replicate's pieces, in its order."""
-        atoms = (pieces[:, None] + np.arange(self.span)).ravel() % self.atoms
-        bounds = self.bounds
-        return np.concatenate([np.arange(bounds[a], bounds[a + 1]) for a in atoms])
-
 
 def block_plan(rows: int, length: float, scheme: BlockScheme = BlockScheme.CIRCULAR) -> BlockPlan:
     """Plan with blocks of about `length` rows, so many that they fill the record."""
