@@ -96,7 +96,7 @@ def test_closed_form_equals_the_general_inversion():
         same = type(shape)(shape.explained, shape.unexplained, shape.critical, shape.critical)
         for axis in (1, 2):
             closed, scanned = (
-                np.array(set_.intervals) for set_ in (same.shadow(axis), scanned_shadow(same, axis))
+                np.array(set_.intervals) for set_ in (same.shadow(axis, 3), scanned_shadow(same, axis, 3))
             )
             assert closed.shape == scanned.shape
             np.testing.assert_allclose(closed, scanned, rtol=1e-5, atol=1e-6)
@@ -137,7 +137,7 @@ def test_three_parameters_by_search_agree_with_the_closed_form():
     Phi = psi[:, :3] + 0.4 * psi[:, 3:] + 0.8 * e[:, None] + rng.standard_normal((400, 3))
     shape = classical(psi, np.column_stack([Phi @ [1.0, 2.0, 3.0] + e, Phi])).shape
     same = type(shape)(shape.explained, shape.unexplained, shape.critical, shape.critical)
-    assert scanned_shadow(same, 2).hull == pytest.approx(same.shadow(2).hull, rel=1e-4)
+    assert scanned_shadow(same, 2, 4).hull == pytest.approx(same.shadow(2, 4).hull, rel=1e-4)
 
 
 @pytest.mark.calibration

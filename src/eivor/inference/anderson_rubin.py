@@ -62,10 +62,6 @@ class RobustShape(RegionShape):
     scores: LinearScores
     critical: float  # Value that AR must not exceed
 
-    @property
-    def unknowns(self) -> int:
-        return self.scores.total.shape[1] - 1
-
     @cached_property
     def _covariances(self) -> Float[np.ndarray, "n_plus_1 n_plus_1 p p"]:
         """V_ab with V(x) = sum_ab x_a x_b V_ab."""
@@ -108,10 +104,6 @@ class HomoskedasticShape(RegionShape):
     critical: float  # Ratio that they must not exceed for the joint region
     shadow_critical: float
 
-    @property
-    def unknowns(self) -> int:
-        return self.explained.shape[0] - 1
-
     def excess(self, points: Points) -> PerPoint:
         above = np.einsum("ka,ab,kb->k", points, self.explained, points)
         below = np.einsum("ka,ab,kb->k", points, self.unexplained, points)
@@ -123,7 +115,7 @@ class HomoskedasticShape(RegionShape):
         coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
         return ConfidenceSet.from_quadratic(*map(float, coefficients))
 
-    def shadow(self, axis: int) -> ConfidenceSet:
+    def shadow(self, axis: int, _size: int) -> ConfidenceSet:
         """Values that some x of the other parameters passes the test with, in closed form."""
         S, free = concentrated(self.explained - self.shadow_critical * self.unexplained, [0, axis])
         if free:
@@ -340,10 +332,6 @@ class SignPerturbedShape(RegionShape):
     sums: Float[np.ndarray, "m p n_plus_1"]  # S_i as matrices that multiply x, shaped
     excluded: int
     order: Int[np.ndarray, " m"]  # Random order by which ties are broken
-
-    @property
-    def unknowns(self) -> int:
-        return self.sums.shape[2] - 1
 
     @cached_property
     def _differences(self) -> Float[np.ndarray, "m_less_1 n_plus_1 n_plus_1"]:

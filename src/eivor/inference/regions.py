@@ -42,11 +42,6 @@ Points = Float[np.ndarray, "k n_plus_1"]
 class RegionShape(ABC):
     """A region in homogeneous coordinates (x_0; x_1, ..., x_n), theta_j = x_j / x_0 in scaled units."""
 
-    @property
-    @abstractmethod
-    def unknowns(self) -> int:
-        """Number of parameters n."""
-
     @abstractmethod
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """Statistic over its critical value at each point: at most one in the region."""
@@ -55,9 +50,9 @@ class RegionShape(ABC):
     def along(self, base: Point, step: Point) -> ConfidenceSet:
         """Numbers s for which base + s step is in the region."""
 
-    def shadow(self, axis: int) -> ConfidenceSet:
-        """Values of x_axis / x_0 (axis from 1) that some point of the region has; scanned."""
-        return scanned_shadow(self, axis)
+    def shadow(self, axis: int, size: int) -> ConfidenceSet:
+        """Values of x_axis / x_0 (axis from 1 below the size) that some point of the region has; scanned."""
+        return scanned_shadow(self, axis, size)
 
 
 @dataclass(frozen=True)
@@ -109,7 +104,7 @@ class ConfidenceRegion:
     def interval(self, name: str) -> ConfidenceSet:
         """Values of a parameter that some member of the region has: the region's shadow."""
         axis = checks.index_of("a parameter", name, self.names)
-        return self.frame.in_units(self.shape.shadow(axis + 1), axis)
+        return self.frame.in_units(self.shape.shadow(axis + 1, 1 + len(self.names)), axis)
 
     def outline(
         self, window: tuple[tuple[float, float], tuple[float, float]] | None = None
@@ -167,9 +162,8 @@ class ConfidenceRegion:
         return [polygon for _, chain in chains for polygon in _polygons(list(chain))]
 
 
-def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
+def scanned_shadow(shape: RegionShape, axis: int, size: int) -> ConfidenceSet:
     """Shadow of a region on an axis (from 1), by the planes on which that coordinate is held."""
-    size = shape.unknowns + 1
     others = [i for i in range(1, size) if i != axis]
     if not others:
         return shape.along(np.eye(size)[0], np.eye(size)[axis])
@@ -179,10 +173,10 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
         point[0], point[axis] = np.cos(angle), np.sin(angle)
         return point
 
-    meets = _meeting(shape, others)
+    meets = _meeting(shape, np.eye(size)[others])
     steps = SCAN_STEPS if len(others) == 1 else SEARCHED_STEPS
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, steps)
-    seeds = np.arctan([x[axis] / x[0] for x in least_points(shape) if x[0] != 0.0])
+    seeds = np.arctan([x[axis] / x[0] for x in least_points(shape, size) if x[0] != 0.0])
     angles = np.unique(np.concatenate([angles, seeds]))
     inside = [meets(base(angle)) for angle in angles[:-1]]
     inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
@@ -194,9 +188,8 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
     return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
-def least_points(shape: RegionShape) -> list[Point]:
+def least_points(shape: RegionShape, size: int) -> list[Point]:
     """Points at which the statistic has a local minimum, the least first."""
-    size = shape.unknowns + 1
     spread = np.random.default_rng(0).standard_normal((SEARCH_POINTS, size))
     spread[0] = np.eye(size)[0]
     best = np.argsort(shape.excess(spread))[:SEARCH_STARTS]
@@ -205,19 +198,18 @@ def least_points(shape: RegionShape) -> list[Point]:
     return [point for point, _ in sorted(results, key=lambda pair: pair[1])]
 
 
-def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Point], bool]:
-    """Whether the plane through a point along the other axes meets the region."""
-    axes = np.eye(shape.unknowns + 1)[others]
-    if len(others) == 1:
+def _meeting(shape: RegionShape, axes: Points) -> Callable[[Point], bool]:
+    """Whether the plane through a point along some axes meets the region."""
+    if len(axes) == 1:
         return lambda point: not shape.along(point, axes[0]).is_empty
-    last = [np.zeros(len(others))]
+    last = [np.zeros(len(axes))]
 
     def meets(point: Point) -> bool:
         span = np.vstack([point, axes])
-        for start in (last[0], np.zeros(len(others))):
+        for start in (last[0], np.zeros(len(axes))):
             result, least = _searched(shape, span, np.concatenate([[1.0], start]))
             if least <= 1.0:
-                last[0] = result[1:] / result[0] if result[0] != 0.0 else np.zeros(len(others))
+                last[0] = result[1:] / result[0] if result[0] != 0.0 else np.zeros(len(axes))
                 return True
         return False
 
