@@ -348,8 +348,8 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     else:
         weights = method.row_weighting.first_pass(problem)
     minimum = _minimum(method, problem, weights, None if start is None else start.nuisances)
-    while weights.renewal is not None:
-        weights = weights.renewal(minimum.solution.theta, minimum.nuisances)
+    while weights.renewals:
+        weights = weights.renewed(minimum.solution.theta, minimum.nuisances)
         minimum = _minimum(method, problem, weights, minimum.nuisances)
     solved = method.solve(weights.rows(minimum.nuisances))
     searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
@@ -417,7 +417,7 @@ def _minimum(
         solution,
         objectives,
         lambda values: solve(values).objective_unit(),
-        coarse=weights.renewal is not None,
+        coarse=weights.renewals > 0,
         costly=problem.costly,
         start=start,
     )

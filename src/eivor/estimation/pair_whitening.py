@@ -237,7 +237,7 @@ class PairRows(WhitenedRows):
         residual = paired_bins(self.pair, theta, nuisances).residual(bins)
         return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
 
-    def _renewed(self, theta: Vector, nuisances: Values) -> PairRows:
+    def renewed(self, theta: Vector, nuisances: Values, /) -> PairRows:
         return _by_residuals(self.pair, self.corrected, theta, nuisances, self.renewals - 1)
 
 
@@ -269,7 +269,7 @@ def _weighted(
     power = np.maximum(power, POWER_FLOOR * float(np.median(power))) / factor
     basis = orthonormal_basis(bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None]))
     combined, blend = CombinedProblem(problem, shares), np.zeros(power.size)
-    return PairRows(combined, blend, power, basis, renewals, pair=problem, C=C, corrected=corrected)
+    return PairRows(combined, renewals, blend, power, basis, pair=problem, C=C, corrected=corrected)
 
 
 @dataclass(frozen=True, slots=True)

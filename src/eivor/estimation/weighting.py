@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -160,6 +160,7 @@ class WeightedRows:
     """A problem's rows with weights of one pass: rows in time, as they are."""
 
     problem: SeparableProblem
+    renewals: int  # Passes that follow
 
     def rows(self, nuisances: Values) -> Regression:
         return self.problem.rows(nuisances)
@@ -174,10 +175,9 @@ class WeightedRows:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
         return None
 
-    @property
-    def renewal(self) -> Callable[[Vector, Values], WeightedRows] | None:
-        """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
-        return None
+    def renewed(self, _theta: Vector, _at: Values, /) -> WeightedRows:
+        """Rows of the next pass, from an estimate."""
+        return self
 
 
 class RowWeighting(ABC):
@@ -201,10 +201,10 @@ class EqualRows(RowWeighting):
     needs_spectra = False
 
     def first_pass(self, problem: SeparableProblem) -> WeightedRows:
-        return WeightedRows(problem)
+        return WeightedRows(problem, 0)
 
     def last_pass(self, problem: SeparableProblem, *_: object) -> WeightedRows:
-        return WeightedRows(problem)
+        return WeightedRows(problem, 0)
 
 
 #: Power never falls below this share of its median, so that no bin takes all the weight.
@@ -218,7 +218,6 @@ class WhitenedRows(WeightedRows):
     blend: PerBin
     power: PerBin
     basis: Float[np.ndarray, "rows q"]
-    renewals: int = 0  # Passes that follow
     disturbed: float = 0.0
 
     def rows(self, nuisances: Values) -> Regression:
@@ -294,12 +293,8 @@ class WhitenedRows(WeightedRows):
             P[:, j[:, None], at], P[:, at[:, None], j] = cross, cross.transpose(0, 2, 1)
             yield E, P
 
-    @property
-    def renewal(self) -> Callable[[Vector, Values], WhitenedRows] | None:
-        """Whitening by the residuals, while there are passes to follow."""
-        return self._renewed if self.renewals else None
-
-    def _renewed(self, theta: Vector, nuisances: Values) -> WhitenedRows:
+    def renewed(self, theta: Vector, nuisances: Values, /) -> WhitenedRows:
+        """Whitening by the residuals."""
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
@@ -354,4 +349,4 @@ def _whitened(
     problem: SeparableProblem, bins: SpectralRegression, blend: PerBin, power: PerBin, renewals: int = 0
 ) -> WhitenedRows:
     instruments = bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None])
-    return WhitenedRows(problem, blend, power, orthonormal_basis(instruments), renewals)
+    return WhitenedRows(problem, renewals, blend, power, orthonormal_basis(instruments))
