@@ -377,11 +377,6 @@ class SampledRecord:
         return np.exp(-1j * self.angle)
 
     @cached_property
-    def later(self) -> Bins:
-        """Each bin of z."""
-        return self.earlier.conj()
-
-    @cached_property
     def ramp(self) -> Bins:
         """Spectrum of a line from -1/2 to 1/2 over the record."""
         return unitary_bins(np.linspace(-0.5, 0.5, self.count))
@@ -390,10 +385,6 @@ class SampledRecord:
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         """log(2 sin(w/2))."""
         return np.log(2.0 * np.sin(0.5 * self.angle))
-
-    def power(self, order: float) -> Float[np.ndarray, " bins"]:
-        """Spectrum of Delta^order of white noise of variance one."""
-        return np.exp(2.0 * order * self.log_scale)
 
 
 @dataclass(frozen=True)
@@ -440,7 +431,7 @@ class SampledMotion:
 
     @cached_property
     def _between(self) -> Bins:
-        return (1.0 - self.blend) + self.blend * self.record.later
+        return (1.0 - self.blend) + self.blend * self.record.earlier.conj()
 
     @cached_property
     def response(self) -> Bins:
@@ -455,7 +446,7 @@ class SampledMotion:
         result[1, 0] = -1.0
         result[1, 1] = self.pushed * -self._between
         result[2, 0] = 0.0
-        result[2, 1] = (-self.gain * self.pushed) * (self.record.later - 1.0)
+        result[2, 1] = (-self.gain * self.pushed) * (self.record.earlier.conj() - 1.0)
         return result
 
     @cached_property

@@ -336,14 +336,11 @@ class NodeAxis:
         return np.exp(positions) if self.nuisance.positive else positions
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def weights(self) -> CubicSpline:
+        """What each node counts, at places between them."""
         from scipy.interpolate import CubicSpline
 
         return CubicSpline(self.nodes, np.eye(self.nodes.size))
-
-    def weights(self, positions: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k T"]:
-        """What each node counts at places between them."""
-        return np.asarray(self._spline(positions))
 
 
 @dataclass(frozen=True)

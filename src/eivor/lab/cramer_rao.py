@@ -190,7 +190,9 @@ def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float
     R = power * _outer(q, q)
     index = np.arange(3)
     known_powers = zip(noise.variances[:2].tolist(), noise.orders[:2].tolist(), strict=True)
-    velocity, acceleration = (variance * record.power(order) for variance, order in known_powers)
+    velocity, acceleration = (
+        variance * np.exp(2.0 * order * record.log_scale) for variance, order in known_powers
+    )
     R[:, index, index] += np.stack([acceleration, velocity, np.full(h.size, noise.input_variance)], axis=-1)
     share = np.linalg.solve(R, power * (_outer(q_K, q) + _outer(q, q_K)))
     return float(np.einsum("bij,bji->", share, share).real)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import cast
 
@@ -204,6 +204,10 @@ class LaggedRuns(SeparableProblem):
     #: The same flights with so much more of every noise that is known: the difference has their covariance.
     noisier: LaggedRuns | None = None
     warm_start: WarmStart | None = None  # What an estimate has its weights from
+    #: Bins of the moving columns: every pass of a weighting visits the same grid again.
+    _memo: dict[tuple[float, ...], list[np.ndarray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         if not any(column.runs for column in self.columns):
@@ -433,11 +437,6 @@ class LaggedRuns(SeparableProblem):
     @property
     def instrument_bins(self) -> Complex[np.ndarray, "bins p"]:
         return self._fixed_bins[2]
-
-    @cached_property
-    def _memo(self) -> dict[tuple[float, ...], list[Complex[np.ndarray, "_ k"]]]:
-        """Bins of the moving columns: every pass of a weighting visits the same grid again."""
-        return {}
 
     def _moving_bins(self, nuisance_values: Values) -> list[Complex[np.ndarray, "_ k"]]:
         """Bins of the moving columns of every run, of the parameters that move in its equation."""
