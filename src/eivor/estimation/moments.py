@@ -86,15 +86,12 @@ class ProblemMoments:
     parameters: tuple[Parameter, ...]
     moments: Moments
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(parameter.name for parameter in self.parameters)
-
     def merge(self, other: ProblemMoments) -> ProblemMoments:
         """Moments of both sets of rows: other chunks, other flights, other machines."""
-        if self.names != other.names:
-            expected = f"moments of the parameters {', '.join(self.names)}"
-            raise UsageError(expected, f"moments of {', '.join(other.names)}", "Merge moments of one model.")
+        mine, others = ([parameter.name for parameter in item.parameters] for item in (self, other))
+        if mine != others:
+            expected = f"moments of the parameters {', '.join(mine)}"
+            raise UsageError(expected, f"moments of {', '.join(others)}", "Merge moments of one model.")
         return replace(self, moments=self.moments.merge(other.moments))
 
 

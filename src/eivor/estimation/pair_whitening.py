@@ -89,14 +89,12 @@ class PairedBins:
         result = responses(bins) - (bins.regressors @ self.theta)[:, None]
         return result.T * np.sqrt(self.density_scale)
 
-    def fitted(self, bins: SpectralRegression) -> NoiseModel:
-        return self._fit(bins)[2]
-
     def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
         """The same with their errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
-        return fitted_noises(*self._fit(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
+        return fitted_noises(*self.fitted(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
 
-    def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoiseModel, NoisePrior]:
+    def fitted(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoiseModel, NoisePrior]:
+        """Residuals in order, with the noises that fit them, declared ones as they are."""
         order = np.argsort(self.frequency_hz, kind="stable")
         pairs, residual = replace(self, order=order), self.residual(bins)[:, order]
         densities = self.state.state_density, self.state.response_density
@@ -245,7 +243,7 @@ def _by_residuals(
     problem: SeparableProblem, corrected: bool, theta: Vector, nuisances: Values, renewals: int
 ) -> PairRows:
     pairs, bins = paired_bins(problem, theta, nuisances), problem.bins(nuisances)
-    C, factor = pairs.fitted(bins).spectrum(pairs), np.ones(bins.responses.shape[0])
+    C, factor = pairs.fitted(bins)[2].spectrum(pairs), np.ones(bins.responses.shape[0])
     if corrected:
         residual = pairs.residual(bins)
         # the model corrected by the residuals' own periodogram: a wrong model costs efficiency alone

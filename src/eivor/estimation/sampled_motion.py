@@ -473,10 +473,7 @@ class SampledMotion:
 
     def whole(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
         """Residuals with the nuisances' parts taken off: r + sum of c psi."""
-        pair: Pair = self.residuals()
-        for nuisance, shape in zip(nuisances.tolist(), shapes, strict=True):
-            pair += nuisance * shape
-        return pair
+        return self.residuals() + np.tensordot(nuisances, shapes, 1)
 
     def behind(self, transient: float) -> Pair:
         """Residuals with a transient alone taken off."""

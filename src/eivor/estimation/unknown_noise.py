@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -124,6 +125,7 @@ class SharedMoments:
     def parameters(self) -> tuple[Parameter, ...]:
         return self.problem.parameters + tuple(p for noise in self.unknown for p in noise.parameters)
 
+    @cached_property
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
         """What declared noises add."""
         return self._shared(self.problem.signals.noise)
@@ -159,12 +161,12 @@ class SharedMoments:
         return shared_noise(problem.instrument_columns, right, signals, problem.first, problem.used)
 
     def added(
-        self, beta: Float[np.ndarray, " k"], known: Float[np.ndarray, "p n_plus_1"]
+        self, beta: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p k"]]:
         """What all noises add to mean(psi e), with its sign turned, and the slopes of that."""
         n = len(self.problem.parameters)
         direction = np.append(beta[:n], -1.0)
-        total, slopes, position = known.copy(), np.zeros((known.shape[0], beta.size)), n
+        total, slopes, position = self.known.copy(), np.zeros((len(self.known), beta.size)), n
         for noise in self.unknown:
             variance, order = beta[position], float(beta[position + 1]) if noise.fractional else 0.0
             unit = self.unit(noise, order)
@@ -231,6 +233,7 @@ class _MomentSearch:
     def __post_init__(self) -> None:
         self.rows = self.shared.problem.rows()
         psi, count = self.rows.instruments, self.rows.response.size
+        self.count = count
         unknowns = len(self.shared.parameters)
         check_freedom(count, unknowns)
         if psi.shape[1] < unknowns:
@@ -238,19 +241,14 @@ class _MomentSearch:
             remedy = "Give more lags as instruments, or declare the noise of a channel."
             raise InstrumentError(expected, f"{psi.shape[1]}", remedy)
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
-        self.known = self.shared.known()
         self.factor = weight_factor(psi.T @ psi / count)
-
-    @property
-    def _count(self) -> int:
-        return self.rows.response.size
 
     def _residual(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " p"]:
         direction = np.append(beta[: self.cross.shape[1] - 1], -1.0)
-        return self._divided(self.shared.added(beta, self.known)[0] - self.cross @ direction)
+        return self._divided(self.shared.added(beta)[0] - self.cross @ direction)
 
     def _slopes(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p k"]:
-        slopes = self.shared.added(beta, self.known)[1]
+        slopes = self.shared.added(beta)[1]
         slopes[:, : self.cross.shape[1] - 1] -= self.cross[:, :-1]
         return self._divided(slopes)
 
@@ -265,8 +263,8 @@ class _MomentSearch:
         ]
         linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
         extra = [units[number][:, j] for number, j in linear]
-        right = self.cross[:, -1] - self.known[:, -1]
-        left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-item for item in extra)])
+        right = self.cross[:, -1] - self.shared.known[:, -1]
+        left = np.column_stack([self.cross[:, :-1] - self.shared.known[:, :-1], *(-item for item in extra)])
         left = self._divided(left)
         size = column_scale(left)
         result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
@@ -310,7 +308,7 @@ class _MomentSearch:
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
         """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011)."""
-        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
+        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self.count
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
         whole = psi.T @ error
@@ -334,18 +332,18 @@ class _MomentSearch:
         """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
         Q, root = np.linalg.qr(self._slopes(beta))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
-        yield CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
+        yield CovariancePart("of_normal_series", inverse @ inverse.T / self.count)
         if not any(noise.fractional for noise in self.shared.unknown):
             return
         answers = scipy.linalg.solve_triangular(root, Q.T)
         answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
         error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
         matrix = long_memory_covariance(self.rows.instruments @ answers, error)
-        yield CovariancePart("of_long_memory", matrix / self._count**2)
+        yield CovariancePart("of_long_memory", matrix / self.count**2)
 
     def _solved(self, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
-        added, slopes = self.shared.added(beta, self.known)
+        added, slopes = self.shared.added(beta)
         more = beta.size - self.rows.regressors.shape[1]
         rows = Regression(
             self.rows.response,
@@ -405,7 +403,7 @@ class _MomentSearch:
                 reasons.append(Reason(Status.REFUSED, sentence, remedy))
         left = self._residual(beta)
         degrees = left.size - beta.size
-        J = self._count * float(left @ left)
+        J = self.count * float(left @ left)
         if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:
             sentence = (
                 f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "

@@ -39,12 +39,6 @@ class LinearScores:
     total: Equations
     cosines: Float[np.ndarray, "averages p n_plus_1"]
 
-    def changed(
-        self, equations: Float[np.ndarray, "q p"], unknowns: Float[np.ndarray, "n_plus_1 m"]
-    ) -> LinearScores:
-        """Equations recombined from the left, columns from the right."""
-        return LinearScores(equations @ self.total @ unknowns, equations @ self.cosines @ unknowns)
-
 
 def averages_for(samples: int, equations: int) -> int:
     """Number of cosine averages B for so many samples and equations."""
@@ -126,17 +120,18 @@ class HomoskedasticShape(RegionShape):
 def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) -> ConfidenceRegion:
     """Autocorrelation-robust region."""
     p, averages = scores.total.shape[0], scores.cosines.shape[0]
-    pivot = _weighted_solution(scores.total, np.eye(p))
+    pivot = _solution(scores.total)[0]
     root = np.eye(p)
     for _ in range(2):
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
         root = _triangular_root(at_pivot / np.sqrt(averages), _no_error())
-        pivot = _weighted_solution(scores.total, root)
+        pivot = _solution(scipy.linalg.solve_triangular(root, scores.total, lower=True))[0]
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
     critical = hotelling_quantile(level, p, float(averages))
-    shape = RobustShape(scores.changed(whitening, _to_frame(frame)), critical)
-    return ConfidenceRegion(names, frame, shape)
+    change = _to_frame(frame)
+    framed = LinearScores(whitening @ scores.total @ change, whitening @ scores.cosines @ change)
+    return ConfidenceRegion(names, frame, RobustShape(framed, critical))
 
 
 def homoskedastic_region(
@@ -184,10 +179,6 @@ def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
     change[1:, 0] = -frame.pivot
     change[1:, 1:] = -np.diag(frame.scale)
     return change
-
-
-def _weighted_solution(total: Equations, root: Square) -> Vector:
-    return _solution(scipy.linalg.solve_triangular(root, total, lower=True))[0]
 
 
 def _lengths(columns: Float[np.ndarray, "p n"]) -> Vector:

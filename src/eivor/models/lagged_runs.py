@@ -12,7 +12,7 @@ import numpy as np
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Interpolation, MovedRun, Nuisance, SeparableProblem, Values, WarmStart
-from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, detrended, trend
+from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, trend
 from eivor.tools import Bool, Complex, Float, Int
 
 #: Nuisances of nearly every vehicle, as they are called in results.
@@ -375,7 +375,10 @@ class LaggedRuns(SeparableProblem):
             polynomials, counted = trend(run.stop - run.start, item.step_s), item.counted(run)
             chosen = slice(None) if counted is None else counted
             kept = block[chosen]
-            rows.append(detrended(kept, polynomials[chosen]) if self.intercepts else kept)
+            if self.intercepts:
+                basis, _ = np.linalg.qr(polynomials[chosen])
+                kept = kept - basis @ (basis.T @ kept)
+            rows.append(kept)
         return np.concatenate(rows)
 
     @cached_property

@@ -132,14 +132,6 @@ def trend(length: int, step_s: float) -> Float[np.ndarray, "length k"]:
     return np.column_stack([np.ones(length), line] if length * step_s >= LINE_S else [np.ones(length)])
 
 
-def detrended(
-    values: Float[np.ndarray, "counted columns"], polynomials: Float[np.ndarray, "counted k"]
-) -> Float[np.ndarray, "counted columns"]:
-    """Columns without what polynomials of time explain of them by least squares."""
-    basis, _ = np.linalg.qr(polynomials)
-    return np.asarray(values - basis @ (basis.T @ values))
-
-
 def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:
     """Zero where samples do not count, and a cosine of `edge` samples up to one beside them."""
     index = np.arange(counted.size)
