@@ -233,7 +233,6 @@ class _MomentSearch:
     def __post_init__(self) -> None:
         self.rows = self.shared.problem.rows()
         psi, count = self.rows.instruments, self.rows.response.size
-        self.count = count
         unknowns = len(self.shared.parameters)
         check_freedom(count, unknowns)
         if psi.shape[1] < unknowns:
@@ -308,7 +307,7 @@ class _MomentSearch:
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
         """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011)."""
-        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self.count
+        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self.rows.response.size
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
         whole = psi.T @ error
@@ -332,14 +331,14 @@ class _MomentSearch:
         """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
         Q, root = np.linalg.qr(self._slopes(beta))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
-        yield CovariancePart("of_normal_series", inverse @ inverse.T / self.count)
+        yield CovariancePart("of_normal_series", inverse @ inverse.T / self.rows.response.size)
         if not any(noise.fractional for noise in self.shared.unknown):
             return
         answers = scipy.linalg.solve_triangular(root, Q.T)
         answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
         error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
         matrix = long_memory_covariance(self.rows.instruments @ answers, error)
-        yield CovariancePart("of_long_memory", matrix / self.count**2)
+        yield CovariancePart("of_long_memory", matrix / self.rows.response.size**2)
 
     def _solved(self, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
@@ -403,7 +402,7 @@ class _MomentSearch:
                 reasons.append(Reason(Status.REFUSED, sentence, remedy))
         left = self._residual(beta)
         degrees = left.size - beta.size
-        J = self.count * float(left @ left)
+        J = self.rows.response.size * float(left @ left)
         if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:
             sentence = (
                 f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "
