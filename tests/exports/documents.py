@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import runpy
-import tomllib
 from typing import Any
 
 import numpy as np
@@ -148,6 +148,34 @@ def of_lopsided(vehicle=KNOWN_VEHICLE, **others):
     return of_rigid_body(vehicle, COMBINATIONS | BESIDE | others)
 
 
+#: 1.2 kg with inertias of .012, .013 and .02 kg m^2, thrust of 8e-6 N/(rad/s)^2 and a torque ratio of .016 m.
+HEAVY = COMBINATIONS | {
+    "roll_coupling": (-0.007 / 0.012, 0.01),
+    "pitch_coupling": (0.008 / 0.013, 0.01),
+    "roll_gain": (8e-6 / 0.012, 1e-6),
+    "pitch_gain": (8e-6 / 0.013, 1e-6),
+    "yaw_gain": (0.016 * 8e-6 / 0.02, 1e-8),
+    "thrust_gain": (8e-6 / 1.2, 1e-8),
+}
+
+
+def of_heavy():
+    """Its result."""
+    at = (4.0 * np.array(KNOWN_VEHICLE["positions"])).tolist()
+    return of_rigid_body(KNOWN_VEHICLE | {"positions": at, "mass": {"value": 1.2, "std": 0.01}}, HEAVY)
+
+
+#: Results of rigid bodies: a small vehicle, ones with quadratic drag and with all else, and a heavy one.
+VEHICLES = {
+    "small": lambda: of_rigid_body(KNOWN_VEHICLE),
+    "quadratic drag": lambda: of_rigid_body(
+        KNOWN_VEHICLE, COMBINATIONS | {name: pair for name, pair in BESIDE.items() if "quadratic" in name}
+    ),
+    "lopsided": of_lopsided,
+    "heavy": of_heavy,
+}
+
+
 def of_rigid_body(vehicle, combinations=COMBINATIONS):
     """A result of the rigid body whose combinations are independent."""
     reported = document()
@@ -228,8 +256,8 @@ def quad_params(folder, **others):
 
 
 def table(text):
-    """What a file for drone-models says."""
-    return tomllib.loads(text)["vehicle"]
+    """Parameters of a file for drone-models."""
+    return ast.literal_eval(text[text.index("vehicle = ") + 10 : text.index("\n\n\ndef dynamics")])
 
 
 def climb(step, seconds, *, lagged="speed", count=20_000):

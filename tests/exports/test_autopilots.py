@@ -223,7 +223,7 @@ def test_commands_run(tmp_path, monkeypatch, command_line):
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
     vehicle_file(tmp_path).rename("mine.toml")
-    assert len(COMMANDS) == 19
+    assert len(COMMANDS) == 21
     for command in COMMANDS:
         assert command_line(*shlex.split(command)).code == 0, command
         written = re.findall(r"(?:-o|--json|--out|--residuals) (\S+)", command)[0]

@@ -207,13 +207,14 @@ EXPORTS = rows("export", None, written,
     (SPEEDS, "px4", SHORT, UsageError, "no vehicle for px4"),
     (SPEEDS, "mujoco", KNOWN | {"priors": {"thrust": (1.0, 0.0)}}, UsageError, "priors that MuJoCo uses"),
     (SPEEDS, "mujoco", {"accept": "wek"}, UsageError, "weak"),
-    (SPEEDS, "pybullet", PLUS, UsageError, "one in each quarter"),
+    (SPEEDS, "urdf", PLUS, UsageError, "one in each quarter"),
 )  # fmt: skip
 PRIORS = rows("prior", None,
     lambda name, prior, tmp_path: documents.exported("mujoco", tmp_path, **{name: prior}),
     *((name, (-1.0, 0.0), UsageError, f"a {name} above zero")
         for name in ("inertia_xx", "largest_command", "speed_scale")),
     ("inertia_zz", (3.5e-5, 0.0), ParameterError, "none of which is larger"),
+    ("largest_command", (1700.0, 0.0), UsageError, "above that at hover, 1787.86; received 1700"),
 )  # fmt: skip
 SAMPLES = rows("draws", None, sampled,
     (documents.document(degrees=2.0), 10, 0, EstimationError, "degrees of freedom"),

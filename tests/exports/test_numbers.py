@@ -89,11 +89,10 @@ def test_drone_models(file):
     arm, rate = 0.043, 1.0 / LAG
     expected = {
         "gravity_vec": [0.0, 0.0, -GRAVITY], "mass": MASS, "L": arm, "J": np.diag(INERTIA),
-        "rpm2thrust": [0.0, 0.0, THRUST * PER_MINUTE**2], "thrust2torque": RATIO,
+        "rpm2thrust": [0.0, 0.0, THRUST * PER_MINUTE**2],
         "rpm2torque": [0.0, 0.0, RATIO * THRUST * PER_MINUTE**2], "drag_matrix": -np.diag(DRAG),
-        "rotor_dyn_coef": [rate, 0.0, rate, 0.0], "rotor_dyn_coef_simple": rate, "thrust_dyn_coef": rate,
+        "rotor_dyn_coef": [rate, 0.0, rate, 0.0], "prop_inertia": ROTOR_INERTIA,
         "mixing_matrix": [PLACES[:, 1] / arm, -PLACES[:, 0] / arm, SPINS],
-        "prop_inertia": ROTOR_INERTIA, "thrust_min": 0.0, "thrust_max": THRUST * FASTEST**2,
     }  # fmt: skip
     agree(documents.table(file("drone-models")), expected)
 
@@ -130,8 +129,29 @@ def test_mujoco(file):
     agree(found, expected)
 
 
-def test_pybullet(file):
-    root = xml_tree(file("pybullet"))
+def test_pybullet(file, tmp_path):
+    """Of the whole vehicle at hover speeds: its drag, its torques, and its rotors' reactions."""
+    (tmp_path / "v.py").write_text(file("pybullet"), encoding="utf-8")
+    forces, still, speeds = runpy.run_path(str(tmp_path / "v.py"))["forces"], np.zeros(3), np.full(4, HOVER)
+
+    def change(air=still, rates=still, spin_up=0.0):
+        at_rest = forces(still, still, speeds, np.zeros(4))
+        return np.array(forces(np.array(air), np.array(rates), speeds, spin_up)) - at_rest
+
+    lift = MASS * 9.8 * np.array([PLACES[:, 1].mean(), -PLACES[:, 0].mean()])
+    np.testing.assert_allclose(forces(still, still, speeds, 0.0), [[0, 0, MASS * 9.8], [*lift, 0]], rtol=2e-3)
+    for axis, speed in enumerate(2.0 * np.eye(3)):
+        drag = -2.0 * (DRAG[axis] + 2.0 * QUADRATIC[axis])
+        lifted = 0.003 * MASS * 4.0 if axis < 2 else 0.0
+        np.testing.assert_allclose(change(air=speed)[0], drag * np.eye(3)[axis] + [0, 0, lifted], rtol=2e-3)
+        assert change(rates=speed)[1, axis] == pytest.approx(-2.0 * TURNING[axis], rel=2e-3)
+    assert change(spin_up=np.eye(4)[0])[1, 2] == pytest.approx(SPINS[0] * ROTOR_INERTIA, rel=2e-3)
+    momentum = forces(still, np.array([0.0, 1.0, 0.0]), np.eye(4)[0], np.zeros(4))[1][0]
+    assert momentum == pytest.approx(SPINS[0] * ROTOR_INERTIA, rel=0.06)  # with a little drag
+
+
+def test_urdf(file):
+    root = xml_tree(file("urdf"))
     thrust = THRUST * 9.8 / GRAVITY
     values = {
         "arm": 0.043, "kf": thrust * PER_MINUTE**2, "km": RATIO * thrust * PER_MINUTE**2,
@@ -206,17 +226,23 @@ def test_sitl(file, tmp_path):
     frame, full = sitl_frame(file("sitl")), 4 * THRUST * FASTEST**2
     reversed_ = documents.of_lopsided(documents.KNOWN_VEHICLE | {"spins": (-SPINS).tolist()})
     other = ev.load_fit(documents.written(reversed_, tmp_path))
-    turned = (
-        "turn against those of FRAME_TYPE 1" in text for text in (file("sitl"), other.export("sitl", **GIVEN))
-    )
-    assert list(turned) == [False, True]
-    signal, diagonal = HOVER / FASTEST, 0.086
+    outputs = {"MOT_SPIN_MIN": 0, "MOT_SPIN_MAX": 1, "MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000}
+    curve = {"MOT_THST_EXPO": 1, "MOT_THST_HOVER": HOVER**2 / FASTEST**2, "FRAME_CLASS": 1}
+    of_speed = {"SIM_VIB_MOT_MAX": FASTEST / 2 / np.pi}
+    for text, frame_type in ((file("sitl-parameters"), 1), (other.export("sitl-parameters", **GIVEN), 18)):
+        found = dict(line.split(",") for line in text.splitlines() if not line.startswith("#"))
+        expected = outputs | curve | of_speed | {"FRAME_TYPE": frame_type}
+        agree({name: float(value) for name, value in found.items()}, expected)
+    # motors of FRAME_TYPE 18 are in the order rear right, front right, rear left, front left
+    first = sitl_frame(other.export("sitl", **GIVEN))["motor1_position"]
+    np.testing.assert_allclose(first[:2], [PLACES[1, 0], -PLACES[1, 1]], rtol=2e-3)
+    diagonal = 0.086
     disc = 4 * np.pi * 0.0215**2
     # motors 1 to 4: front right, rear left, front left, rear right
     for number, rotor in enumerate((0, 2, 3, 1), 1):
         x, y, z = PLACES[rotor]
         np.testing.assert_allclose(frame.pop(f"motor{number}_position"), [x, -y, -z], rtol=2e-3)
-        yaw = frame.pop(f"motor{number}_yaw") * 0.05 * diagonal * signal
+        yaw = frame.pop(f"motor{number}_yaw") * 0.05 * diagonal * (TRIM[rotor] / THRUST) ** 0.5 / FASTEST
         # with the cube of the signal in place of its square
         assert 3 * yaw == pytest.approx(-SPINS[rotor] * 2 * RATIO, rel=2e-3)
     speed, tilt = frame.pop("refSpd"), np.radians(20.0)

@@ -145,6 +145,11 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
         made = outcome_of(task, reported.append)
         assert isinstance(made, RefusedError if entry["reason"] else File)
         assert entry["reason"] == (str(made) if isinstance(made, RefusedError) else "")
+    known = "inertia_xx=1e-5\ninertia_yy=1e-5\ninertia_zz=1.5e-5\ntorque_ratio=.006\nlargest_command=2500"
+    body = {"mass": "0.03", "vehicle": "crazyflie-2x", "prior": known}
+    for entry in outcome_of(Task("list_exports", {**given, "words": body}), reported.append):
+        # what a target lacks is beside it
+        assert entry["name"] != "urdf" or "no lag of the rotors, and" in " ".join(entry["left_out"])
     refused = outcome_of(Task("plan", {**given, "words": {"form": "qgc"}}), reported.append)
     assert isinstance(refused, RefusedError)
     assert "--home" in str(refused)

@@ -37,8 +37,9 @@ from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
 #: Word for every target, and the page of their folder.
 ALL, PAGE = "all", "README.md"
-#: What the folder of every target holds.
-FOLDER_FILES = (PAGE, *(f"{target.name}{target.ending}" for target in TARGETS.values()))
+#: Files of the folder of every target; none has a name that a file of Python imports.
+NAMES = {name: f"fit_{name.replace('-', '_')}{target.ending}" for name, target in TARGETS.items()}
+FOLDER_FILES = (PAGE, *NAMES.values())
 EXPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
     "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
@@ -46,7 +47,8 @@ EXPORT_EXIT_CODES = (
     "or written.\n\n"
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
     "(Python), matlab (.mat). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), "
-    "mujoco (MJCF), pybullet (URDF), gazebo (SDF), px4-gazebo (XML), sitl (JSON), drone-models (TOML). The "
+    "mujoco (MJCF), pybullet (Python), urdf, gazebo (SDF), px4-gazebo (XML), sitl (JSON), sitl-parameters "
+    "(.parm), drone-models (Python). The "
     "word all writes those that the result supports into a folder, with a page."
 )
 
@@ -186,7 +188,7 @@ def _every_target(
         except (NotIdentifiedError, UsageError) as error:
             sections.append((target, "", (str(error),)))
             continue
-        name = f"{target.name}{target.ending}"
+        name = NAMES[target.name]
         with writing(folder / name):
             write_atomically(folder / name, made.text)
         write(f"{folder / name}: {target.words}\n")
@@ -210,7 +212,7 @@ def _page(result: SavedFit, sections: Sequence[tuple[Target, str, tuple[str, ...
     )
     for target, name, notes in sections:
         yield f"## {target.name}: {name or 'not written'}"
-        yield from ("", f"For {target.words}.", "")
+        yield from ("", f"For {target.words.rstrip('.')}.", "")
         yield from (f"    {one_line(note)}" for note in notes)
         yield ""
 

@@ -17,10 +17,8 @@ from eivor.exports.vehicle import (
     BODY,
     ELSEWHERE,
     JOINT,
-    LATE,
     LEAST,
     RIGID_BODY,
-    SECOND_STAGE,
     Columns,
     ExportOfDraws,
     VehicleDescription,
@@ -330,7 +328,7 @@ def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
             )
             supplied.check_only((*needed, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
-    made = describe(fitted, supplied, "A state space", BODY, lacks=(SECOND_STAGE,))
+    made = describe(fitted, supplied, "A state space", BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
@@ -384,7 +382,7 @@ def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     """A function ``f(x, u)``, the derivative of the state."""
     if fitted.model == RIGID_BODY:
-        made = describe(fitted, supplied, "CasADi", BODY, lacks=(LATE, SECOND_STAGE))
+        made = describe(fitted, supplied, "CasADi", BODY)
         comments = hash_comments((*made.comments, *speed_comments(made, "CasADi")))
         return filled("casadi.txt", made, comments, c=asdict(coefficients(made)))
     if fitted.machine is not None:

@@ -5,46 +5,46 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
-from eivor.exports.autopilots import PX4, qgroundcontrol
+from eivor.exports.autopilots import ARDUPILOT, PX4, qgroundcontrol, single
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
 from eivor.exports.vehicle import (
-    ABOVE,
-    ACROSS,
-    BESIDE_ROTORS,
     BODY,
     CENTRE,
     DRAGS,
     HEIGHT,
     INERTIAS,
     JOINT,
-    LATE,
-    LEVER,
     OTHER_THAN_X,
     OTHER_THAN_Z,
     QUADRATIC,
     QUADRATIC_OTHER,
     QUARTERS,
-    SECOND_STAGE,
+    SQUARE,
     TORQUES,
-    TURNING,
     TURNING_OTHER,
     Columns,
     ExportOfDraws,
     VehicleDescription,
     alike,
     by_quarters,
+    coefficients,
     describe,
     drag_centre,
+    exponent_at_hover,
     filled,
     first,
+    manoeuvre,
     mapped_hover,
     mean_distances,
     places,
     rotors_of,
     speed_comments,
+    turned_by_rotors,
 )
 from eivor.motions.vertical.model import GRAVITY, share_of
 from eivor.signals.thrust_map import InputMap, Mixed
@@ -57,35 +57,34 @@ PER_MINUTE = 2.0 * math.pi / 60.0
 WITH_LARGEST = (*BODY, "largest_command")
 
 
-def _first_rotor(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, float]:
-    return first(rotors_of(made, gravity))
+def _described(
+    fitted: Fitted, supplied: Supplied, target: str, gravity: float, needs: tuple[str, ...] = WITH_LARGEST
+) -> tuple[VehicleDescription, dict[str, float], dict[str, float], tuple[str, ...]]:
+    """A vehicle, numbers of its first row, those of its rotors, and comments."""
+    made = describe(fitted, supplied, target, needs)
+    comments = (*made.comments, *speed_comments(made, target, gravity))
+    return made, first(made.values), first(rotors_of(made, gravity)), comments
 
 
 DRONE_MODELS_REMARKS = (
-    "pwm and motor voltages are not of the flight, and not in this file.",
-    "The centre of mass is in mixing_matrix. drone-models turns the gyroscopic torque about x the wrong way.",
+    "dynamics is the whole vehicle. vehicle alone drags in the centre of mass, has no quadratic drag and no "
+    "torque against turning, and drone-models turns its gyroscopic torque about x the wrong way.",
 )
-#: Of every simulator whose rotors lag.
-TIMING = (LATE, SECOND_STAGE)
-DRONE_MODELS_LACK = (TURNING, LEVER, "quadratic drag", "translational lift", *TIMING)
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
-    made = describe(fitted, supplied, "drone-models", BODY, lacks=DRONE_MODELS_LACK)
-    value, rotor = first(made.values), _first_rotor(made)
+    """Parameters, and the dynamics with what the parameters cannot hold as a disturbance."""
+    made, value, rotor, comments = _described(fitted, supplied, "drone-models", GRAVITY, BODY)
     rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * made.vehicle.arm
     at = places(made)[0]
-    rows: dict[str, object] = {
+    rows = {
         "gravity_vec": [0.0, 0.0, -GRAVITY],
         "mass": value["mass"],
         "L": arm,
         "J": np.diag([value[name] for name in INERTIAS]).tolist(),
         "rpm2thrust": [0.0, 0.0, rotor["thrust_constant"] * PER_MINUTE**2],
         "rpm2torque": [0.0, 0.0, rotor["torque_constant"] * PER_MINUTE**2],
-        "thrust2torque": value["torque_ratio"],
         "rotor_dyn_coef": [rate, 0.0, rate, 0.0],
-        "rotor_dyn_coef_simple": rate,
-        "thrust_dyn_coef": rate,
         "mixing_matrix": [
             (at[:, 1] / arm).tolist(),
             (0.0 - at[:, 0] / arm).tolist(),
@@ -94,11 +93,8 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
         "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in DRAGS]).tolist(),
         "prop_inertia": value.get("rotor_inertia", 0.0),
     }
-    if "largest_command" in value:
-        rows |= {"thrust_min": 0.0, "thrust_max": rotor["thrust_constant"] * rotor["largest_speed"] ** 2}
-    comments = (*made.comments, *speed_comments(made, "drone-models"), *DRONE_MODELS_REMARKS)
-    lines = [*hash_comments(comments), "[vehicle]", *(f"{name} = {item}" for name, item in rows.items())]
-    return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
+    comments = (*comments, *DRONE_MODELS_REMARKS)
+    return filled("drone-models.txt", made, hash_comments(comments), rows=rows, c=asdict(coefficients(made)))
 
 
 #: A rotor's share of the mass.
@@ -109,25 +105,13 @@ GAZEBO_REMARKS = (
 )
 #: Of PX4 with Gazebo, whose outputs are rotor speeds.
 OUTPUTS = "PX4 flies it with SIM_GZ_EC_MIN1, ... of 0 and SIM_GZ_EC_MAX1, ... of {:.0f} rad/s."
-GAZEBO_LACKS = (
-    "drag along the rotors' axes",
-    TURNING,
-    "quadratic drag",
-    "translational lift",
-    ACROSS,
-    *TIMING,
-)
-PX4_GAZEBO_LACKS = (*GAZEBO_LACKS, "centre of mass beside the rotors' middle", "rotor inertia", ABOVE)
 #: What joints are slower than rotors; the inertia of a rotor is larger by as much.
 SLOWDOWN = 10.0
 
 
 def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Commands are rotor speeds on the topic command/motor_speed."""
-    made = describe(fitted, supplied, "Gazebo", WITH_LARGEST, lacks=GAZEBO_LACKS)
-    value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
-    remarks = (*GAZEBO_REMARKS, OUTPUTS.format(rotor["largest_speed"]))
-    comments = [*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *remarks]
+    made, value, rotor, comments = _described(fitted, supplied, "Gazebo", GAZEBO_GRAVITY)
     mass, arm = value["mass"], value["arm_scale"]
     each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
     radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
@@ -144,8 +128,8 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     return filled(
         "gazebo.sdf",
         made,
-        xml_comments(comments),
-        rotor=rotor,
+        xml_comments((*comments, *GAZEBO_REMARKS, OUTPUTS.format(rotor["largest_speed"]))),
+        motor=_motor(value, rotor),
         rest=rest,
         each=each,
         centre=(whole + centre).tolist(),
@@ -157,26 +141,28 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     )
 
 
-def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
-    """Elements to put into an existing model of PX4, whose geometry stays."""
-    made = describe(fitted, supplied, "A model of PX4", WITH_LARGEST, lacks=PX4_GAZEBO_LACKS)
-    value, rotor = first(made.values), _first_rotor(made, GAZEBO_GRAVITY)
-    motor = {
-        "timeConstantUp": value["actuator_lag"],
-        "timeConstantDown": value["actuator_lag"],
+def _motor(value: Mapping[str, float], rotor: Mapping[str, float]) -> dict[str, float]:
+    return {
+        **dict.fromkeys(("timeConstantUp", "timeConstantDown"), value["actuator_lag"]),
         "maxRotVelocity": rotor["largest_speed"],
         "motorConstant": rotor["thrust_constant"],
         "momentConstant": value["torque_ratio"],
         "rotorDragCoefficient": rotor["drag_across"],
     }
+
+
+PX4_GAZEBO_REMARK = (
+    "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
+    "model keeps its geometry."
+)
+
+
+def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
+    """Elements to put into an existing model of PX4, whose geometry stays."""
+    made, value, rotor, comments = _described(fitted, supplied, "A model of PX4", GAZEBO_GRAVITY)
     inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in INERTIAS}}
-    remarks = (
-        "Replace elements of these names: motor in each MulticopterMotorModel, inertial of the vehicle. The "
-        "model keeps its geometry.",
-        OUTPUTS.format(rotor["largest_speed"]),
-    )
-    lines = xml_comments((*made.comments, *speed_comments(made, "Gazebo", GAZEBO_GRAVITY), *remarks))
-    for tag, rows in (("motor", motor), ("inertial", inertial)):
+    lines = xml_comments((*comments, PX4_GAZEBO_REMARK, OUTPUTS.format(rotor["largest_speed"])))
+    for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):
         inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
         lines += [f"<{tag}>", *inside, f"</{tag}>"]
     text = "\n".join(["<patch>", *lines, "</patch>"]) + "\n"
@@ -190,7 +176,6 @@ def _of_point(point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 #: Quantiles that the ranges reach to.
 ISAAC_LAB_QUANTILES = (0.025, 0.975)
-ISAAC_LAB_LACKS = (*DRONE_MODELS_LACK, "drag across the rotors' axes", "rotor inertia")
 ISAAC_LAB_REMARKS = (
     "events are the parameters of a term of events beside its asset_cfg; thruster is what a ThrusterCfg "
     "takes beside dt and thruster_names_expr, with the lag as it is. The approximation that it has by itself "
@@ -209,7 +194,7 @@ ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above
 
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """``events``, ``thruster`` and ``draws``, as plain dictionaries."""
-    made = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, lacks=ISAAC_LAB_LACKS)
+    made, *_, comments = _described(fitted, supplied, "Isaac Lab", ISAAC_LAB_GRAVITY)
     drawn = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
     values, rotors = drawn.values, rotors_of(drawn, ISAAC_LAB_GRAVITY)
     columns = {
@@ -225,13 +210,12 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     columns |= {
         f"com_{axis}": values[name] for axis, name in zip("xy", CENTRE, strict=True) if name in values
     }
-    speeds = speed_comments(made, "Isaac Lab", ISAAC_LAB_GRAVITY)
     if np.any(columns["thrust_const"] < ISAAC_LAB_LEAST_THRUST):
-        speeds = (*speeds, ISAAC_LAB_CLAMPS)
+        comments = (*comments, ISAAC_LAB_CLAMPS)
     return filled(
         "isaaclab.txt",
         made,
-        hash_comments((JOINT, *made.comments, *speeds, *ISAAC_LAB_REMARKS)),
+        hash_comments((JOINT, *comments, *ISAAC_LAB_REMARKS)),
         columns=columns,
         ranges={
             name: tuple(np.quantile(column, ISAAC_LAB_QUANTILES).tolist()) for name, column in columns.items()
@@ -245,23 +229,24 @@ MUJOCO_REMARKS = (
     "Drag is along and about the body's axes: the last six controls are its, and do nothing.",
 )
 NO_LIMIT = "No largest command is known: controls are limited to 100 times that at hover."
-MUJOCO_LACKS = ("translational lift", "rotor inertia", *TIMING)
 #: Density of a fluid whose added mass is none [kg/m^3].
 THIN = 1e-6
 
 
 def _mujoco_vehicle(fitted: Fitted, supplied: Supplied) -> VehicleDescription:
     """With all that MuJoCo lacks: an ellipsoid drags along all axes or along none."""
-    made = describe(fitted, supplied, "MuJoCo", BODY, lacks=MUJOCO_LACKS)
+    made = describe(fitted, supplied, "MuJoCo", BODY)
     if 0 < sum(name in made.values for name in QUADRATIC) < len(QUADRATIC):
-        return describe(fitted, supplied, "MuJoCo", BODY, lacks=(*MUJOCO_LACKS, "quadratic drag"))
+        return describe(fitted, supplied, "MuJoCo", BODY, also=(SQUARE,))
     return made
 
 
 def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
     """Drag along and about the axes; drag above the centre of mass also acts against turning."""
     values, zero = made.values, np.zeros_like(made.values["mass"])
-    along_x, along_y, *_ = drags = [values.get(name, zero) for name in (*DRAGS, *TORQUES)]
+    torques = zip(TORQUES, turned_by_rotors(made), strict=True)
+    drags = [values.get(name, zero) for name in DRAGS] + [values.get(*pair) for pair in torques]
+    along_x, along_y = drags[:2]
     for row, drag in ((3, along_y), (4, along_x)):
         drags[row] = np.maximum(drags[row] - drag * values.get(HEIGHT, zero) ** 2, 0.0)
     return drags
@@ -270,7 +255,7 @@ def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     """Numbers stand where MuJoCo's fields have them, so that draws may take their places."""
     made = _mujoco_vehicle(fitted, supplied)
-    value, rotor = first(made.values), _first_rotor(made)
+    value, rotor = first(made.values), first(rotors_of(made))
     limited = "largest_command" in value
     size, fluid = 0.5 * value["arm_scale"] * made.vehicle.arm, None
     if all(name in value for name in QUADRATIC):
@@ -321,28 +306,40 @@ def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int)
     return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
 
 
-PYBULLET = "gym-pybullet-drones"
-PYBULLET_LACKS = (
-    TURNING,
-    "quadratic drag",
-    "translational lift",
-    "rotor inertia",
-    "lag of the rotors",
-    ACROSS,
-    LATE,
-)
 PYBULLET_REMARKS = (
-    "Ground effect, downwash and largest speed are not of the flight: none, none, and 30 km/h.",
-    "Plain pybullet takes the inertia with flags=pybullet.URDF_USE_INERTIA_FROM_FILE.",
+    "Commands and speeds are of the rotors as the vehicle's file numbers them, in rad/s. In a loop: "
+    "vehicle = Vehicle(); vehicle.apply(commands, step_s); pybullet.stepSimulation().",
+    "In gym-pybullet-drones call apply in place of what _physics does, with Vehicle(client, body=number).",
 )
 
 
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
+    """A class that applies the forces, which PyBullet itself has none of."""
+    made, value, rotor, comments = _described(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, BODY)
+    return filled(
+        "pybullet.txt",
+        made,
+        hash_comments((*comments, *PYBULLET_REMARKS)),
+        c=asdict(coefficients(made)) | {"thrust_quadratic": rotor["thrust_constant"]},
+        hover=manoeuvre(made, 0.0)[0].tolist(),
+        most=rotor["largest_speed"] if math.isfinite(rotor["largest_speed"]) else None,
+        size=0.5 * value["arm_scale"] * made.vehicle.arm,
+    )
+
+
+URDF = "gym-pybullet-drones"
+URDF_REMARKS = (
+    "Ground effect, downwash and largest speed are not of the flight: none, none, and 30 km/h.",
+    "Plain pybullet takes the inertia with flags=pybullet.URDF_USE_INERTIA_FROM_FILE. The file of --to "
+    "pybullet holds all that is not in this one.",
+)
+
+
+def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     """Without the lag of the rotors, which gym-pybullet-drones does not have."""
     needs = tuple(name for name in WITH_LARGEST if name != "actuator_lag")
-    made = describe(fitted, supplied, PYBULLET, needs, lacks=PYBULLET_LACKS)
-    order = by_quarters(made.vehicle, PYBULLET)
-    value, rotor = first(made.values), _first_rotor(made, PYBULLET_GRAVITY)
+    made, value, rotor, comments = _described(fitted, supplied, URDF, PYBULLET_GRAVITY, needs)
+    order = by_quarters(made.vehicle, URDF)
     forward, sideways = mean_distances(made.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
     size, weight = arm * made.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
@@ -352,32 +349,25 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
         "km": -made.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
         "thrust2weight": made.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
         "max_speed_kmh": 30.0,
-        "gnd_eff_coeff": 0.0,
+        **dict.fromkeys(("gnd_eff_coeff", "dw_coeff_1", "dw_coeff_2"), 0.0),
         "prop_radius": made.vehicle.rotor_radius or 0.5 * size,
         "drag_coeff_xy": rotor["drag_across"],
         "drag_coeff_z": rotor["drag_along"],
-        "dw_coeff_1": 0.0,
-        "dw_coeff_2": 0.0,
         "dw_coeff_3": 1.0,
     }
-    speeds = speed_comments(made, PYBULLET, PYBULLET_GRAVITY)
     return filled(
-        "pybullet.urdf",
+        "gym.urdf",
         made,
-        xml_comments((*made.comments, *speeds, *PYBULLET_REMARKS)),
+        xml_comments((*comments, *URDF_REMARKS)),
         properties=properties,
         size=size,
         positions=[(arm * forward * x, arm * sideways * y) for x, y in QUARTERS],
     )
 
 
-ROTORPY_LACKS = (BESIDE_ROTORS, "rotor inertia", ACROSS, *TIMING)
-
-
 def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, seed: int = 0) -> Exported:
     """Draws are for ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
-    made = describe(fitted, supplied, "RotorPy", WITH_LARGEST, lacks=ROTORPY_LACKS)
-    comments = (*made.comments, *speed_comments(made, "RotorPy", ROTORPY_GRAVITY))
+    made, *_, comments = _described(fitted, supplied, "RotorPy", ROTORPY_GRAVITY)
     values: dict[str, object] = {"row": first(_rotorpy_columns(made)), "positions": _high(made)[0].tolist()}
     if draws is not None:
         drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
@@ -416,16 +406,6 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
     }
 
 
-SIH_LACKS = (
-    "centre of mass beside the rotors' middle",
-    "quadratic drag",
-    "translational lift",
-    "rotor inertia",
-    ABOVE,
-    OTHER_THAN_Z,
-    TURNING_OTHER,
-    *TIMING,
-)
 SIH_REMARKS = (
     "Thrust goes linearly with a motor's signal in SIH: THR_MDL_FAC is 0, for the simulation alone.",
     "SIH_KDV and SIH_KDW are 0 where no drag is known: SIH's own are those of a vehicle of 1 kg.",
@@ -434,7 +414,7 @@ SIH_REMARKS = (
 
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     """A file of QGroundControl for the simulation; not for the vehicle."""
-    made = describe(fitted, supplied, "SIH", WITH_LARGEST, lacks=SIH_LACKS)
+    made = describe(fitted, supplied, "SIH", WITH_LARGEST)
     by_quarters(made.vehicle, "SIH")
     value = first(made.values)
     forward, sideways = mean_distances(made.vehicle)
@@ -454,8 +434,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
     remarks = list(SIH_REMARKS)
-    beyond = PX4.hover.beyond((hover, (hover, hover)))
-    if beyond:
+    if beyond := PX4.hover.beyond((hover, (hover, hover))):
         remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
     else:
         values["MPC_THR_HOVER"] = hover
@@ -467,44 +446,44 @@ SITL_TILT, SITL_FASTEST = math.radians(20.0), 100.0
 #: What SITL makes of its numbers: the arm of the yaw torque over the diagonal, turning rates that die away
 #: at this over refRotRate [deg/s], and the density of the air at refAlt 0 [kg/m^3].
 SITL_YAW, SITL_DAMPING, AIR = 0.05, 400.0, 1.225
-SITL_LACKS = (
-    OTHER_THAN_X,
-    QUADRATIC_OTHER,
-    TURNING_OTHER,
-    "translational lift",
-    "rotor inertia",
-    "lag of the rotors",
-    LATE,
-)
 SITL_REMARKS = (
-    "For sim_vehicle.py -f x:FILE.json, with FRAME_CLASS 1 and FRAME_TYPE 1. Motors 1 to 4 are front right, "
-    "rear left, front left and rear right.",
+    "For sim_vehicle.py -f x:FILE.json --add-param-file FILE.parm. The second is of --to sitl-parameters.",
     "Battery and PWM are typical values, not the flight's; SIM_BATT_VOLTAGE is maxVoltage.",
-    "Yaw torque goes with thrust times signal in SITL: its change is right at hover. Unequal rotors turn it.",
+    "Yaw torque goes with thrust times signal in SITL: its change is right at hover.",
 )
-SITL_REVERSED = "Its rotors turn against those of FRAME_TYPE 1, which turns it to the other side in yaw."
+SITL_SPEEDS = (
+    "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration. Other SIM_ "
+    "parameters are of sensors, wind and failures, which no flight identifies."
+)
+NO_SPEEDS = "commands are no rotor speeds. Give --prior speed_scale=VALUE."
+#: Speeds that rotors may have at most [Hz].
+MOTOR_HZ = (10.0, 1000.0)
 #: Battery, air, outputs and no limit to their slew.
 SITL_TYPICAL: dict[str, object] = {
     "refVoltage": 12.1, "refCurrent": 20.0, "refBatRes": 0.01, "maxVoltage": 12.6, "battCapacityAh": 0.0,
     "refAlt": 0.0, "refTempC": 15.0, "pwmMin": 1000, "pwmMax": 2000, "spin_min": 0.0, "spin_max": 1.0,
     "slew_max": 0,
 }  # fmt: skip
-#: Positions of `QUARTERS` in the order of ArduPilot's motors.
-SITL_MOTORS = (0, 2, 3, 1)
+#: By the spin of the front right rotor: FRAME_TYPE, and `QUARTERS` in the order of its motors.
+SITL_MOTORS = {-1: (1, (0, 2, 3, 1)), 1: (18, (1, 0, 2, 3))}
 
 
-def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
-    """A frame of ArduPilot's simulator, as its sources read it: forward, right and down."""
-    made = describe(fitted, supplied, "SITL", WITH_LARGEST, lacks=SITL_LACKS)
+def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription, int, dict[str, Any]]:
+    """A frame of ArduPilot's simulator, as its sources read it: forward, right and down; with FRAME_TYPE."""
+    made = describe(fitted, supplied, "SITL", WITH_LARGEST)
     quarters = by_quarters(made.vehicle, "SITL")
-    order = [quarters[item] for item in SITL_MOTORS]
+    frame_type, motors = SITL_MOTORS[made.vehicle.spins[quarters[0]]]
     value, at, count = first(made.values), _high(made)[0], made.vehicle.count
-    largest = float(made.values["largest_command"][0])
-    full = count * value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
     weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
-    mapped = float(mapped_hover(made)[0])
-    command = made.thrust_map.inverse(mapped)
-    exponent, signal = command * made.thrust_map.slope(command) / mapped, command / largest
+    mapped, largest = float(mapped_hover(made)[0]), value["largest_command"]
+    exponent, signal = exponent_at_hover(made), made.thrust_map.inverse(mapped) / largest
+    share = _share(made.thrust_map, exponent, signal, largest)
+    of_signal = (1.0 - share) * signal + share * signal**2
+    most = mapped / of_signal / float(made.thrust_map(made.values["largest_command"])[0])
+    if not math.isclose(most, 1.0, rel_tol=1e-6):
+        text = f"SITL has no such curve: it is as at hover, with {most:.3g} times the thrust at full command."
+        made = replace(made, lost=(*made.lost, text), comments=(*made.comments, text))
+    hover = manoeuvre(made, 0.0)[0] / rotors_of(made)["hover_speed"]
     linear, quadratic = alike(value, OTHER_THAN_X), alike(value, QUADRATIC_OTHER)
     disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
@@ -517,22 +496,49 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
         "moment_inertia": [value[name] for name in INERTIAS],
         "refSpd": 2.0 * push / steady,
         "refAngle": math.degrees(SITL_TILT),
-        "propExpo": _share(made.thrust_map, exponent, signal, largest),
+        "propExpo": share,
         "refRotRate": math.radians(SITL_DAMPING) / damping if damping > 0.0 else 0.0,
-        "hoverThrOut": weight / full,
+        "hoverThrOut": of_signal,
         "disc_area": disc,
         "mdrag_coef": linear / math.sqrt(AIR * disc * weight),
         "num_motors": count,
     }
-    for number, rotor in enumerate(order, 1):
+    for number, rotor in enumerate((quarters[item] for item in motors), 1):
         x, y, z = at[rotor].tolist()
         frame[f"motor{number}_position"] = [x, -y, -z]
         yaw = -made.vehicle.spins[rotor] * value["torque_ratio"] * exponent / (1.0 + exponent)
-        frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * signal)
+        own = signal * hover[rotor] ** (2.0 / exponent)  # so that unequal rotors do not turn it
+        frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * own)
+    return made, frame_type, frame
+
+
+def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
+    made, _, frame = _sitl_frame(fitted, supplied)
     # SITL reads from the first brace on: comments stand behind it
-    remarks = (*SITL_REMARKS, *([SITL_REVERSED] if made.vehicle.spins[order[0]] > 0 else []))
-    lines = ["{", *hash_comments((*made.comments, *remarks)), json.dumps(frame, indent=2)[2:]]
+    lines = ["{", *hash_comments((*made.comments, *SITL_REMARKS)), json.dumps(frame, indent=2)[2:]]
     return Exported("\n".join(lines) + "\n", made.omitted, made.lost)
+
+
+def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
+    """What ArduPilot flies the frame with, and the one ``SIM_`` parameter that is of the vehicle."""
+    made, frame_type, frame = _sitl_frame(fitted, supplied)
+    most = float(rotors_of(made)["largest_speed"][0]) / (2.0 * math.pi)
+    rows = {
+        "FRAME_CLASS": 1.0,
+        "FRAME_TYPE": frame_type,
+        **{f"MOT_{name.upper()}": frame[name] for name in ("spin_min", "spin_max")},
+        **{f"MOT_PWM_{name[3:].upper()}": frame[name] for name in ("pwmMin", "pwmMax")},
+        "MOT_THST_EXPO": frame["propExpo"],
+        "MOT_THST_HOVER": frame["hoverThrOut"],
+        "SIM_VIB_MOT_MAX": most,
+    }
+    beyond = ARDUPILOT.hover.beyond((frame["hoverThrOut"], (frame["hoverThrOut"],) * 2))
+    speeds = made.thrust_map.name == "square" and MOTOR_HZ[0] <= most <= MOTOR_HZ[1]
+    missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": "" if speeds else NO_SPEEDS}
+    remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why]
+    lines = (f"{name},{single(value)}" for name, value in rows.items() if not missing.get(name))
+    text = "\n".join([*hash_comments((*made.comments, *remarks, SITL_SPEEDS)), *lines]) + "\n"
+    return Exported(text, made.omitted, made.lost)
 
 
 def _share(curve: InputMap, exponent: float, signal: float, largest: float) -> float:
@@ -544,19 +550,21 @@ def _share(curve: InputMap, exponent: float, signal: float, largest: float) -> f
 
 SIMULATORS = (
     Target(
-        "sih",
-        "PX4's simulator SIH (.params of QGroundControl): SIH_MASS, SIH_T_MAX, SIH_T_TAU, SIH_KDV, ...",
-        ".params",
-        _sih,
+        "sih", "PX4's simulator SIH (.params of QGroundControl): SIH_MASS, SIH_T_MAX, ...", ".params", _sih
     ),
     Target("rotorpy", "a vehicle of RotorPy (Python file with quad_params)", ".py", _rotorpy),
     Target("mujoco", "a vehicle of MuJoCo (MJCF)", ".xml", _mujoco),
-    Target("pybullet", "a vehicle of gym-pybullet-drones (URDF)", ".urdf", _pybullet),
+    Target("pybullet", "a vehicle of PyBullet (Python file with a class)", ".py", _pybullet),
+    Target("urdf", "a vehicle of gym-pybullet-drones (URDF)", ".urdf", _urdf),
     Target("gazebo", "a vehicle of Gazebo (SDF with motor models)", ".sdf", _gazebo),
     Target("px4-gazebo", "motor constants and mass for a model of PX4 (XML)", ".xml", _px4_gazebo),
     Target("sitl", "a frame of ArduPilot's simulator SITL (JSON)", ".json", _sitl),
     Target(
-        "drone-models", "physical parameters of drone-models and crazyflow (TOML)", ".toml", _drone_models
+        "sitl-parameters",
+        "parameters with such a frame (.parm): SIM_VIB_MOT_MAX, ...",
+        ".parm",
+        _sitl_parameters,
     ),
+    Target("drone-models", "a vehicle of drone-models (Python file with dynamics)", ".py", _drone_models),
 )
 DRAWN: dict[str, ExportOfDraws] = {"rotorpy": _rotorpy, "mujoco": _mujoco_draws, "isaaclab": _isaac_lab}

@@ -80,29 +80,23 @@ TORQUES = ("roll_drag", "pitch_drag", "yaw_drag")
 QUADRATIC = ("quadratic_drag_x", "quadratic_drag_y", "quadratic_drag_z")
 BEYOND = ("translational_lift", "rotor_inertia")
 HEIGHT = "drag_height"
-#: Of a simulator whose rotors drag where they are.
-TURNING = "torque against turning"
-BESIDE_ROTORS = f"{TURNING} beside that of its rotors' drag"
-#: Of a simulator whose drag acts in the centre of mass.
-LEVER = "drag beside the centre of mass"
-#: Of every simulator.
-LATE, SECOND_STAGE = "delay of the commands", "second stage of the rotors' lag"
-ABOVE = "rotors above the centre of mass"
 #: What not every simulator has, by the words for it.
 EFFECTS = {
-    "centre of mass beside the rotors' middle": CENTRE,
-    "drag across the rotors' axes": DRAGS[:2],
-    "drag along the rotors' axes": DRAGS[2:],
-    TURNING: TORQUES,
-    BESIDE_ROTORS: TORQUES,
-    LEVER: (*CENTRE, HEIGHT),
-    ABOVE: (HEIGHT,),
-    "quadratic drag": QUADRATIC,
-    "translational lift": BEYOND[:1],
-    "rotor inertia": BEYOND[1:],
-    "lag of the rotors": ("actuator_lag", "second_lag"),
-    LATE: ("delay",),
-    SECOND_STAGE: ("second_lag",),
+    (OFF_CENTRE := "centre of mass beside the rotors' middle"): CENTRE,
+    (DRAG_ACROSS := "drag across the rotors' axes"): DRAGS[:2],
+    (DRAG_ALONG := "drag along the rotors' axes"): DRAGS[2:],
+    (TURNING := "torque against turning"): TORQUES,
+    (BESIDE_ROTORS := f"{TURNING} beside that of its rotors' drag"): TORQUES,
+    (LEVER := "drag beside the centre of mass"): (*CENTRE, HEIGHT),  # of one whose drag acts in it
+    (ABOVE := "rotors above the centre of mass"): (HEIGHT,),
+    (SQUARE := "quadratic drag"): QUADRATIC,
+    (LIFT := "translational lift"): BEYOND[:1],
+    (REACTION := "rotor inertia"): BEYOND[1:],
+    (LAG := "lag of the rotors"): ("actuator_lag", "second_lag"),
+    (LATE := "delay of the commands"): ("delay",),
+    (SECOND_STAGE := "second stage of the rotors' lag"): ("second_lag",),
+    # of one whose rotors' torque goes with thrust times signal, its change about hover as it should be
+    (IN_STEP := "yaw torque in step with thrust"): (),
 }
 #: What some simulators have alike: numbers of an effect, and those whose mean takes their place.
 ALIKE = {
@@ -111,6 +105,20 @@ ALIKE = {
     (OTHER_THAN_X := "drag along y and z other than along x"): (DRAGS[1:], DRAGS[:1]),
     (QUADRATIC_OTHER := "quadratic drag along y and z other than along x"): (QUADRATIC[1:], QUADRATIC[:1]),
     (TURNING_OTHER := "torque against turning other than about x"): (TORQUES[1:], TORQUES[:1]),
+}
+TIMING = (LATE, SECOND_STAGE)
+_GAZEBO = (DRAG_ALONG, TURNING, SQUARE, LIFT, ACROSS, *TIMING)
+#: What simulators lack; others have no delay and one lag.
+LACKS = {
+    "A state space": (SECOND_STAGE,),
+    "A model of PX4": (*_GAZEBO, OFF_CENTRE, REACTION, ABOVE),
+    "Gazebo": _GAZEBO,
+    "gym-pybullet-drones": (TURNING, SQUARE, LIFT, REACTION, LAG, ACROSS, LATE),
+    "Isaac Lab": (TURNING, LEVER, SQUARE, LIFT, *TIMING, DRAG_ACROSS, REACTION),
+    "MuJoCo": (LIFT, REACTION, *TIMING),
+    "RotorPy": (BESIDE_ROTORS, REACTION, ACROSS, *TIMING),
+    "SIH": (OFF_CENTRE, SQUARE, LIFT, REACTION, ABOVE, OTHER_THAN_Z, TURNING_OTHER, *TIMING),
+    "SITL": (OTHER_THAN_X, QUADRATIC_OTHER, TURNING_OTHER, IN_STEP, LIFT, REACTION, LAG, LATE),
 }
 
 
@@ -207,9 +215,9 @@ def describe(
     needs: tuple[str, ...],
     draws: Columns | None = None,
     seed: int = 0,
-    lacks: tuple[str, ...] = (),
+    also: tuple[str, ...] = (),
 ) -> VehicleDescription:
-    """Vehicle of a result for a simulator that lacks some of the `EFFECTS`."""
+    """Vehicle of a result for a simulator, with what it lacks, also beside the words of `LACKS`."""
     if fitted.model not in MADE_OF:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
@@ -238,6 +246,10 @@ def describe(
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *bounds, *changed, *gone)
     made = VehicleDescription(vehicle, fitted.input_map, values, comments, gone)
+    hover = fitted.input_map.inverse(float(mapped_hover(made)[0])) if "thrust" in values else 0.0
+    if (most := float(values.get("largest_command", [math.inf])[0])) <= hover:
+        raise UsageError(f"a largest command above that at hover, {hover:.6g}", f"{most:.6g}", "Correct it.")
+    lacks = (*LACKS.get(target, TIMING), *also)
     lost = (*_lost(made, target, lacks), *fitted.left_over(target, ELSEWHERE)) if draws is None else ()
     return replace(made, comments=(*comments, *lost), lost=lost)
 
@@ -304,7 +316,9 @@ def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
 
 
 def _lacks(lacking: Iterable[str], missing: Missing, fitted: Fitted, target: str) -> NotIdentifiedError:
-    whys = [missing.get(name, f"No flight of this kind determines {name}.") for name in lacking]
+    unknown = ", ".join(name for name in lacking if name not in missing)
+    whys = [missing[name] for name in lacking if name in missing]
+    whys += [f"No flight of this kind determines {unknown}."] if unknown else []
     roots = dict.fromkeys(root for why in whys if not isinstance(why, str) for root in why)
     texts = (sentence for why in whys if isinstance(why, str) for sentence in re.split(r"(?<=\.) ", why))
     reasons = " ".join([fitted.why_not(*roots), *dict.fromkeys(texts)])
@@ -484,6 +498,15 @@ def places(made: VehicleDescription) -> Float[np.ndarray, "n rotors 2"]:
     return values["arm_scale"][:, None, None] * np.array(made.vehicle.positions) - centre[:, None, :]
 
 
+def turned_by_rotors(made: VehicleDescription) -> Float[np.ndarray, "3 n"]:
+    """Torque of the rotors' drag against turning about each axis in hover [N m/(rad/s)]."""
+    rotors, height = rotors_of(made), made.values.get(HEIGHT, np.zeros(1))
+    across, along = (rotors["hover_speed"] * rotors[name] for name in ("drag_across", "drag_along"))
+    forward, left = np.square(places(made)).sum(axis=1).T
+    high = made.vehicle.count * across * height**2
+    return np.stack([along * left + high, along * forward + high, across * (forward + left)])
+
+
 #: Rotors of a fitted vehicle reach this many times their speed at hover, where no largest command is given.
 REACH = 2.0
 
@@ -493,11 +516,9 @@ def _flown(made: VehicleDescription, *, lever: bool) -> tuple[Vehicle, list[tupl
     value, rotor, at = first(made.values), first(rotors_of(made)), places(made)[0]
     drag, torque = (np.array([value.get(name, 0.0) for name in names]) for names in (DRAGS, TORQUES))
     across, along = (rotor[name] if lever else 0.0 for name in ("drag_across", "drag_along"))
-    height, hover = value.get(HEIGHT, 0.0) if lever else 0.0, rotor["hover_speed"]
-    x, y = (hover * np.sum(at**2, axis=0)).tolist()
-    high = made.vehicle.count * hover * across * height**2
-    if any(name in value for name in TORQUES):
-        torque -= (along * y + high, along * x + high, across * (x + y))
+    height = value.get(HEIGHT, 0.0) if lever else 0.0
+    if lever and any(name in value for name in TORQUES):
+        torque -= turned_by_rotors(made)[:, 0]
     of_rotors = made.vehicle.count * rotor["hover_speed"] * np.array([across, across, along])
     lag, largest = value.get("actuator_lag", LEAST["actuator_lag"]), rotor["largest_speed"]
     rotors = Rotors(
@@ -564,16 +585,28 @@ def drag_centre(made: VehicleDescription) -> list[float]:
     return [value.get(name, 0.0) + item for name, item in zip(CENTRE, centre, strict=True)]
 
 
+def exponent_at_hover(made: VehicleDescription) -> float:
+    """Of thrust over the command."""
+    mapped = float(mapped_hover(made)[0])
+    command = made.thrust_map.inverse(mapped)
+    return command * made.thrust_map.slope(command) / mapped
+
+
 def replayed(
-    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], *, lever: bool = True
+    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: str = ""
 ) -> Float[np.ndarray, "steps 13"]:
     """States of the body under commands, from hover speeds of the rotors."""
-    step = runge_kutta(coefficients(made, lever=lever), REPLAY_STEP_S)
+    c, power, yaw = coefficients(made, lever=lacking != LEVER), exponent_at_hover(made), 0.0
+    step, spins = runge_kutta(c, REPLAY_STEP_S), c.torque_ratio * np.array(made.vehicle.spins)
+    hover = manoeuvre(made, 0.0)[0]
     body: Any = [0.0, 0.0, 0.0, REPLAY_SPEED, REPLAY_SPEED, 0.0, 1.0, *[0.0] * 6]
-    speeds: Any = manoeuvre(made, 0.0)[0].tolist()
+    speeds: Any = hover.tolist()
     states = []
     for command in commands.tolist():
-        body, speeds = step(body, speeds, command, STILL, STILL)
+        if lacking == IN_STEP:
+            over = power / (1.0 + power) * (np.array(speeds) / hover) ** (2.0 / power) - 1.0
+            yaw = float(c.thrust_quadratic * np.square(speeds) @ (spins * over))
+        body, speeds = step(body, speeds, command, STILL, (0.0, 0.0, yaw))
         states.append(body)
     return np.array(states)
 
@@ -605,14 +638,15 @@ def alike(value: Mapping[str, float], effect: str) -> float:
 
 def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
     """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
-    whole = None
-    value = first(made.values)
+    whole, value = None, first(made.values)
+    dragged = any(value.get(name) for name in DRAGS)
+    unnamed = {IN_STEP, TURNING} if dragged else {IN_STEP}  # The rotors' drag turns, identified or not
     for effect in lacks:
         names, mean = EFFECTS.get(effect, ()), 0.0
         if effect in ALIKE:
             names, mean = ALIKE[effect][0], alike(value, effect)
         names = tuple(name for name in names if not math.isclose(value.get(name, mean), mean, rel_tol=1e-6))
-        if not names:
+        if not names and effect not in unnamed:
             continue
         if whole is None:
             commands = manoeuvre(made, 20.0)
@@ -621,9 +655,9 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
             whole = replayed(*held_back(made, commands))
         rest = {name: column for name, column in made.values.items() if name not in names}
         if effect == TURNING or effect in ALIKE:
-            rest |= dict.fromkeys(names, np.full(1, mean))
+            rest |= dict.fromkeys(names or TORQUES, np.full(1, mean))
         kept = made if effect == LEVER else replace(made, values=rest)
-        without = replayed(*held_back(kept, commands), lever=effect != LEVER)
+        without = replayed(*held_back(kept, commands), effect)
         cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
         speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
@@ -703,19 +737,17 @@ def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, C
     }
 
 
+SQUARE_SPEEDS = "Rotor speeds are the commands times the rotor speed per unit of command."
+OTHER_SPEEDS = (
+    "Rotor speeds are the rotor speed per unit of command times the square root of the mapped command: exact "
+    "at rest, with the identified lag about hover."
+)
+
+
 def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
     """What a rotor's speed and gravity are in a simulator, as sentences."""
-    sentence = []
-    if made.thrust_map.name == "square":
-        sentence.append("Rotor speeds are the commands times the rotor speed per unit of command.")
-    else:
-        sentence.append(
-            "Rotor speeds are the rotor speed per unit of command times the square root of the mapped "
-            "command: exact at rest, with the identified lag about hover."
-        )
+    sentence = [SQUARE_SPEEDS if made.thrust_map.name == "square" else OTHER_SPEEDS]
     if gravity != GRAVITY:
-        sentence.append(
-            f"{simulator} takes gravity for {gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}, "
-            "so that the vehicle hovers with the same command."
-        )
+        scale = f"{gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}"
+        sentence.append(f"{simulator} takes gravity for {scale}, so that the vehicle hovers as it did.")
     return tuple(sentence)

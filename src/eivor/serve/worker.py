@@ -183,7 +183,8 @@ def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, obje
     for name, target in TARGETS.items():
         reason, omitted = "", []
         try:
-            omitted = list(_exported(fit_among(fits, "", motions_for(name)), name, given).omitted)
+            made = _exported(fit_among(fits, "", motions_for(name)), name, given)
+            omitted = [*made.omitted, *made.lost]
         except EivorError as error:
             reason = str(error)
         entry = _named(name, target.words) | {"file": _file_name(stem, target)}
