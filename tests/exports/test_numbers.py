@@ -228,10 +228,11 @@ def test_sitl(file, tmp_path):
     other = ev.load_fit(documents.written(reversed_, tmp_path))
     outputs = {"MOT_SPIN_MIN": 0, "MOT_SPIN_MAX": 1, "MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000}
     curve = {"MOT_THST_EXPO": 1, "MOT_THST_HOVER": HOVER**2 / FASTEST**2, "FRAME_CLASS": 1}
-    of_speed = {"SIM_VIB_MOT_MAX": FASTEST / 2 / np.pi}
+    of_drag = {"SIM_FRM_MDRAG": DRAG[0] / np.sqrt(1.225 * 4 * np.pi * 0.0215**2 * MASS * GRAVITY)}
+    simulated = {"SIM_VIB_MOT_MAX": FASTEST / 2 / np.pi, "SIM_FRM_MASS": MASS} | of_drag
     for text, frame_type in ((file("sitl-parameters"), 1), (other.export("sitl-parameters", **GIVEN), 18)):
         found = dict(line.split(",") for line in text.splitlines() if not line.startswith("#"))
-        expected = outputs | curve | of_speed | {"FRAME_TYPE": frame_type}
+        expected = outputs | curve | simulated | {"FRAME_TYPE": frame_type}
         agree({name: float(value) for name, value in found.items()}, expected)
     # motors of FRAME_TYPE 18 are in the order rear right, front right, rear left, front left
     first = sitl_frame(other.export("sitl", **GIVEN))["motor1_position"]

@@ -452,8 +452,8 @@ SITL_REMARKS = (
     "Yaw torque goes with thrust times signal in SITL: its change is right at hover.",
 )
 SITL_SPEEDS = (
-    "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration. Other SIM_ "
-    "parameters are of sensors, wind and failures, which no flight identifies."
+    "SIM_FRM_ parameters, of ArduPilot 4.8, are the frame's numbers; earlier versions ignore them. "
+    "SIM_VIB_MOT_MAX is the rotors' largest speed [Hz], for simulated telemetry and vibration."
 )
 NO_SPEEDS = "commands are no rotor speeds. Give --prior speed_scale=VALUE."
 #: Speeds that rotors may have at most [Hz].
@@ -520,7 +520,7 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
-    """What ArduPilot flies the frame with, and the one ``SIM_`` parameter that is of the vehicle."""
+    """What ArduPilot flies the frame with, and the ``SIM_`` parameters that are of the vehicle."""
     made, frame_type, frame = _sitl_frame(fitted, supplied)
     most = float(rotors_of(made)["largest_speed"][0]) / (2.0 * math.pi)
     rows = {
@@ -531,6 +531,8 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
         "MOT_THST_EXPO": frame["propExpo"],
         "MOT_THST_HOVER": frame["hoverThrOut"],
         "SIM_VIB_MOT_MAX": most,
+        "SIM_FRM_MASS": frame["mass"],
+        "SIM_FRM_MDRAG": frame["mdrag_coef"],
     }
     beyond = ARDUPILOT.hover.beyond((frame["hoverThrOut"], (frame["hoverThrOut"],) * 2))
     speeds = made.thrust_map.name == "square" and MOTOR_HZ[0] <= most <= MOTOR_HZ[1]
