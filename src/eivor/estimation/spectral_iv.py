@@ -54,8 +54,7 @@ from eivor.tools import Float
 
 #: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
 #: which outweighs the other, is identified by few cosine averages: beyond 13.8, the limit with a known
-#: covariance,
-#: are three good answers in a hundred.
+#: covariance, are three good answers in a hundred.
 FARTHEST = 49.57485384009213  # hotelling_quantile(0.999, 2, COSINE_AVERAGES), which would load SciPy
 
 #: What the input may do between samples, and how near, in standard errors, counts as that: chance is farther

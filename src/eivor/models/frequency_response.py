@@ -178,18 +178,17 @@ def local_polynomials(
     frequency_hz: PerFrequency,
     *,
     driver: int = 0,
-    degree: int = DEGREE,
     share: float = SHARE,
     least_bins: int = LEAST_BINS,
 ) -> Points:
     """Responses to the driving column at frequencies: polynomials of frequency, and a transient each run."""
     longest = max(run.length_s for run in runs)
-    powers = np.arange(degree + 1)
+    powers = np.arange(DEGREE + 1)
     rows = []
     for frequency in frequency_hz.tolist():
         centre = round(frequency * longest) / longest
         half = max(least_bins / longest, share * centre)
-        blocks, answers, least = [], [], 2 * (degree + 1)
+        blocks, answers, least = [], [], 2 * (DEGREE + 1)
         for run in runs:
             bins = run.window(centre, half)
             if bins.size <= least:
@@ -198,12 +197,12 @@ def local_polynomials(
             blocks.append((run.values[bins, driver][:, None] * x, x))
             answers.append(run.values[bins][:, [2, 1]])
         count = sum(len(block) for block in answers)
-        columns = (degree + 1) * (1 + len(blocks))
+        columns = (DEGREE + 1) * (1 + len(blocks))
         A = np.zeros((count, columns), dtype=np.complex128)
         start = 0
         for number, (driven, free) in enumerate(blocks, start=1):
-            A[start : start + len(driven), : degree + 1] = driven
-            A[start : start + len(free), number * (degree + 1) : (number + 1) * (degree + 1)] = free
+            A[start : start + len(driven), : DEGREE + 1] = driven
+            A[start : start + len(free), number * (DEGREE + 1) : (number + 1) * (DEGREE + 1)] = free
             start += len(driven)
         rows.append(_row(A, np.concatenate(answers), count - columns) if blocks else _NOTHING)
     return _points(frequency_hz, rows)

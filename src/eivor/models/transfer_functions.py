@@ -26,7 +26,7 @@ from eivor.tools import Complex, Float
 Vector = Float[np.ndarray, " n"]
 
 #: Local polynomials of the points that models are fitted to: they do not overlap.
-DEGREE, SHARE, LEAST_BINS = 2, 0.1, 10
+SHARE, LEAST_BINS = 0.1, 10
 #: Band of these points [Hz], and the fewest of them.
 BAND_HZ, FEWEST = (0.4, 20.0), 6
 #: The variances of noise are smoothed over so many neighbours to both sides.
@@ -277,14 +277,14 @@ class TransferFunction:
     order: int  # Number of poles, without those of the filter that is known
     parameters: Mapping[str, float]  # Gain, damping [1/s], delay [s], first and third [s], second [s^2]
     covariance: Float[np.ndarray, "n n"] = field(repr=False)  # Of the parameters, in their order
-    chi_square: float = 0.0  # What is left over
-    dof: float = 0.0  # The degrees of freedom of it
-    p_value: float = 1.0
-    aicc: float = 0.0  # Chi-square with the price of the parameters, for small samples
+    chi_square: float  # What is left over
+    dof: float  # The degrees of freedom of it
+    p_value: float
+    aicc: float  # Chi-square with the price of the parameters, for small samples
     #: Of the parameters, of "lag" (first and third together [s]) and of the poles' quantities
-    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    known: Response = field(default=np.ones_like, repr=False)
-    _minimum: _Minimum | None = field(default=None, repr=False)
+    intervals: Mapping[str, tuple[float, float]]
+    known: Response = field(repr=False)
+    _minimum: _Minimum = field(repr=False)
 
     @property
     def lag_s(self) -> float:
@@ -324,8 +324,8 @@ class TransferFunction:
 
     @cached_property
     def drawn(self) -> Float[np.ndarray, "draws n"]:
-        """Draws of the parameters that the data allow; of a model that was not fitted its own."""
-        return np.array([[*self.parameters.values()]]) if self._minimum is None else self._minimum.drawn()
+        """Draws of the parameters that the data allow."""
+        return self._minimum.drawn()
 
     def to_control(self, delay_order: int = 3) -> Any:
         """State space of python-control, without hold and filter; its delay is Padé's of that order."""
@@ -460,7 +460,6 @@ def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> t
             response.runs,
             np.array(grid),
             driver=int(response.is_direct),
-            degree=DEGREE,
             share=SHARE,
             least_bins=LEAST_BINS,
         )
