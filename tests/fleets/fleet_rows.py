@@ -72,4 +72,4 @@ def rows_of(monkeypatch, made=QuickRow):
     def row_maker(options, page_of=None):
         return made(options) if page_of is None else made(options, page_of)
 
-    monkeypatch.setattr("eivor.fleet.run.RowOfLog", row_maker)
+    monkeypatch.setattr("eivor.fleet.table.RowOfLog", row_maker)

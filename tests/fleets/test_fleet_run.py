@@ -118,9 +118,9 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
         return made
 
-    from eivor.fleet import run as shard
+    from eivor.fleet import table
 
-    expected = shard.RowOfLog
+    expected = table.RowOfLog
     rows_of(monkeypatch, stopped)
     with pytest.raises(KeyboardInterrupt):
         run(logs, folder, shard_logs=3)
@@ -385,12 +385,12 @@ SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from eivor.fleet import run as shard
+from eivor.fleet import table
 from eivor.fleet.table import FleetOptions
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
 from fleets.fleet_rows import QuickRow
-shard.RowOfLog = QuickRow
+table.RowOfLog = QuickRow
 logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
 plan, killed, fleets = np.random.default_rng({seed}), 0, 1
 while killed < kills:

@@ -12,22 +12,8 @@ from typing import Annotated
 import typer
 
 from eivor.atomic_file import write_atomically
+from eivor.cli import outputs
 from eivor.cli.options import NO_TEXTS, parse_pair
-from eivor.cli.outputs import (
-    STANDARD_OUTPUT,
-    ExitCode,
-    FitArgument,
-    FitModelOption,
-    Reads,
-    Writes,
-    complain,
-    guarded,
-    option,
-    reported,
-    write,
-    write_out,
-    writing,
-)
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, Target, known_number, one_line
 from eivor.exports.targets import RANDOMISATIONS, TARGETS, motions_for
@@ -56,33 +42,35 @@ EXPORT_EXIT_CODES = (
 def _no_example(wanted: bool) -> bool:
     if wanted:
         remedy = "Make the example's result: eivor identify --example --json fit.json."
-        raise typer.Exit(int(reported(UsageError("a result FIT.json", "--example", remedy))))
+        raise typer.Exit(int(outputs.reported(UsageError("a result FIT.json", "--example", remedy))))
     return wanted
 
 
-@guarded
+@outputs.guarded
 def export(
-    fit: FitArgument,
+    fit: outputs.FitArgument,
     file: Annotated[
-        str, typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False), Writes(FOLDER_FILES)
+        str,
+        typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False),
+        outputs.Writes(FOLDER_FILES),
     ] = "",
     *,
     to: Annotated[
-        str, option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
+        str, outputs.option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
     ] = "",
-    model: FitModelOption = "",
+    model: outputs.FitModelOption = "",
     draws: Annotated[
         int | None,
-        option(
+        outputs.option(
             "N",
             "N joint draws of the identified parameters: without --to as Parquet, else as the "
             "simulator's randomisation (rotorpy, mujoco, isaaclab).",
         ),
     ] = None,
-    seed: Annotated[int, option("SEED", "Of the draws.", show_default=True)] = 0,
+    seed: Annotated[int, outputs.option("SEED", "Of the draws.", show_default=True)] = 0,
     mass: Annotated[
         str,
-        option(
+        outputs.option(
             "KG[:STD]",
             "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
             "draws. Without it that of the vehicle.",
@@ -90,24 +78,24 @@ def export(
     ] = "",
     prior: Annotated[
         list[str],
-        option(
+        outputs.option(
             "NAME=VALUE[:STD]",
             "What is known of a quantity that the flight does not identify; several times for several.",
         ),
     ] = NO_TEXTS,
     vehicle: Annotated[
         str,
-        option(
+        outputs.option(
             "FILE.toml",
             "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
             "Without it that of the result, when it has one.",
             values_of="eivor.motions.rigid_body.vehicle:shipped_vehicles",
         ),
-        Reads(),
+        outputs.Reads(),
     ] = "",
     accept: Annotated[
         str,
-        option(
+        outputs.option(
             "VERDICT",
             "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
             show_default=True,
@@ -116,19 +104,19 @@ def export(
     ] = "identified",
     output: Annotated[
         str,
-        option(
+        outputs.option(
             "FILE",
             "Where to; without it on standard output. Of --to all a folder.",
             "-o",
             "--output",
             show_default=True,
         ),
-        Writes(FOLDER_FILES),
-    ] = STANDARD_OUTPUT,
+        outputs.Writes(FOLDER_FILES),
+    ] = outputs.STANDARD_OUTPUT,
     _example: Annotated[
         bool, typer.Option("--example", hidden=True, is_eager=True, callback=_no_example)
     ] = False,
-) -> ExitCode:
+) -> outputs.ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     output = _destination(to, draws, file, output)
     given = supplied(mass, prior, vehicle)
@@ -139,33 +127,33 @@ def export(
             notes = _every_target(fits, model, given, accept, Path(output))
         elif draws is None or to:
             made = result.exported(to, given, draws, seed, accept)
-            if isinstance(made.text, bytes) and output == STANDARD_OUTPUT:
+            if isinstance(made.text, bytes) and output == outputs.STANDARD_OUTPUT:
                 raise UsageError(
                     f"a file for --to {to}", "standard output", f"Add -o fit{TARGETS[to].ending}."
                 )
-            write_out(made.text, output)
-            if output != STANDARD_OUTPUT:
-                write(f"{output}: {to}\n")
+            outputs.write_out(made.text, output)
+            if output != outputs.STANDARD_OUTPUT:
+                outputs.write(f"{output}: {to}\n")
             omitted, notes = made.omitted, made.lost
         else:
             omitted, notes = _draw_vehicles(result, draws, seed, given, accept, Path(output))
     except NotIdentifiedError as error:
         omitted = (str(error),)
     if omitted or notes:
-        complain(*omitted, *notes)
-    return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
+        outputs.complain(*omitted, *notes)
+    return outputs.ExitCode.NOT_IDENTIFIED if omitted else outputs.ExitCode.IDENTIFIED
 
 
 def _destination(to: str, draws: int | None, file: str, output: str) -> str:
     """Where the file or the folder goes."""
     if not to and draws is None:
         raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
-    if file and output != STANDARD_OUTPUT:
+    if file and output != outputs.STANDARD_OUTPUT:
         raise UsageError("one place to write to", f"{file} and {output}", "Leave out -o.")
     to_file = file or output
-    if not to and to_file == STANDARD_OUTPUT:
+    if not to and to_file == outputs.STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    if to == ALL and (to_file == STANDARD_OUTPUT or draws is not None):
+    if to == ALL and (to_file == outputs.STANDARD_OUTPUT or draws is not None):
         raise UsageError("a folder for --to all, and no draws", "another", "Add the folder: --to all FOLDER.")
     return to_file
 
@@ -175,7 +163,7 @@ def _every_target(
 ) -> tuple[str, ...]:
     """Write every target that the result supports, and a page that says what each holds; what they lack."""
     sections: list[tuple[Target, str, tuple[str, ...]]] = []
-    with writing(folder):
+    with outputs.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     result = next(iter(fits.values()))
     for target in TARGETS.values():
@@ -189,12 +177,12 @@ def _every_target(
             sections.append((target, "", (str(error),)))
             continue
         name = NAMES[target.name]
-        with writing(folder / name):
+        with outputs.writing(folder / name):
             write_atomically(folder / name, made.text)
-        write(f"{folder / name}: {target.words}\n")
+        outputs.write(f"{folder / name}: {target.words}\n")
         sections.append((target, name, (*made.omitted, *made.lost)))
     page = "\n".join(_page(result, sections))
-    with writing(folder / PAGE):
+    with outputs.writing(folder / PAGE):
         write_atomically(folder / PAGE, page.encode())
     if any(name for _, name, _ in sections):
         return tuple(dict.fromkeys(note for _, name, notes in sections if name for note in notes))
@@ -225,7 +213,7 @@ def _draw_vehicles(
     table = draws_table(result, count, seed, supplied.mass, accept)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
-    with writing(path):
+    with outputs.writing(path):
         write_atomically(path, buffer.getvalue())
     absent = [name for name in result.names if name not in table.columns]
     columns = ((name, result.quantities[name].verdict) for name in table.columns if name in result.quantities)

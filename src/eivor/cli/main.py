@@ -17,19 +17,6 @@ from typer.core import TyperGroup
 
 from eivor import tools
 from eivor.cli import outputs
-from eivor.cli.outputs import (
-    DEBUG_VARIABLE,
-    FILE,
-    ExitCode,
-    ReadableCommand,
-    Reads,
-    complain,
-    option,
-    printing,
-    read_repeated_options,
-    refuse_empty_options,
-    reported,
-)
 from eivor.errors import InputError, UsageError, did_you_mean
 
 #: What the reader of arguments raises; its module is not the same in all versions of Typer.
@@ -96,8 +83,8 @@ def _readable_errors() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        complain("interrupted")
-        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
+        outputs.complain("interrupted")
+        raise typer.Exit(code=int(outputs.ExitCode.INTERRUPTED)) from None
     except WrongUsage as error:
         context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
         if context is not None and hasattr(error, "option_name") and hasattr(error, "possibilities"):
@@ -112,7 +99,7 @@ def _readable_errors() -> Iterator[None]:
             command = context.command_path.partition(" ")[2]
             example = f"For example: eivor {command} {EXAMPLES.get(command, name)}"
             about = f"{name} ({parameter.help[0].lower()}{parameter.help[1:].rstrip('.')})"
-            raise typer.Exit(int(reported(UsageError(about, "none", example)))) from None
+            raise typer.Exit(int(outputs.reported(UsageError(about, "none", example)))) from None
         raise
 
 
@@ -127,7 +114,7 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Read the arguments of a command, and run it."""
         with _readable_errors():
-            refuse_empty_options(ctx)
+            outputs.refuse_empty_options(ctx)
             return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -135,9 +122,9 @@ class Commands(TyperGroup):
         resolved = super().resolve_command(ctx, args)
         if not ctx.resilient_parsing:
             try:
-                read_repeated_options(ctx, ctx.params["config"], _targets())
+                outputs.read_repeated_options(ctx, ctx.params["config"], _targets())
             except InputError as error:
-                raise typer.Exit(int(reported(error))) from None
+                raise typer.Exit(int(outputs.reported(error))) from None
         return resolved
 
 
@@ -181,7 +168,7 @@ def _add(made: typer.Typer, name: str, target: str, panel: str | None) -> None:
         made.add_typer(command, rich_help_panel=panel)
     else:
         epilog = getattr(module, f"{name.upper().replace('-', '_')}_EXIT_CODES")
-        made.command(epilog=epilog, cls=ReadableCommand, rich_help_panel=panel)(command)
+        made.command(epilog=epilog, cls=outputs.ReadableCommand, rich_help_panel=panel)(command)
 
 
 def __getattr__(name: str) -> object:
@@ -203,11 +190,12 @@ def _eivor(
     *,
     config: Annotated[
         str,
-        option(
+        outputs.option(
             "FILE.toml",
-            f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
+            f"Options that repeat, by command (default: {outputs.FILE}, where the working directory "
+            "has one).",
         ),
-        Reads(default=lambda _values: FILE),
+        outputs.Reads(default=lambda _values: outputs.FILE),
     ] = "",
     version: Annotated[
         bool,
@@ -228,20 +216,20 @@ def run() -> None:
             stream.reconfigure(errors=tools.ERRORS)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
-    if os.environ.get(DEBUG_VARIABLE) != "1":
+    if os.environ.get(outputs.DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     try:
-        with printing() if sys.stdout else nullcontext():
+        with outputs.printing() if sys.stdout else nullcontext():
             try:
                 _requested_command(sys.argv[1:])(prog_name="eivor")
             finally:  # what others print, such as help, waits until here for its room
                 if sys.stdout:
                     sys.stdout.flush()
     except BrokenPipeError:
-        raise SystemExit(ExitCode.FAILED) from None
+        raise SystemExit(outputs.ExitCode.FAILED) from None
     except InputError as error:
-        complain(str(error))
-        raise SystemExit(ExitCode.FAILED) from None
+        outputs.complain(str(error))
+        raise SystemExit(outputs.ExitCode.FAILED) from None
 
 
 def _requested_command(arguments: list[str]) -> typer.Typer:

@@ -25,18 +25,10 @@ import typer
 from typer import Exit
 from typer.core import TyperCommand, TyperOption
 
+from eivor import tools
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.strict_toml import TomlTable, read_toml
-from eivor.tools import (
-    ItemsDone,
-    Progress,
-    Stage,
-    no_items_callback,
-    no_stage_callback,
-    plain_text,
-    printable,
-)
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -244,7 +236,7 @@ def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
 def write(text: str) -> None:
     """Write text on standard output, in letters that it has."""
     with printing():
-        sys.stdout.write(plain_text(text, sys.stdout.encoding or "utf-8"))
+        sys.stdout.write(tools.plain_text(text, sys.stdout.encoding or "utf-8"))
         sys.stdout.flush()
 
 
@@ -278,39 +270,41 @@ def _drop_standard_output() -> None:
 
 def complain(message: str, *more: str) -> None:
     """Print a message on standard error, with further lines below it; strings are made printable."""
-    lines = [f"eivor: {printable(message)}", *(f"  {printable(line)}" for line in more)]
+    lines = [f"eivor: {tools.printable(message)}", *(f"  {tools.printable(line)}" for line in more)]
     with suppress(OSError, ValueError):
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
 
 
 @contextmanager
-def step(what: str) -> Iterator[Progress]:
+def step(what: str) -> Iterator[tools.Progress]:
     """Show `what` with a spinner on standard error while it lasts, and its stages, on terminals only."""
     if not sys.stderr.isatty():
-        yield no_stage_callback
+        yield tools.no_stage_callback
         return
     from rich.text import Text
 
-    stages = len(Stage)
-    with console(error=True).status(Text(f"{printable(what)} ...")) as status:
+    stages = len(tools.Stage)
+    with console(error=True).status(Text(f"{tools.printable(what)} ...")) as status:
         yield lambda stage: status.update(
-            Text(f"{printable(what)}: {stage.value} ({[*Stage].index(stage) + 1} of {stages}) ...")
+            Text(
+                f"{tools.printable(what)}: {stage.value} ({[*tools.Stage].index(stage) + 1} of {stages}) ..."
+            )
         )
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[ItemsDone]:
+def progress_bar(what: str) -> Iterator[tools.ItemsDone]:
     """Bar on standard error while it lasts, on terminals only."""
     screen = console(error=True)
     if not screen.is_terminal:
-        yield no_items_callback
+        yield tools.no_items_callback
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(printable(what), total=None)
+        task = bar.add_task(tools.printable(what), total=None)
 
         def update(done: int, total: int) -> None:
             if bar.tasks[0].total is None:  # what was there before says nothing about the rate

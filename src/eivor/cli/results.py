@@ -17,18 +17,12 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import LogEstimate
 from eivor.flights.track import track as tracked_parameter
 from eivor.motions.declaration import load_machine
+from eivor.report import frequency_responses
 from eivor.report.document import Facts, Section
 from eivor.report.figures import save_figure
 from eivor.report.flight import log_documents
 from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
-from eivor.report.frequency_responses import (
-    log_responses,
-    response_document,
-    response_figure,
-    response_paths,
-    responses_json,
-)
 from eivor.report.json_document import json_text
 from eivor.report.other_results import residual_files, track_document, track_figure, track_json
 from eivor.report.saved_fit import fit_among, load_fits
@@ -174,16 +168,16 @@ def frequency_response(
 ) -> outputs.ExitCode:
     """Do what `eivor.cli.identify.frequency_response` declares."""
     picture = outputs.figure_file(figure)
-    paths = response_paths(axis, load_machine(machine) if machine else None)
+    paths = frequency_responses.response_paths(axis, load_machine(machine) if machine else None)
     options = flight_options(tuple(path.motion for path in paths.values()), **given)
     recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
     with outputs.step("Estimating the frequency response"):
-        results = log_responses(recordings, options, windows, paths, reference)
+        results = frequency_responses.log_responses(recordings, options, windows, paths, reference)
     outputs.deliver_result(
-        lambda: on_terminal(*map(response_document, results)),
-        lambda: json_text(responses_json(results)),
+        lambda: on_terminal(*map(frequency_responses.response_document, results)),
+        lambda: json_text(frequency_responses.responses_json(results)),
         json,
-        *figure_parts(picture, lambda: response_figure(results)),
+        *figure_parts(picture, lambda: frequency_responses.response_figure(results)),
     )
     any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)
     return outputs.ExitCode.IDENTIFIED if any_shown else outputs.ExitCode.NOT_IDENTIFIED

@@ -16,6 +16,7 @@ from urllib.parse import unquote, urlparse
 import typer
 
 from eivor import checks
+from eivor.cli import parsing
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords
 from eivor.cli.outputs import (
     MORE,
@@ -38,15 +39,6 @@ from eivor.cli.outputs import (
     write,
     write_out,
 )
-from eivor.cli.parsing import (
-    channel_limits,
-    check_mission,
-    flight_limits,
-    flight_options,
-    named_motions,
-    position_of,
-    read_logs,
-)
 from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
@@ -59,14 +51,7 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.planning.plan import WRITTEN, MachinePlan
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
-from eivor.report.inspection import (
-    calibration_document,
-    inspection_document,
-    inspection_json,
-    pooled_documents,
-    pooled_inspection,
-    pooled_json,
-)
+from eivor.report import inspection
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
 from eivor.report.other_results import plan_document, plan_json
@@ -237,18 +222,18 @@ def inspect(
 ) -> ExitCode:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
     model = model or ("" if machine else DEFAULT_MODEL)
-    (motion,) = motions = named_motions(model, vehicle, machine)
-    options = flight_options(motions, **given)
-    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    (motion,) = motions = parsing.named_motions(model, vehicle, machine)
+    options = parsing.flight_options(motions, **given)
+    recordings, windows = parsing.read_logs(logs, options, example=example, channel_map=channel_map)
     with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
-        pooled = pooled_inspection(recordings, options, windows, motion)
+        pooled = inspection.pooled_inspection(recordings, options, windows, motion)
     alone = pooled.logs[0] if len(recordings) == 1 else None
-    documents = [inspection_document(alone)] if alone else pooled_documents(pooled)
+    documents = [inspection.inspection_document(alone)] if alone else inspection.pooled_documents(pooled)
     if calibration:
-        documents = [calibration_document(log) for log in pooled.logs]
+        documents = [inspection.calibration_document(log) for log in pooled.logs]
     deliver_result(
         lambda: on_terminal(*documents),
-        lambda: json_text(inspection_json(alone) if alone else pooled_json(pooled)),
+        lambda: json_text(inspection.inspection_json(alone) if alone else inspection.pooled_json(pooled)),
         json,
     )
     return ExitCode.IDENTIFIED
@@ -330,7 +315,7 @@ def plan(
     """Plan the flight that would identify what another one could not, and say how well it will."""
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
     files = {"csv": csv, "mavsdk": mavsdk, "qgc": qgc, "rotorpy": rotorpy}
-    check_mission(qgc, home, shape)
+    parsing.check_mission(qgc, home, shape)
     vehicle = _vehicle(source, rough)
     fit = None if isinstance(vehicle, VehicleGuess) else saved_of(vehicle, "", "", preferred=("vertical",))
     of_machine = fit is not None and fit.fitted.machine is not None
@@ -342,13 +327,13 @@ def plan(
     if strange:
         which = "a machine" if of_machine else "a flight of the vertical motion"
         raise UsageError(f"options of a plan of {which}", f"--{strange[0]}", "Leave it out.")
-    limits: FlightLimits | dict[str, tuple[float, ...]] = channel_limits(limit)
+    limits: FlightLimits | dict[str, tuple[float, ...]] = parsing.channel_limits(limit)
     if not of_machine:
-        limits = flight_limits(height, speed, acceleration, tilt, time)
+        limits = parsing.flight_limits(height, speed, acceleration, tilt, time)
     shape = shape or ("steps" if qgc else "")
     with step("Planning"):
         made = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
-    position = position_of(home) if home else None
+    position = parsing.position_of(home) if home else None
     if isinstance(made, MachinePlan):
         texts = {csv: made.csv_text()} if csv else {}
     else:

@@ -15,27 +15,9 @@ import polars as pl
 from scipy import special, stats
 
 from eivor.errors import UsageError, did_you_mean
-from eivor.fleet.change_points import (
-    BestSteps,
-    Drifts,
-    Ordered,
-    deviation_p_values,
-    drifts,
-    outlier_test,
-    shared_slopes,
-    steps,
-)
+from eivor.fleet import change_points
+from eivor.fleet import table as fleet_table
 from eivor.fleet.logs import with_covariates
-from eivor.fleet.table import (
-    COPY,
-    DIAGNOSTIC,
-    FAILED,
-    NUMBERS,
-    VERDICT,
-    motions_there,
-    quantity_names,
-    read_flights,
-)
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import AcrossFlights, Covariate
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
@@ -80,8 +62,12 @@ def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossF
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
     columns = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
-    columns += [f"{item.name}.{part}" for item in across for part in (*NUMBERS, VERDICT)]
-    columns += [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.identified_by]
+    columns += [
+        f"{item.name}.{part}" for item in across for part in (*fleet_table.NUMBERS, fleet_table.VERDICT)
+    ]
+    columns += [
+        f"{fleet_table.DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.identified_by
+    ]
     columns += [covariate.name for item in across for covariate in item.covariates]
     return list(dict.fromkeys(columns))
 
@@ -94,7 +80,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
     log = pl.concat_str(pl.lit(LOG), "name", earlier.fill_null(""))  # of a log that changed
     by_vehicle = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
     return (
-        table.filter(pl.col("verdict") != COPY)
+        table.filter(pl.col("verdict") != fleet_table.COPY)
         .with_columns(
             kind.fill_null(UNKNOWN),
             vehicle.fill_null(log),
@@ -110,10 +96,10 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
 def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
-    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.identified_by]
+    texts = [f"{fleet_table.DIAGNOSTIC}first_stage_F_{name}" for name in across.identified_by]
     weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
     reasons = (
-        (pl.col("verdict") == FAILED, NO_RESULT),
+        (pl.col("verdict") == fleet_table.FAILED, NO_RESULT),
         (value.is_null() | error.is_null() | (error <= 0.0), NO_NUMBER),
         (pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value, NO_REFERENCE),
         (pl.any_horizontal(pl.lit(False), *weak), NOT_EXCITED),
@@ -206,14 +192,14 @@ class FleetTrend:
     """What changes in one quantity, besides what covariates explain."""
 
     about: pl.DataFrame  # `type` and `vehicle` of each group
-    ordered: Ordered  # estimates at the mean conditions of their type
+    ordered: change_points.Ordered  # estimates at the mean conditions of their type
     vehicles: Groups  # groups that are pooled
     sets: pl.Series  # and what they are pooled as
     used: tuple[Covariate, ...]  # covariates, in the order of the slopes
     slopes: Float[np.ndarray, "sets p"]
     slopes_covariance: Float[np.ndarray, "sets p p"]
-    drifts: Drifts
-    steps: BestSteps
+    drifts: change_points.Drifts
+    steps: change_points.BestSteps
 
     @property
     def enough_flights(self) -> np.ndarray:
@@ -240,7 +226,7 @@ class FleetTrend:
             line = np.where(of_rows == name, other.line, line)
             leverage = np.where(of_rows == name, other.leverage, leverage)
         parameters = np.where(form == STEADY, 1.0, 2.0)
-        p_values = deviation_p_values(ordered, line, leverage, parameters)
+        p_values = change_points.deviation_p_values(ordered, line, leverage, parameters)
         return np.where(np.repeat(self.enough_flights, groups.sizes), p_values, 1.0), line
 
 
@@ -262,14 +248,14 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
         first, total = (vehicles.sums(groups.sums(item)) for item in (y / v, 1.0 / v))
         x *= groups.spread(vehicles.spread(first / total))
     expected = np.array([item.slope for item in used]), np.array([item.uncertainty for item in used])
-    isolation = outlier_test(groups, vehicles, v)
+    isolation = change_points.outlier_test(groups, vehicles, v)
 
     def without_covariates(
         errors: Rows, before: Float[np.ndarray, " groups"], trends: Float[np.ndarray, "c rows"]
-    ) -> tuple[Ordered, tuple[np.ndarray, np.ndarray], Float[np.ndarray, " groups"]]:
+    ) -> tuple[change_points.Ordered, tuple[np.ndarray, np.ndarray], Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between of the last step."""
         weights = Grouped(groups, y, errors).weights(before)
-        slopes = shared_slopes(groups, vehicles, y, weights, trends, x, *expected)
+        slopes = change_points.shared_slopes(groups, vehicles, y, weights, trends, x, *expected)
         of_groups, covariance = (np.repeat(item, vehicles.sizes, axis=0) for item in slopes)
         level = y - np.einsum("pr,rp->r", x, np.repeat(of_groups, groups.sizes, axis=0))
         if used:
@@ -277,14 +263,14 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
         made = Grouped(groups, level, errors)
         after = made.paule_mandel(vehicles, before)  # common to a type
         both = made.weights(after), replace(made, v=v).weights(after)
-        return Ordered(groups, level, errors, *both, hours, x, covariance), slopes, after
+        return change_points.Ordered(groups, level, errors, *both, hours, x, covariance), slopes, after
 
     variance = Grouped(groups, y, v).paule_mandel(vehicles)
     ordered, slopes, variance = without_covariates(v + isolation(y), variance, hours[None, :])
     if used:  # again, beside the step that is seen now
-        both = np.stack([hours, steps(ordered).after])
+        both = np.stack([hours, change_points.steps(ordered).after])
         ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
-    changes = drifts(ordered), steps(ordered)
+    changes = change_points.drifts(ordered), change_points.steps(ordered)
     return FleetTrend(about.select(VEHICLE), ordered, vehicles, sets[TOGETHER], used, *slopes, *changes)
 
 
@@ -299,9 +285,9 @@ def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
     of_vehicles = Grouped(vehicles, means, errors)
     position = of_vehicles.weighted(of_vehicles.paule_mandel())
     w, none, covariance = position.weights, np.zeros((0, means.size)), np.zeros((vehicles.sizes.size, 0, 0))
-    about = Ordered(vehicles, means, errors, w, w, none.sum(axis=0), none, covariance)
+    about = change_points.Ordered(vehicles, means, errors, w, w, none.sum(axis=0), none, covariance)
     line, leverage = vehicles.spread(position.mean), w / vehicles.spread(position.total)
-    p_values = deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))
+    p_values = change_points.deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))
     return np.where(vehicles.spread(vehicles.sizes.astype(float)) >= FEWEST_VEHICLES, p_values, np.nan)
 
 
@@ -366,7 +352,7 @@ def _known(name: str, numbers: Rows, known: np.ndarray) -> pl.Series:
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
-    own_result = pl.col("verdict").is_in((COPY, FAILED)).not_()
+    own_result = pl.col("verdict").is_in((fleet_table.COPY, fleet_table.FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
         .agg(
@@ -386,10 +372,10 @@ def _reasons(verdict: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _copies(table: pl.DataFrame) -> pl.DataFrame:
-    firsts = table.filter(pl.col("verdict") != COPY).select(
+    firsts = table.filter(pl.col("verdict") != fleet_table.COPY).select(
         "motion", pl.col("sha256").alias("copy_of"), pl.col("name").alias("first")
     )
-    copies = table.filter(pl.col("verdict") == COPY).select("motion", "name", "copy_of")
+    copies = table.filter(pl.col("verdict") == fleet_table.COPY).select("motion", "name", "copy_of")
     return copies.join(firsts, on=["motion", "copy_of"], how="left").select("motion", "name", "first")
 
 
@@ -399,7 +385,7 @@ QUERIES: Mapping[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
         table.group_by("motion", "verdict").agg(logs=pl.len()).sort("motion", "logs", "verdict")
     ),
     "vehicles": _vehicles,
-    "failed": partial(_reasons, FAILED),
+    "failed": partial(_reasons, fleet_table.FAILED),
     "refused": partial(_reasons, Status.REFUSED.value),
     "copies": _copies,
 }
@@ -409,16 +395,16 @@ def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
     """Answer of a query."""
     if what in QUERIES:
         return QUERIES[what](table)
-    names = quantity_names(table)
+    names = fleet_table.quantity_names(table)
     if what not in names:
         raise UsageError(
             f"a query out of {', '.join(QUERIES)}, or a quantity of the fleet ({', '.join(names)})",
             f"'{what}'",
             did_you_mean(what, [*QUERIES, *names], "Name one of them."),
         )
-    columns = (pl.col(f"{what}.{part}").alias(part) for part in (*NUMBERS, VERDICT))
+    columns = (pl.col(f"{what}.{part}").alias(part) for part in (*fleet_table.NUMBERS, fleet_table.VERDICT))
     return (
-        table.filter(pl.col(f"{what}.{VERDICT}").is_not_null())
+        table.filter(pl.col(f"{what}.{fleet_table.VERDICT}").is_not_null())
         .sort("motion", "type", "vehicle", "start", "name", nulls_last=True)
         .select("motion", "vehicle", "start", "name", *columns)
     )
@@ -483,8 +469,8 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
     trends = ((item.across.name, item.trend) for item in selected if item.trend)
     logs = {
         "logs": of_motion.height,
-        "copies": int((of_motion["verdict"] == COPY).sum()),
-        "failed": int((of_motion["verdict"] == FAILED).sum()),
+        "copies": int((of_motion["verdict"] == fleet_table.COPY).sum()),
+        "failed": int((of_motion["verdict"] == fleet_table.FAILED).sum()),
     }
     together = _differing(_concat(vehicles)) if vehicles else pl.DataFrame()
     return FleetReport(
@@ -645,9 +631,9 @@ class _Quantity:
 
 def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
     """Reports of a folder."""
-    motions = [motion_by_name(name) for name in motions_there(folder)]
+    motions = [motion_by_name(name) for name in fleet_table.motions_there(folder)]
     columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
-    table = read_flights(folder, list(dict.fromkeys(columns)))
+    table = fleet_table.read_flights(folder, list(dict.fromkeys(columns)))
     if given is None:
         return tuple(fleet_report(table, motion) for motion in motions)
     table = with_covariates(table, given)

@@ -11,35 +11,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from eivor.cli import outputs
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords
-from eivor.cli.outputs import (
-    FLEET_FILES,
-    MORE,
-    STANDARD_OUTPUT,
-    ExitCode,
-    JsonOption,
-    ModelOption,
-    ReadableCommand,
-    Reads,
-    VehicleOption,
-    WorkersOption,
-    Writes,
-    complain,
-    completion,
-    deliver_result,
-    flag,
-    fleet_paths,
-    group,
-    guarded,
-    keep_inputs,
-    map_paths,
-    option,
-    progress_bar,
-    show,
-    step,
-    with_options,
-    write_out,
-)
 from eivor.cli.parsing import flight_options, named_motions
 from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
@@ -66,23 +39,27 @@ LONGEST_CELL = 160
 #: Shorter words are not broken.
 LONGEST_WORD = 40
 
-app = group("fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle.")
+app = outputs.group(
+    "fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle."
+)
 
 FleetArgument = Annotated[
-    str, typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."), Reads(fleet_paths)
+    str,
+    typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."),
+    outputs.Reads(outputs.fleet_paths),
 ]
 
 
 @app.command(
     "run",
-    cls=ReadableCommand,
+    cls=outputs.ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified. 2 wrong "
     "usage, such as a folder that was begun with other options. 1 no logs, a folder that cannot be read or "
     "written, one on which another run works, or a cluster that was lost. 130 interrupted. Rows that were "
     "written are kept: the same command goes on.",
 )
-@guarded
-@with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
+@outputs.guarded
+@outputs.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
     logs: Annotated[
         str,
@@ -91,52 +68,55 @@ def run_command(
             help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
             "line, a .csv with a column 'path'. Or an address such as s3://bucket/logs.",
         ),
-        Reads(),
+        outputs.Reads(),
     ],
     *,
     out: Annotated[
-        str, option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"), Writes(FLEET_FILES)
+        str,
+        outputs.option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
+        outputs.Writes(outputs.FLEET_FILES),
     ],
-    model: ModelOption = DEFAULT_MODEL,
-    vehicle: VehicleOption = "",
+    model: outputs.ModelOption = DEFAULT_MODEL,
+    vehicle: outputs.VehicleOption = "",
     channel_map: Annotated[
         list[str],
-        option(
+        outputs.option(
             "PATTERN=MAP",
             "Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
             "more. Without, a shipped map whose columns all match.",
             "--map",
         ),
-        Reads(map_paths),
+        outputs.Reads(outputs.map_paths),
     ] = NO_TEXTS,
     vehicle_from: Annotated[
         str,
-        option(
+        outputs.option(
             "PATTERN|COLUMN",
             "Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
             "or a column of the list or of the logs. Default: the board's unique id.",
         ),
     ] = "",
-    workers: WorkersOption = None,
+    workers: outputs.WorkersOption = None,
     dask: Annotated[
         str,
-        option(
+        outputs.option(
             "ADDRESS",
             "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
-            panel=MORE,
+            panel=outputs.MORE,
         ),
     ] = "",
     reports: Annotated[
-        bool, flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
+        bool, outputs.flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
     ] = False,
     log_time: Annotated[
-        float, option("S", "Longest time for one log, in seconds.", show_default=True, panel=MORE)
+        float,
+        outputs.option("S", "Longest time for one log, in seconds.", show_default=True, panel=outputs.MORE),
     ] = 600.0,
     log_memory: Annotated[
-        float, option("GB", "Most memory for one log, in GB.", show_default=True, panel=MORE)
+        float, outputs.option("GB", "Most memory for one log, in GB.", show_default=True, panel=outputs.MORE)
     ] = 4.0,
     **given: Any,
-) -> ExitCode:
+) -> outputs.ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
@@ -149,13 +129,15 @@ def run_command(
         vehicle_from=vehicle_from,
         limits=Limits(log_time, log_memory),
     )
-    with step(f"Looking for logs in {logs}"):
+    with outputs.step(f"Looking for logs in {logs}"):
         result = logs_found(logs)
-    keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs if not is_address(log.path)))
+    outputs.keep_inputs(
+        f"the logs of {logs}", (Path(log.path) for log in result.logs if not is_address(log.path))
+    )
     useful = useful_workers(workers, len(result.logs))
     local = LocalThreads(useful) if useful > 1 else InProcess()
     try:
-        with progress_bar("flights") as progress:
+        with outputs.progress_bar("flights") as progress:
             done = run_fleet(
                 result,
                 path_of(out),
@@ -167,10 +149,10 @@ def run_command(
             )
     except KeyboardInterrupt:
         kept = f"Rows that were written are in {out}. Run the same command again to go on."
-        complain("interrupted", kept)
-        return ExitCode.INTERRUPTED
-    show(_report(done, out))
-    return ExitCode.IDENTIFIED
+        outputs.complain("interrupted", kept)
+        return outputs.ExitCode.INTERRUPTED
+    outputs.show(_report(done, out))
+    return outputs.ExitCode.IDENTIFIED
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:
@@ -192,11 +174,11 @@ def _report(done: FleetRun, out: str) -> RenderableType:
 
 
 @app.command(
-    cls=ReadableCommand,
+    cls=outputs.ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage, such as a query that does not exist; 1 a fleet "
     "that cannot be read, or a file that cannot be written.",
 )
-@guarded
+@outputs.guarded
 def query(
     fleet: FleetArgument,
     what: Annotated[
@@ -204,74 +186,78 @@ def query(
         typer.Argument(
             metavar="[WHAT]",
             help="verdicts, vehicles, failed, refused, copies, or the name of a quantity.",
-            autocompletion=completion(values_of="eivor.fleet.analysis:QUERIES"),
+            autocompletion=outputs.completion(values_of="eivor.fleet.analysis:QUERIES"),
         ),
     ] = "verdicts",
     *,
-    csv: Annotated[str, option("FILE", "Write the answer as CSV; - for standard output."), Writes()] = "",
-) -> ExitCode:
+    csv: Annotated[
+        str, outputs.option("FILE", "Write the answer as CSV; - for standard output."), outputs.Writes()
+    ] = "",
+) -> outputs.ExitCode:
     """Ask a fleet's table what is asked most often."""
     answer = answer_of(read_flights(path_of(fleet)), what)
-    if csv != STANDARD_OUTPUT:
-        show(_table(answer))
+    if csv != outputs.STANDARD_OUTPUT:
+        outputs.show(_table(answer))
     if csv:
-        write_out(answer.write_csv(), csv)
-    return ExitCode.IDENTIFIED
+        outputs.write_out(answer.write_csv(), csv)
+    return outputs.ExitCode.IDENTIFIED
 
 
 @app.command(
-    cls=ReadableCommand,
+    cls=outputs.ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read or written, or on "
     "which a run works.",
 )
-@guarded
-def compact(fleet: FleetArgument) -> ExitCode:
+@outputs.guarded
+def compact(fleet: FleetArgument) -> outputs.ExitCode:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
-    with step("Putting rows together"):
+    with outputs.step("Putting rows together"):
         rows, files = compact_fleet(path_of(fleet))
-    show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
-    return ExitCode.IDENTIFIED
+    outputs.show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
+    return outputs.ExitCode.IDENTIFIED
 
 
 @app.command(
-    cls=ReadableCommand,
+    cls=outputs.ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read, or a file that "
     "cannot be written (what was found is printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.fleet_report/1): every vehicle and type with what is pooled, what "
     "changes, and what was left out.",
 )
-@guarded
+@outputs.guarded
 def report(
     fleet: FleetArgument,
     *,
     covariates: Annotated[
         str,
-        option(
+        outputs.option(
             "FILE",
             "What you know of flights and logs do not, a CSV such as name,mass: changes that it "
             "explains are not identified as changes of the vehicle.",
         ),
-        Reads(),
+        outputs.Reads(),
     ] = "",
-    json: JsonOption = "",
-    html: Annotated[str, option("FILE", "Write one page that opens anywhere, FILE.html."), Writes()] = "",
-) -> ExitCode:
+    json: outputs.JsonOption = "",
+    html: Annotated[
+        str, outputs.option("FILE", "Write one page that opens anywhere, FILE.html."), outputs.Writes()
+    ] = "",
+) -> outputs.ExitCode:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
-    with step("Pooling"):
+    with outputs.step("Pooling"):
         reports = fleet_reports(path_of(fleet), given)
     title = path_of(fleet).resolve().name
 
     def write_page() -> None:
-        write_out(fleet_page(reports, title, flight_links(path_of(fleet), Path(html))), html)
+        outputs.write_out(fleet_page(reports, title, flight_links(path_of(fleet), Path(html))), html)
 
-    deliver_result(
+    outputs.deliver_result(
         lambda: on_terminal(*(fleet_document(report, title) for report in reports)),
         lambda: json_text(fleet_json(reports)),
         json,
         *([write_page] if html else []),
     )
-    return ExitCode.IDENTIFIED
+    return outputs.ExitCode.IDENTIFIED
 
 
 def _table(answer: pl.DataFrame) -> Table:

@@ -15,38 +15,14 @@ from typing import Any
 
 import polars as pl
 
+from eivor import process_pool
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
+from eivor.fleet import table
 from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound
-from eivor.fleet.table import (
-    COPY,
-    FAILED,
-    PAGE,
-    FleetFolder,
-    FleetOptions,
-    PageOf,
-    RowOfLog,
-    SupersededError,
-    copy_row,
-    failed_row,
-    part_files,
-    read_flights,
-    report_fleet_errors,
-    reports_there,
-    write_report,
-)
 from eivor.logs.addresses import is_address, is_local, path_of
 from eivor.logs.common import folder_sha256, folder_size
 from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts
-from eivor.process_pool import (
-    AbandonedError,
-    Executor,
-    InProcess,
-    LimitError,
-    Limits,
-    WorkerProcess,
-    abandoned,
-)
 from eivor.tools import ItemsDone, no_items_callback
 
 
@@ -54,11 +30,11 @@ from eivor.tools import ItemsDone, no_items_callback
 class Shard:
     """The task."""
 
-    folder: FleetFolder  # where the rows go
-    options: FleetOptions  # what is asked of every log
+    folder: table.FleetFolder  # where the rows go
+    options: table.FleetOptions  # what is asked of every log
     # whether each log has its limits, in a process that may die of it; else it is read in this one
     guarded: bool = True
-    page_of: PageOf | None = None  # what makes the report of a flight; without one there are no reports
+    page_of: table.PageOf | None = None  # what makes the report of a flight; without one there are no reports
     only_reports: bool = False  # whether rows are there already and reports are missing
 
     def __call__(self, logs: tuple[Log, ...]) -> int:
@@ -66,38 +42,38 @@ class Shard:
         rows: list[dict[str, Any]] = []
         try:
             for log in logs:
-                if abandoned():
+                if process_pool.abandoned():
                     break
                 self.folder.check_run()
                 rows.append(self._row(log))
-        except AbandonedError:
+        except process_pool.AbandonedError:
             pass
-        except SupersededError:
+        except table.SupersededError:
             return 0
         finally:  # an interrupt keeps what was done, too
-            with suppress(SupersededError):
+            with suppress(table.SupersededError):
                 if rows and not self.only_reports:
                     self.folder.write(rows)
         return len(rows)
 
     def _row(self, log: Log) -> dict[str, Any]:
         """Row of a log, whose report is written here: what fails at that is not the log's fault."""
-        function: Callable[[Log], dict[str, Any]] = RowOfLog(self.options, self.page_of)
+        function: Callable[[Log], dict[str, Any]] = table.RowOfLog(self.options, self.page_of)
         try:
             row = (kept_process(function, self.options.limits) if self.guarded else function)(log)
-        except LimitError as error:
-            return failed_row(self.options.row_of(log), str(error))
-        page = row.pop(PAGE, None)
+        except process_pool.LimitError as error:
+            return table.failed_row(self.options.row_of(log), str(error))
+        page = row.pop(table.PAGE, None)
         if page is not None:
-            write_report(self.folder.folder, log.sha256, page)
+            table.write_report(self.folder.folder, log.sha256, page)
         return row
 
 
 #: Process of each thread, which lives from one task to the next, and what it was made for.
-_KEPT: dict[int, tuple[WorkerProcess, tuple[Any, Limits]]] = {}
+_KEPT: dict[int, tuple[process_pool.WorkerProcess, tuple[Any, process_pool.Limits]]] = {}
 
 
-def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProcess:
+def kept_process(function: Callable[[Any], Any], limits: process_pool.Limits) -> process_pool.WorkerProcess:
     """Process of this thread for a function: that of the task before, when it was for the same."""
     thread = threading.get_ident()
     process, made_for = _KEPT.get(thread, (None, None))
@@ -105,7 +81,7 @@ def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProces
         return process
     if process is not None:
         process.close()
-    _KEPT[thread] = WorkerProcess(function, limits), (function, limits)
+    _KEPT[thread] = process_pool.WorkerProcess(function, limits), (function, limits)
     return _KEPT[thread][0]
 
 
@@ -116,7 +92,7 @@ KEY = ["sha256", "name"]
 def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
     """Logs that could be opened; of each content without a row the first by name; copies without a row."""
     opened = logs.filter(pl.col("sha256").is_not_null())
-    there = rows.filter(pl.col("verdict") != COPY).unique("sha256", keep="last", maintain_order=True)
+    there = rows.filter(pl.col("verdict") != table.COPY).unique("sha256", keep="last", maintain_order=True)
     firsts = pl.concat(
         [
             there.select("sha256", first="name", is_there=True),
@@ -131,7 +107,7 @@ def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.D
 
 def _without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str]) -> pl.DataFrame:
     """Logs with a result that have no report, by the hashes of the reports that are there."""
-    results = rows.filter(~pl.col("verdict").is_in([COPY, FAILED]))
+    results = rows.filter(~pl.col("verdict").is_in([table.COPY, table.FAILED]))
     there = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
     wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
     return wanted.join(there, on="sha256", how="anti", maintain_order="left")
@@ -164,14 +140,14 @@ def _all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
 def run_fleet(
     logs_found: LogsFound,
     folder: Path,
-    options: FleetOptions,
+    options: table.FleetOptions,
     *,
-    executor: Executor | None = None,
+    executor: process_pool.Executor | None = None,
     guarded: bool = True,
     shared: bool = False,
     shard_logs: int | None = None,
     progress: ItemsDone = no_items_callback,
-    page_of: PageOf | None = None,
+    page_of: table.PageOf | None = None,
 ) -> FleetRun:
     """Make the rows of a fleet that are not there yet."""
     if not logs_found.logs:
@@ -181,17 +157,17 @@ def run_fleet(
             "Check the path; a log of a table with names of its own needs the ending .csv or .parquet.",
         )
     folder = folder.absolute()
-    with report_fleet_errors(folder):
+    with table.report_fleet_errors(folder):
         if not folder.exists() or folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
-    fleet_folder = FleetFolder(folder)
+    fleet_folder = table.FleetFolder(folder)
     fleet_folder.check(options)
-    with report_fleet_errors(folder), held(folder):
+    with table.report_fleet_errors(folder), held(folder):
         shard = Shard(fleet_folder.begin(), options, guarded, page_of)
-        run = _Run(shard, executor or InProcess(), shared, shard_logs, progress)
+        run = _Run(shard, executor or process_pool.InProcess(), shared, shard_logs, progress)
         try:
             return run.done(logs_found)
-        except SupersededError as error:
+        except table.SupersededError as error:
             raise _taken_over(folder) from error
         finally:
             while _KEPT:
@@ -205,16 +181,16 @@ def held(folder: Path) -> AbstractContextManager[None]:
 
 def compact_fleet(folder: Path) -> tuple[int, int]:
     """Take all rows of a fleet into its table, and count its rows and its files."""
-    read_flights(folder, ["name"])
-    with report_fleet_errors(folder), held(folder):
-        FleetFolder(folder).begin().merge()
-    return read_flights(folder, ["name"]).height, len(part_files(folder))
+    table.read_flights(folder, ["name"])
+    with table.report_fleet_errors(folder), held(folder):
+        table.FleetFolder(folder).begin().merge()
+    return table.read_flights(folder, ["name"]).height, len(table.part_files(folder))
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
     shard: Shard
-    executor: Executor
+    executor: process_pool.Executor
     shared: bool
     shard_logs: int | None
     progress: ItemsDone
@@ -239,7 +215,7 @@ class _Run:
         folder.merge(motion)
         there = folder.there(options.motion)
         if self.shard.page_of is not None:
-            with closing(reports_there(folder.folder)) as reports:
+            with closing(table.reports_there(folder.folder)) as reports:
                 wanted = _without_report(logs, there, reports)
             for _ in self._mapped(replace(self.shard, only_reports=True), wanted):
                 pass
@@ -248,13 +224,13 @@ class _Run:
         rows = verdicts.total()
         if rows != opened.height:
             raise _taken_over(folder.folder)
-        verdicts[FAILED] += total - rows
+        verdicts[table.FAILED] += total - rows
         others, unread = logs_found.others, logs_found.unread_folders
         return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
 
     def _hashed(self, logs: LogList) -> pl.DataFrame:
         """The list with the hash of each log, or why it cannot be opened; no second list is made."""
-        executor = self.executor if self.shared else InProcess()
+        executor = self.executor if self.shared else process_pool.InProcess()
         hashes: list[str | None] = [None] * len(logs)
         problems = [""] * len(logs)
         with closing(executor.map(_all_hashed, logs.pages())) as results:
@@ -275,7 +251,7 @@ class _Run:
         options = self.shard.options
         for part in copies.iter_slices(COPIES):
             firsts = zip(LogList(part), part["first"], strict=True)
-            self.shard.folder.write([copy_row(options.row_of(log), first) for log, first in firsts])
+            self.shard.folder.write([table.copy_row(options.row_of(log), first) for log, first in firsts])
 
 
 def _taken_over(folder: Path) -> InputError:

@@ -20,19 +20,12 @@ from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
+from eivor.report import flight_figures
 from eivor.report.card import CardEntry, card_entries, result_card
 from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, table
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import log_documents, reported_rows, row_quantities, spans_of
-from eivor.report.flight_figures import (
-    FlightRun,
-    band_of,
-    fit_pictures,
-    flight_runs,
-    quantity_interval,
-    within_band,
-)
 from eivor.report.frequency_responses import response_pictures
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import FitDocument, fit_document, json_document, log_document, number, plain
@@ -175,9 +168,9 @@ def forests(
     by_label = [(row.label, {item.name: item for item in row_quantities(row, motion)}) for row in rows]
     pictures = []
     for name in (name for name in motion.quantities if name in motion.quantities.rows):
-        drawn = [quantity_interval(label, quantities[name]) for label, quantities in by_label]
+        drawn = [flight_figures.quantity_interval(label, quantities[name]) for label, quantities in by_label]
         if name in whole:
-            drawn.append(replace(quantity_interval("all together", whole[name]), whole=True))
+            drawn.append(replace(flight_figures.quantity_interval("all together", whole[name]), whole=True))
         wording = motion.quantities[name]
         pictures.append(forest_picture(capitalised(wording.words), axis_of(wording), drawn))
     return [("", tuple(pictures))]
@@ -203,7 +196,7 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
     """Pictures of each flight, those that share an axis of time together."""
     several = len(result.prepared) > 1
     traces = () if result.fit is None else result.fit.traces(result.motion)
-    runs = [] if result.fit is None else flight_runs(result)
+    runs = [] if result.fit is None else flight_figures.flight_runs(result)
     for index, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
         runs_kept = [run for run in runs if run.flight == index]
         fitted = _fitted(index, flight, traces, runs_kept) if runs_kept else ()
@@ -212,21 +205,21 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
 
 
 def _fitted(
-    number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[FlightRun]
+    number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[flight_figures.FlightRun]
 ) -> Iterator[Picture]:
     """What was measured along each axis, what the model says, and what it leaves."""
     time = np.concatenate([run.time_s for run in runs])
     for trace in traces:
         rows, parts = [], []
         for run in runs:
-            part = np.column_stack([band := within_band(trace, run), band[:, 0] - band[:, 1]])
+            part = np.column_stack([band := flight_figures.within_band(trace, run), band[:, 0] - band[:, 1]])
             times = (f"{run.time_s[0]:.2f}", f"{run.time_s[-1]:.2f}", f"{run.time_s.size}")
             rows.append((*times, *np.sqrt(np.mean(part**2, axis=0)).tolist()))
             parts.append(part)
         of_rms = (f"RMS {what} [{trace.unit}]" for what in ("measured", "predicted", "left"))
         table = number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
         measured, predicted, left = np.concatenate(parts).T
-        low, high = band_of(trace, runs[0])
+        low, high = flight_figures.band_of(trace, runs[0])
         passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}"
         both = (
             Line("measured", "measured", measured),
@@ -349,7 +342,7 @@ def _motion(
 ) -> tuple[str, list[tuple[str, str, Section]], dict[str, Markup]]:
     """Heading of a motion where there are several, its sections with their names, and its pictures."""
     prediction = result.multi_step_prediction
-    of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
+    of_fit = () if result.fit is None else tuple(flight_figures.fit_pictures(result, result.fit))
     responses = tuple(response_pictures(result))
     groups = {
         "ahead": [] if prediction is None else prediction_pictures(prediction),

@@ -39,18 +39,7 @@ from eivor.errors import EivorError, InputError
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.process_pool import Limits
 from eivor.report.html import SHAPES, Sources, asset, rendered, report_sources, whole_page
-from eivor.serve.jobs import (
-    RESULT,
-    File,
-    Jobs,
-    KeptLogs,
-    Outcome,
-    Task,
-    Workers,
-    WorkFunction,
-    shown_name,
-    work,
-)
+from eivor.serve import jobs
 from eivor.serve.requests import RefusedError, error_parts, parse_job, refusal, sent_files
 
 #: The only address, and the header with the token.
@@ -118,7 +107,7 @@ class ServeOptions:
     largest: int = 500_000_000  # bytes of a log at most
     most_waiting: int = 256  # jobs in the queue
     clock: Callable[[], float] = time.monotonic
-    work: WorkFunction = work  # function of the worker processes
+    work: jobs.WorkFunction = jobs.work  # function of the worker processes
 
 
 class Server:
@@ -136,9 +125,9 @@ class Server:
         self._held = ExitStack()
         self._held.enter_context(folder_lock(self.folder))
         (self.folder / LOCK).chmod(0o600)
-        self.workers = Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
-        self.logs = KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
-        self.jobs = Jobs(self.folder / "jobs", self.workers, chosen.clock)
+        self.workers = jobs.Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
+        self.logs = jobs.KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
+        self.jobs = jobs.Jobs(self.folder / "jobs", self.workers, chosen.clock)
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
                 Gate(_Routes(self).application(), self.port, self.token),
@@ -373,7 +362,7 @@ class _Routes:
 
     async def keep_log(self, request: Request) -> Response:
         size = _length(request, self._server.options.largest)
-        name = shown_name(request.headers.get("x-eivor-name", ""))
+        name = jobs.shown_name(request.headers.get("x-eivor-name", ""))
         body = _Body(request, size)
         files = sent_files(request.headers.get("x-eivor-files", ""), size) or (("", size),)
         parts = ((item, body.parts(length)) for item, length in files)
@@ -414,7 +403,7 @@ class _Routes:
 
     def result(self, request: Request) -> Response:
         folder = self._jobs.get(request.path_params["job"]).result_folder()
-        return Response((folder / RESULT).read_bytes(), media_type="application/json; charset=utf-8")
+        return Response((folder / jobs.RESULT).read_bytes(), media_type="application/json; charset=utf-8")
 
     def report(self, request: Request) -> Response:
         return HTMLResponse(self._jobs.get(request.path_params["job"]).report().read_bytes())
@@ -428,12 +417,12 @@ class _Routes:
     def plan(self, request: Request) -> Response:
         return _file(self._done(request, "plan"))
 
-    def _done(self, request: Request, name: str) -> Outcome:
+    def _done(self, request: Request, name: str) -> jobs.Outcome:
         """Outcome of a task about the result of a job, with the words of the address and of its query."""
         job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
         words = {**fields, **request.path_params, "mass": fields.get("mass") or job.request.mass}
         given = {"folder": job.result_folder(), "stem": job.stem, "words": words}
-        outcome = self._jobs.do(Task(name, given))
+        outcome = self._jobs.do(jobs.Task(name, given))
         if isinstance(outcome, RefusedError):
             raise outcome
         if outcome is None:
@@ -512,8 +501,8 @@ def _fields(request: Request) -> dict[str, str]:
     return {name: "\n".join(query.getlist(name)) for name in query}
 
 
-def _file(outcome: Outcome) -> Response:
-    if not isinstance(outcome, File):
+def _file(outcome: jobs.Outcome) -> Response:
+    if not isinstance(outcome, jobs.File):
         raise TypeError(f"a file, not {type(outcome).__name__}")
     plain = re.sub(r"[^\w.-]+", "_", outcome.name, flags=re.ASCII) or "file"
     where = f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(outcome.name, safe='')}"
