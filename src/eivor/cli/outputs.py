@@ -79,7 +79,7 @@ class Reads:
     """Declares that a parameter names what the command reads: the guard of outputs protects it."""
 
     paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
-    default: Callable[[Mapping[str, Any]], str] | None = None
+    default: Callable[[Mapping[str, Any]], str] = lambda _values: ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Writes:
     """Declares that a parameter names a file that the command writes, or a folder of such files."""
 
     inside: tuple[str, ...] = ()  # Patterns of the files that are written into the folder
-    default: Callable[[Mapping[str, Any]], str] | None = None
+    default: Callable[[Mapping[str, Any]], str] = lambda _values: ""
 
 
 def option(
@@ -214,10 +214,8 @@ def show(report: RenderableType) -> None:
     screen = console()
     with printing(), screen.capture() as captured:  # even a captured print touches the stream
         screen.print(report)
-    text = captured.get()
-    if not screen.is_terminal:
-        text = "".join(f"{line.rstrip()}\n" for line in text.splitlines())
-    write(text)
+    lines = captured.get().splitlines()
+    write(captured.get() if screen.is_terminal else "".join(f"{line.rstrip()}\n" for line in lines))
 
 
 def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
@@ -386,8 +384,7 @@ def refuse_empty_options(context: Any) -> None:
         if nothing and _source(context, option) != "DEFAULT" and not option.default:
             name = option.opts[0]
             remedy = f"Give {name} {option.metavar or 'TEXT'}, or leave it out."
-            complain(str(UsageError(f"a value for {name}", "an empty text", remedy)))
-            raise typer.Exit(int(ExitCode.USAGE))
+            raise Exit(int(reported(UsageError(f"a value for {name}", "an empty text", remedy))))
 
 
 # -- Outputs --
@@ -498,10 +495,9 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     """Name, declaration and text of every parameter of a command that names files."""
     positions = declarations(context.command)
     for parameter in context.command.params:
-        if parameter.name in positions:
-            position, given = positions[parameter.name], context.params.get(parameter.name)
-            if not given and position.default is not None:
-                given = position.default(context.params)
+        position = positions.get(parameter.name)
+        if position is not None:
+            given = context.params.get(parameter.name) or position.default(context.params)
             is_argument = parameter.param_type_name == "argument"
             name = str(parameter.metavar).strip("[]") if is_argument else max(parameter.opts, key=len)
             texts = given if isinstance(given, list | tuple) else (given,)
@@ -572,12 +568,9 @@ def deliver_result(
     report: Callable[[], RenderableType], document: Callable[[], str], json: str, *files: Callable[[], None]
 ) -> None:
     """Print a report, write a document to the file or stream of --json, then write files; see `deliver`."""
-    parts: list[Callable[[], None]] = []
-    if json != STANDARD_OUTPUT:
-        parts.append(lambda: show(report()))
-    if json:
-        parts.append(lambda: write_out(document(), json))
-    deliver(*parts, *files)
+    shown = (lambda: show(report()),) if json != STANDARD_OUTPUT else ()
+    written = (lambda: write_out(document(), json),) if json else ()
+    deliver(*shown, *written, *files)
 
 
 # -- Repeated options --

@@ -381,8 +381,8 @@ def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, s
     for report in reports:
         drawn = {}
         if report.vehicles.height:
-            drawn[FOREST] = figures.html([("", tuple(_forests(report)))])
-            drawn[LINES] = figures.html([("", tuple(_over_hours(report, links)))])
+            drawn[FOREST] = figures.html([("", _forests(report))])
+            drawn[LINES] = figures.html([("", _over_hours(report, links))])
         note = NO_REPORTS if report.vehicles.height and not links else ""
         motions.append((fleet_document(report, title, links), note, drawn))
     body = rendered("fleet.html", title=title, motions=motions)

@@ -24,6 +24,8 @@ from eivor.tools import capitalised
 MOVE = (Cause.ZERO, Cause.WIDE, Cause.EXCITATION)
 #: Remedies that a logging profile is part of.
 LOGGING = re.compile(r"^Log |, and log ")
+#: Looks of quantities whose numbers the card has; of others it has a reason.
+WITH_NUMBER = (Look.IDENTIFIED, Look.ROUGH)
 HEADINGS = {
     Look.IDENTIFIED: "Identified",
     Look.ROUGH: "Rough",
@@ -58,21 +60,21 @@ def result_card(results: Sequence[FlightEstimate]) -> Card:
     entries = sorted(card_entries(results), key=lambda entry: entry.change is None)
     by_look = {look: [entry for entry in entries if entry.look is look] for look in Look}
     lines = {
-        look: tuple(map(_line, chosen) if look in (Look.IDENTIFIED, Look.ROUGH) else _missing(chosen))
+        look: tuple(map(_line, chosen) if look in WITH_NUMBER else _missing(chosen))
         for look, chosen in by_look.items()
     }
-    groups = [CardGroup(look, HEADINGS[look], item) for look, item in lines.items() if item]
     damaged = tuple(_damaged(results[0]))
-    groups += [CardGroup(Look.CONTRADICTED, "Damaged", damaged)] * bool(damaged)
-    return Card(*_title(by_look, damaged=bool(damaged)), tuple(groups))
+    headed = [(look, HEADINGS[look], item) for look, item in lines.items()]
+    headed.append((Look.CONTRADICTED, "Damaged", damaged))
+    groups = tuple(CardGroup(*group) for group in headed if group[-1])
+    return Card(*_title(by_look, damaged=bool(damaged)), groups)
 
 
-def _damaged(result: FlightEstimate) -> Iterator[CardLine]:
+def _damaged(result: FlightEstimate) -> list[CardLine]:
     """A line for each damage of a log; the last says what to do."""
-    logs = [flight.recording for flight in result.prepared]
-    damage = [(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
-    for index, (name, message) in enumerate(damage):
-        yield CardLine(name, message, remark=LEFT_OUT if index + 1 == len(damage) else "")
+    logs = (flight.recording for flight in result.prepared)
+    lines = [CardLine(log.name, item.message) for log in logs for item in log.findings if item.name in DAMAGE]
+    return [*lines[:-1], *(replace(line, remark=LEFT_OUT) for line in lines[-1:])]
 
 
 def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
@@ -89,14 +91,12 @@ def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
 
 def quantities_with_number(result: FlightEstimate) -> frozenset[str]:
     """Quantities whose numbers the card has."""
-    looks = (Look.IDENTIFIED, Look.ROUGH)
-    return frozenset(entry.row.name for entry in _entries(result) if entry.look in looks)
+    return frozenset(entry.row.name for entry in _entries(result) if entry.look in WITH_NUMBER)
 
 
 def answered_reasons(result: FlightEstimate) -> frozenset[Reason]:
     """Reasons that the card gives, with what to do."""
-    looks = (Look.MISSING, Look.CONTRADICTED)
-    return frozenset(entry.reason for entry in _entries(result) if entry.look in looks)
+    return frozenset(entry.reason for entry in _entries(result) if entry.look not in WITH_NUMBER)
 
 
 def _entries(result: FlightEstimate) -> Iterator[CardEntry]:
@@ -140,15 +140,6 @@ def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
     return parameter_changes(fitted, in_common(logged))
 
 
-def _setting(change: ParameterChange) -> tuple[str, str]:
-    """Parameter, old and new, and its new value alone; empty where there is none."""
-    name, old = change.parameter.name, f"{change.old:.4g}"
-    if change.new is None:
-        return f"{name} is {old}", ""
-    new = plain_numbers(change.new.value, change.new.interval)[0]
-    return f"{name} {old} -> {new}", new
-
-
 def _remark(change: ParameterChange) -> str:
     """How the old value lies to what was flown, or why there is no new one."""
     if change.missing:
@@ -167,21 +158,16 @@ def _remark(change: ParameterChange) -> str:
 
 
 def _line(entry: CardEntry) -> CardLine:
-    row, change = entry.row, entry.change
-    setting = remark = command = ""
-    if change is not None:
-        setting, new = _setting(change)
-        remark, command = _remark(change), f"param set {change.parameter.name} {new}" if new else ""
-    return CardLine(
-        entry.words,
-        *row.texts,
-        unit=row.wording.shown_unit,
-        setting=setting,
-        remark=remark,
-        command=command,
-        quantity=row.name,
-        symbol=row.wording.symbol,
-    )
+    row, change, wording = entry.row, entry.change, entry.row.wording
+    line = CardLine(entry.words, *row.texts, wording.shown_unit, quantity=row.name, symbol=wording.symbol)
+    if change is None:
+        return line
+    name, old = change.parameter.name, f"{change.old:.4g}"
+    if change.new is None:
+        return replace(line, setting=f"{name} is {old}", remark=_remark(change))
+    new, _ = plain_numbers(change.new.value, change.new.interval)
+    set_to = {"setting": f"{name} {old} -> {new}", "command": f"param set {name} {new}"}
+    return replace(line, remark=_remark(change), **set_to)
 
 
 def _missing(entries: Iterable[CardEntry]) -> Iterator[CardLine]:

@@ -9,13 +9,10 @@ from typing import Any, TypeAlias
 
 from eivor.inference.verdict import Status
 
-#: Names of logs are cut to so many letters in titles.
-LONGEST_NAME = 48
 
-
-def short_name(name: str) -> str:
-    """Name of a log, cut where it is too long for a title."""
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
+def shortened(text: str, most: int = 48) -> str:
+    """Text, such as a log's name in a title, cut where it is too long."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 class Tone(Enum):

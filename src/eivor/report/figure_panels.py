@@ -19,7 +19,7 @@ from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of
-from eivor.report.document import TableOf
+from eivor.report.document import TableOf, shortened
 from eivor.tools import Float, printable
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class Picture:
 
 
 #: Pictures that belong together, with their heading, which may be empty: those over time share their axis.
-Pictures: TypeAlias = tuple[str, tuple[Picture, ...]]
+Pictures: TypeAlias = tuple[str, Iterable[Picture]]
 
 
 #: At most so much of a flight is drawn over time [s].
@@ -505,8 +505,7 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None
         mark = "D" if row.whole else FOREST_MARKS.get(row.status or Status.IDENTIFIED, "o")
         _draw_interval(axes, row, index, limits, colour, mark, filled=row.status is not Status.WEAK)
         label, room = printable(row.label), max(letters - len(row.numbers) - 2, 2)
-        label = label if len(label) <= room else f"{label[: room - 1]}…"
-        for position, text, side in ((0.0, label, "left"), (1.0, row.numbers, "right")):
+        for position, text, side in ((0.0, shortened(label, room), "left"), (1.0, row.numbers, "right")):
             axes.text(position, index - 0.32, text, ha=side, fontsize=8, transform=across, parse_math=False)
     axes.set_xlim(*limits)
     axes.set_ylim(len(rows) - 0.6, -0.85)

@@ -19,7 +19,7 @@ from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report import figure_panels as plots
-from eivor.report.document import short_name
+from eivor.report.document import shortened
 from eivor.report.rows import NO_NUMBER, QuantityRow, axis_of, number_table, plain_numbers
 from eivor.tools import Float, capitalised, printable
 
@@ -117,7 +117,7 @@ def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) ->
             what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
         low, high = band_of(trace, run)
         passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
-        plots.headed(axes, f"Measured and predicted, {passed}: {what}, {short_name(run.name)}")
+        plots.headed(axes, f"Measured and predicted, {passed}: {what}, {shortened(run.name)}")
         plots.legend(axes)
     plots.labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
@@ -472,7 +472,7 @@ def _fit_page(names: tuple[str, ...]) -> dict[str, Axes]:
 
 def _title(figure: Figure, result: FlightEstimate) -> None:
     names = [printable(flight.recording.name) for flight in result.prepared]
-    text = short_name(names[0])
+    text = shortened(names[0])
     if len(names) > 1:
         text = f"{len(names)} flights: {text}, …"
     parts = []

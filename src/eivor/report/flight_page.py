@@ -22,7 +22,7 @@ from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import FlightEstimate, FlightRow, LogEstimate
 from eivor.report import flight_figures
 from eivor.report.card import CardEntry, card_entries, result_card
-from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, table
+from eivor.report.document import Bullets, Cell, Document, Facts, Section, TableColumn, shortened, table
 from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import log_documents, reported_rows, row_quantities, spans_of
@@ -114,12 +114,13 @@ class Figures:
     count: int = 0
 
     def html(self, groups: Iterable[Pictures]) -> Markup:
-        """Groups of pictures."""
+        """Groups of pictures, but those without one."""
         drawn = []
         for heading, pictures in groups:
             entries = [self._entry(picture) for picture in pictures]
             charts = [entry for entry in entries if isinstance(entry[1].drawn, Chart)]
-            drawn.append((heading, charts, [entry for entry in entries if entry not in charts]))
+            if entries:
+                drawn.append((heading, charts, [entry for entry in entries if entry not in charts]))
         return rendered("figures.html", groups=drawn)
 
     def _entry(self, picture: Picture) -> tuple[str, Picture, str]:
@@ -158,32 +159,25 @@ def drawing(draw: Callable[[Axes], None], name: str, height: float) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 
-def forests(
+def _forests(
     result: FlightEstimate, rows: Sequence[FlightRow], whole: Mapping[str, QuantityRow]
-) -> list[Pictures]:
+) -> Iterator[Picture]:
     """Forest of each quantity of a motion's `rows`; below them that of the whole, if any. None of no rows."""
-    if not rows:
-        return []
     motion = result.motion
     by_label = [(row.label, {item.name: item for item in row_quantities(row, motion)}) for row in rows]
-    pictures = []
-    for name in (name for name in motion.quantities if name in motion.quantities.rows):
+    for name in (name for name in motion.quantities if rows and name in motion.quantities.rows):
         drawn = [flight_figures.quantity_interval(label, quantities[name]) for label, quantities in by_label]
         if name in whole:
             drawn.append(replace(flight_figures.quantity_interval("all together", whole[name]), whole=True))
         wording = motion.quantities[name]
-        pictures.append(forest_picture(capitalised(wording.words), axis_of(wording), drawn))
-    return [("", tuple(pictures))]
+        yield forest_picture(capitalised(wording.words), axis_of(wording), drawn)
 
 
-def prediction_pictures(prediction: MultiStepPrediction) -> list[Pictures]:
+def _prediction_pictures(prediction: MultiStepPrediction) -> Iterator[Picture]:
     """Errors by horizon, of every quantity."""
     draw = partial(draw_by_horizon, prediction=prediction, key=True)
-    pictures = (
-        Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
-        for models in prediction.by_quantity
-    )
-    return [("", tuple(pictures))]
+    for models in prediction.by_quantity:
+        yield Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
 
 
 #: Flights of a pool that are drawn over time; the others are in its tables.
@@ -192,7 +186,7 @@ MOST_FLIGHTS = 8
 AROUND = 0.04
 
 
-def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
+def flights_over_time(result: FlightEstimate) -> Iterator[tuple[str, tuple[Picture, ...]]]:
     """Pictures of each flight, those that share an axis of time together."""
     several = len(result.prepared) > 1
     traces = () if result.fit is None else result.fit.traces(result.motion)
@@ -308,9 +302,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     provenance, options = _provenance(fit_document(first))
     logs = [flight.recording.name for flight in first.prepared]
     title = ", ".join(logs[:NAMED])
-    if len(logs) > NAMED:
-        title = f"{len(logs)} flights: {title}, …"
-    title = title if len(title) <= LONGEST_TITLE else f"{title[: LONGEST_TITLE - 1]}…"
+    title = shortened(title if len(logs) <= NAMED else f"{len(logs)} flights: {title}, …", LONGEST_TITLE)
     body = rendered(
         "flight.html",
         title=title,
@@ -336,23 +328,19 @@ def _motion(
     result: FlightEstimate,
     document: Document,
     figures: Figures,
-    over_time: Sequence[Pictures],
+    over_time: Iterable[Pictures],
     *,
     alone: bool,
 ) -> tuple[str, list[tuple[str, str, Section]], dict[str, Markup]]:
     """Heading of a motion where there are several, its sections with their names, and its pictures."""
     prediction = result.multi_step_prediction
-    of_fit = () if result.fit is None else tuple(flight_figures.fit_pictures(result, result.fit))
-    responses = tuple(response_pictures(result))
-    groups = {
-        "ahead": [] if prediction is None else prediction_pictures(prediction),
-        "flights": forests(result, result.flights, {row.name: row for row in reported_rows(result)}),
-        "methods": forests(result, result.comparisons, {}),
-        "flight": [
-            *over_time,
-            *([("", of_fit)] if of_fit else []),
-            *([("Frequency responses", responses)] if responses else []),
-        ],
+    of_fit = () if result.fit is None else flight_figures.fit_pictures(result, result.fit)
+    whole = {row.name: row for row in reported_rows(result)}
+    groups: dict[str, list[Pictures]] = {
+        "ahead": [("", () if prediction is None else _prediction_pictures(prediction))],
+        "flights": [("", _forests(result, result.flights, whole))],
+        "methods": [("", _forests(result, result.comparisons, {}))],
+        "flight": [*over_time, ("", of_fit), ("Frequency responses", response_pictures(result))],
     }
     prefix = "" if alone else f"{result.motion.name}-"
     sections = []

@@ -92,18 +92,16 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
     made = [MCAP_MAGIC, record(1, text(""), text("eivor"))]
     made.append(record(3, struct.pack("<H", 1), text("eivor.Residual"), text("jsonschema"), text(schema)))
     for number, topic in enumerate(topics):
-        made.append(
-            record(4, struct.pack("<HH", number, 1), text(f"/{topic}"), text("json"), struct.pack("<I", 0))
-        )
+        ends = struct.pack("<HH", number, 1), struct.pack("<I", 0)
+        made.append(record(4, ends[0], text(f"/{topic}"), text("json"), ends[1]))
     first_s = table["time"][0]
     for row in table.iter_rows(named=True):
         stamp = round(1e9 * (row["time"] - first_s))
         for number, topic in enumerate(topics):
             values = {name: row[f"{topic}/{name}"] for name in SERIES}
             if None not in values.values():
-                made.append(
-                    record(5, struct.pack("<HIQQ", number, 0, stamp, stamp), json.dumps(values).encode())
-                )
+                head = struct.pack("<HIQQ", number, 0, stamp, stamp)
+                made.append(record(5, head, json.dumps(values).encode()))
     return b"".join([*made, record(15, bytes(4)), record(2, bytes(20)), MCAP_MAGIC])
 
 
@@ -148,16 +146,20 @@ FLAT = 0.1
 def track_document(track: Track) -> doc.Document:
     """Document of a track."""
     (flight,) = track.result.prepared
-    texts = "no moment identifies it"
-    if track.moments:
-        texts = f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
+    count = f"{len(track.precise_moments)} of {len(track.moments)} moments identify" if track.moments else ""
+    known = track.known
+    if track.nuisances:
+        values = ", ".join(f"{name} {1e3 * value:.0f} ms" for name, value in track.nuisances.items())
+        at = f"Followed at {values.replace('_', ' ')}, with a memory of {track.memory_s:g} s."
+        known = (at, *known)
     sections = (
         *((doc.Section("", (_line(track), _table(track))),) if track.moments else ()),
         *doc.section("Changes", doc.Bullets, report_changes(track)),
         *doc.section("Not identified", doc.Bullets, untold(track)),
-        *doc.section("Taken as known", doc.Bullets, (*_at(track), *track.known)),
+        *doc.section("Taken as known", doc.Bullets, known),
     )
-    return doc.Document(flight.recording.name, f"{_called(track)} over the log: {texts}", sections)
+    about = f"{_called(track)} over the log: {count or 'no moment identifies'} it"
+    return doc.Document(flight.recording.name, about, sections)
 
 
 def _called(track: Track) -> str:
@@ -204,16 +206,9 @@ def untold(track: Track) -> Iterator[str]:
         yield f"{ends}: {why}."
 
 
-def _at(track: Track) -> Iterator[str]:
-    if track.nuisances:
-        texts = (f"{name} {1e3 * value:.0f} ms" for name, value in track.nuisances.items())
-        values = ", ".join(texts).replace("_", " ")
-        yield f"Followed at {values}, with a memory of {track.memory_s:g} s."
-
-
 def marks(values: Sequence[float], record: Sequence[bool]) -> str:
     """Line of marks: the least value reported is the lowest, the largest the highest."""
-    seen = np.array([value for value, is_told in zip(values, record, strict=True) if is_told])
+    seen = np.array(values)[np.array(record, dtype=bool)]
     if not seen.size:
         return UNTOLD * len(values)
     middle = 0.5 * float(seen.min() + seen.max())
@@ -454,12 +449,8 @@ def track_figure(track: Track) -> Figure:
     wording = track.result.motion.quantities[track.name]
     time = np.array([moment.time_s for moment in track.moments])
     precise = np.array([moment.is_precise for moment in track.moments])
-    value, half = (
-        np.where(
-            precise, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
-        )
-        for name in ("value", "half_width")
-    )
+    numbers = wording.scale * np.array([(moment.value, moment.half_width) for moment in track.moments])
+    value, half = np.where(precise, numbers.T, np.nan)
     figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the log")
     axes = figure.add_subplot()
     axes.fill_between(time, value - half, value + half, color=BLUE, alpha=0.2, lw=0, label="95 %")

@@ -159,7 +159,9 @@ class SavedFit:
                 f"{n:,} draws with seed {seed}",
                 "Ask for a number within these.",
             )
-        rng, lowest = np.random.default_rng(seed), [self._lowest(name) for name in self.names]
+        rng, known = np.random.default_rng(seed), self.document.parameters
+        bounds = ((known[name].lowest if name in known else None) for name in self.names)
+        lowest = [_number(bound, -math.inf) for bound in bounds]
         drawn = joint_draws(self.joint.values, self.joint.covariance, n, rng)
         below, above = np.array([self._beyond_covariance(name) for name in self.names]).T
         normal = rng.standard_normal(drawn.shape)
@@ -287,16 +289,12 @@ class SavedFit:
             joint=self.estimated,
         )
 
-    def _lowest(self, name: str) -> float:
-        parameter = self.document.parameters.get(name)
-        return -math.inf if parameter is None else _number(parameter.lowest, -math.inf)
-
     def _beyond_covariance(self, name: str) -> tuple[float, float]:
         """Standard deviations, below and above, of what the printed interval has beyond the covariance's."""
         if name not in self.quantities or name == DELAY.name:  # what shifts both is drawn with the lag
             return 0.0, 0.0
-        quantity, (low, high) = self.quantities[name], self._wald(name, 0.95)
-        ends = zip(quantity.interval, (low, high), strict=True)
+        quantity = self.quantities[name]
+        ends = zip(quantity.interval, self._wald(name, 0.95), strict=True)
         squares = ((printed - quantity.value) ** 2 - (end - quantity.value) ** 2 for printed, end in ends)
         below, above = (math.sqrt(max(square, 0.0)) / normal_quantile(0.95) for square in squares)
         return (below if math.isfinite(below) else 0.0), (above if math.isfinite(above) else 0.0)
@@ -437,13 +435,10 @@ def _quantity(given: json_document.JsonQuantity) -> Quantity:
 
 def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:
     """Joint vector of a document; of several delays where it fits best."""
-    fits: list[json_document.JsonCovariance | json_document.JsonCandidate] = [
-        item for item in given.candidates or () if item.best
-    ]
-    fits = fits or [given]
-    if len(fits) != 1 or not fits[0].parts or not set(given.names) <= set(quantities):
+    best = [item for item in given.candidates or () if item.best]
+    joint = best[0] if best else given
+    if len(best) > 1 or not joint.parts or not set(given.names) <= set(quantities):
         raise ValueError("a covariance of its quantities, and which candidate is the best")
-    (joint,) = fits
     if len(joint.values) != len(given.names):
         raise ValueError("a value for each name of the covariance")
     values = np.array([_number(value, math.nan) for value in joint.values])

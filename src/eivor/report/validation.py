@@ -26,7 +26,7 @@ from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.report import figure_panels as plots
-from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, short_name, table
+from eivor.report.document import Document, Facts, Section, TableColumn, TableOf, shortened, table
 from eivor.report.document import Figure as DocumentFigure
 from eivor.report.figures import prediction_page, prediction_panels
 from eivor.report.flight import prediction_parts, prediction_rows
@@ -540,7 +540,7 @@ def validation_figure(validation: Validation, axes: plots.GivenAxes | None = Non
     figure = plots.drawn(panels, axes, whole_runs if multi_step is None else prediction_page)
     if axes is None:
         sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
-        title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
+        title = f"{shortened(printable(validation.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 

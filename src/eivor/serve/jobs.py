@@ -339,10 +339,10 @@ class Jobs:
 
     def get(self, name: str) -> Job:
         """Job of an identifier."""
-        with self._lock:
-            if name not in self._jobs:
-                raise absent("a job", name)
-            return self._jobs[name]
+        job = self._jobs.get(name)
+        if job is None:
+            raise absent("a job", name)
+        return job
 
     def end(self, name: str) -> None:
         """Cancel a job that is not over, forget one that is."""

@@ -15,6 +15,7 @@ import msgspec
 
 from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
+from eivor.report.document import shortened
 
 
 class RefusedError(EivorError):
@@ -103,9 +104,8 @@ def parse_job(body: bytes) -> JobRequest:
 
 
 def _log(given: str | _WindowedLog) -> tuple[str, str]:
-    if isinstance(given, str):
-        return _text(given, "log"), ""
-    return _text(given.log, "log"), "" if given.window is None else _window(given.window)
+    log, window = (given, None) if isinstance(given, str) else (given.log, given.window)
+    return _text(log, "log"), "" if window is None else _window(window)
 
 
 def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -175,7 +175,7 @@ def _displayed(value: Any) -> str:
         text = json.dumps(value)
     except RecursionError:
         return "something nested"
-    return text if len(text) <= 100 else f"{text[:99]}…"
+    return shortened(text, 100)
 
 
 def _wrong(expected: str, received: str, remedy: str = "Load the page again.") -> RefusedError:

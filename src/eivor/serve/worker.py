@@ -171,7 +171,7 @@ WordsOf = Mapping[str, str]
 
 
 def _supplied(words: WordsOf, folder: Path) -> Supplied:
-    priors = tuple(line for line in words.get("prior", "").split("\n") if line)
+    priors = tuple(filter(None, words.get("prior", "").split("\n")))
     with _vehicle(words.get("vehicle", ""), folder) as vehicle:
         return supplied(words.get("mass", ""), priors, vehicle)
 
@@ -181,14 +181,13 @@ def list_exports(folder: Path, stem: str, words: WordsOf) -> list[dict[str, obje
     given, fits = _supplied(words, folder), load_fits(folder / RESULT)
     listed = []
     for name, target in TARGETS.items():
-        reason, omitted = "", []
+        entry = _named(name, target.words) | {"file": _file_name(stem, target), "reason": "", "left_out": []}
         try:
             made = _exported(fit_among(fits, "", motions_for(name)), name, given)
-            omitted = [*made.omitted, *made.lost]
+            entry["left_out"] = [*made.omitted, *made.lost]
         except EivorError as error:
-            reason = str(error)
-        entry = _named(name, target.words) | {"file": _file_name(stem, target)}
-        listed.append(entry | {"reason": reason, "left_out": omitted})
+            entry["reason"] = str(error)
+        listed.append(entry)
     return listed
 
 
