@@ -141,15 +141,6 @@ def drawn(
     return figure_of(*placed.values())
 
 
-def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
-    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch]."""
-    if ax is None:
-        return page(width, height, title).add_subplot()
-    _check("ax", ax)
-    _axes_title(ax, title)
-    return ax
-
-
 def mosaic(figure: Figure, rows: Sequence[Sequence[str]], **ratios: Any) -> dict[str, Axes]:
     """Axes of a figure by name; a name that is repeated takes all of its places."""
     return dict(figure.subplot_mosaic([list(row) for row in rows], **ratios))
@@ -346,15 +337,9 @@ def estimates_figure(
             row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
             rows.setdefault(name, []).append(row)
             units.setdefault(name, unit)
-    marked = truth or {}
+    draw, marked = partial(_draw_intervals, labels=[*estimates]), truth or {}
     panels: Panels = {
-        name: partial(
-            _draw_intervals,
-            rows=of_name,
-            labels=[*estimates],
-            truth=marked.get(name),
-            words=axis_words(name, units[name]),
-        )
+        name: partial(draw, rows=of_name, truth=marked.get(name), words=axis_words(name, units[name]))
         for name, of_name in rows.items()
     }
 
@@ -416,7 +401,11 @@ def pair_figure(
     replicates : Bootstrap, optional
         Drawn as a cloud.
     """
-    axes = panel(ax, 6.4, 5.2, title)
+    if ax is None:
+        axes = page(6.4, 5.2, title).add_subplot()
+    else:
+        _check("ax", axes := ax)
+        _axes_title(axes, title)
     if replicates is not None:
         cloud = replicates.replicates[:, [replicates.names.index(item) for item in (name, other)]]
         dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
@@ -425,10 +414,8 @@ def pair_figure(
     draw_ellipse(axes, estimate.ellipse(name, other, level), f"joint {100 * level:g} % ellipse", intervals)
     if truth is not None:
         axes.plot(truth[name], truth[other], "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
-    first, second = (
-        axis_words(x, dict(zip(estimate.names, estimate.units, strict=True))[x]) for x in (name, other)
-    )
-    labelled(axes, x=first, y=second)
+    units = dict(zip(estimate.names, estimate.units, strict=True))
+    labelled(axes, x=axis_words(name, units[name]), y=axis_words(other, units[other]))
     legend(axes)
     return figure_of(axes)
 
@@ -468,13 +455,11 @@ def _draw_interval(
     inside = 0.02 * (high - low)
     for left, right in row.pieces:
         axes.plot(np.clip([left, right], low, high), [height, height], color=colour, lw=2.2)
-        for end, position, arrow, beyond in (
-            (left, low + inside, "<", left < low),
-            (right, high - inside, ">", right > high),
+        for end, mark_at_end in (
+            (low + inside, "<") if left < low else (left, "|"),
+            (high - inside, ">") if right > high else (right, "|"),
         ):
-            axes.plot(
-                position if beyond else end, height, arrow if beyond else "|", color=colour, ms=8, mew=1.8
-            )
+            axes.plot(end, height, mark_at_end, color=colour, ms=8, mew=1.8)
     if low <= row.value <= high:
         axes.plot(row.value, height, mark, color=colour, ms=5, mfc=colour if filled else "white")
 
@@ -489,14 +474,10 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None
     """Draw intervals below each other, with labels and numbers above them."""
     from matplotlib.ticker import MaxNLocator
 
-    halves = [0.5 * (high - low) for row in rows for low, high in row.pieces if math.isfinite(high - low)]
-    widest = WIDEST * float(np.median(halves)) if halves else 0.0
-    narrow = [
-        replace(row, pieces=(piece,))
-        for row in rows
-        for piece in row.pieces
-        if piece[1] - piece[0] <= 2.0 * widest
-    ]
+    pieces = [(row, piece, piece[1] - piece[0]) for row in rows for piece in row.pieces]
+    widths = [width for _, _, width in pieces if math.isfinite(width)]
+    widest = WIDEST * float(np.median(widths)) if widths else 0.0
+    narrow = [replace(row, pieces=(piece,)) for row, piece, width in pieces if width <= widest]
     limits = _interval_limits(narrow, None)
     letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * axes.figure.bbox.width / axes.figure.dpi)
     across = axes.get_yaxis_transform()

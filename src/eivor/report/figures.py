@@ -65,17 +65,15 @@ def _draw_ahead_over_time(
     unit, times = display_unit(models[0].unit)
     after = prediction.horizons_s[-1]
     time = prediction.start_s[displayed] + after
-    quantity = models[0].quantity
-    if models[0].series is not None:
-        ax.plot(*_unbroken(time, times * models[0].series[displayed, 0]), color=plots.DARK, lw=2.6, alpha=0.4)
-        words = f"{quantity} [{unit}]"
+    words, series = f"{models[0].quantity} [{unit}]", models[0].series
+    if series is not None:
+        ax.plot(time, _unbroken(time, times * series[displayed, 0]), color=plots.DARK, lw=2.6, alpha=0.4)
     else:
-        words = f"error of {quantity} [{unit}]"
+        words = f"error of {words}"
     for item, colour in _coloured(models):
-        if item.series is None:
-            ax.plot(*_unbroken(time, times * item.left[displayed, -1]), color=colour, lw=1.0)
-        elif item.model != UNCHANGED:
-            ax.plot(*_unbroken(time, times * item.series[displayed, 1]), color=colour, lw=1.0)
+        if item.series is None or item.model != UNCHANGED:
+            drawn = item.left[displayed, -1] if item.series is None else item.series[displayed, 1]
+            ax.plot(time, _unbroken(time, times * drawn), color=colour, lw=1.0)
     plots.labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
     if first:
@@ -87,9 +85,8 @@ def _by_horizon(
 ) -> None:
     if first:
         ax.plot([], [], color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
-    draw_by_horizon(ax, prediction, models, key=first)
-    if first:
         ax.set_title("By horizon", fontsize=9)
+    draw_by_horizon(ax, prediction, models, key=first)
 
 
 def draw_by_horizon(
@@ -122,15 +119,11 @@ def _liveliest(prediction: MultiStepPrediction) -> slice:
     return plots.of_most_power(np.sum(moved, axis=0), max(round(AHEAD_SHOWN_S / step), 1))
 
 
-def _unbroken(
-    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Time and values, without a line over stretches in which nothing starts."""
-    if time.size < 2:
-        return time, values
-    steps = np.diff(time, prepend=time[0])
-    without_gaps = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
-    return time, without_gaps
+def _unbroken(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Values without a line over stretches in which nothing starts."""
+    steps = np.diff(time, prepend=time[:1])
+    usual = float(np.median(steps[1:])) if time.size > 1 else np.inf
+    return np.where(steps > BROKEN_AFTER * usual, np.nan, values)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
@@ -161,13 +154,8 @@ def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: fl
     gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
     fitted = np.sqrt(2.0 / rate_hz) * result.std * gain**result.order
     axes.loglog(frequency, amplitude, color=plots.GREY, lw=0.4, alpha=0.5, label="periodogram")
-    axes.loglog(
-        *plots.banded(frequency, amplitude, BANDS_PER_DECADE),
-        "o",
-        color=plots.BLUE,
-        ms=4,
-        label="mean power of bands",
-    )
+    bands = plots.banded(frequency, amplitude, BANDS_PER_DECADE)
+    axes.loglog(*bands, "o", color=plots.BLUE, ms=4, label="mean power of bands")
     used = frequency <= rate_hz * result.bandwidth / values.size
     what = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
     axes.loglog(frequency, fitted, color=plots.RED, lw=0.9, ls="--")
@@ -267,9 +255,8 @@ def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int
     R = autocovariance(centred, lags)
     lag = np.arange(1, lags + 1)
     robust, white = robust_band(values, lags), normal_quantile(0.95) / np.sqrt(values.size)
-    axes.fill_between(
-        lag, -robust, robust, color=plots.BLUE, alpha=0.3, lw=0, label="uncorrelated, varying strength"
-    )
+    strength = "uncorrelated, varying strength"
+    axes.fill_between(lag, -robust, robust, color=plots.BLUE, alpha=0.3, lw=0, label=strength)
     for edge in (-white, white):
         axes.axhline(edge, color=plots.RED, lw=1.0, ls="--", label="white noise, 95 %" if edge > 0.0 else "_")
     axes.vlines(lag, 0.0, R[1:] / R[0], color=plots.DARK, lw=1.2)

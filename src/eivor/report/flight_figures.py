@@ -295,11 +295,9 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
         row = _row_of(result, name)
         wording = row.wording
         rows = [quantity_interval("reported", row)]
-        for label, item in (
-            ("estimate plus and minus", sets.wald),
-            ("profile", sets.profile),
-            ("Anderson–Rubin", sets.anderson_rubin),
-        ):
+        labels = "estimate plus and minus", "profile", "Anderson–Rubin"
+        symbol = f"{wording.symbol} [{wording.shown_unit}]"
+        for label, item in zip(labels, (sets.wald, sets.profile, sets.anderson_rubin), strict=True):
             pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
             texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or EMPTY
             rows.append(plots.PlottedInterval(label, np.nan, pieces, texts))
@@ -309,10 +307,7 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
             rows,
             "Nearly one where instruments are strong. Where they are weak, a profile set that is wider by "
             "their strength counts; of a pool, the wider of the last two.",
-            number_table(
-                ("set", f"{wording.symbol} [{wording.shown_unit}]"),
-                [(item.label, item.numbers) for item in rows],
-            ),
+            number_table(("set", symbol), [(item.label, item.numbers) for item in rows]),
         )
 
 
@@ -332,11 +327,10 @@ def quantity_interval(label: str, row: QuantityRow) -> plots.PlottedInterval:
 
 def _piece(low: float, high: float, value: float) -> str:
     text = plain_numbers(value, (low, high))[1]
-    if text != NO_NUMBER:
-        return text
-    if np.isfinite(low):
-        return f"above {low:.3g}"
-    return f"below {high:.3g}" if np.isfinite(high) else "any value"
+    if text == NO_NUMBER:
+        text = f"below {high:.3g}" if np.isfinite(high) else "any value"
+        text = f"above {low:.3g}" if np.isfinite(low) else text
+    return text
 
 
 def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Picture]:
@@ -472,9 +466,7 @@ def _fit_page(names: tuple[str, ...]) -> dict[str, Axes]:
 
 def _title(figure: Figure, result: FlightEstimate) -> None:
     names = [printable(flight.recording.name) for flight in result.prepared]
-    text = shortened(names[0])
-    if len(names) > 1:
-        text = f"{len(names)} flights: {text}, …"
+    text = shortened(names[0]) if len(names) == 1 else f"{len(names)} flights: {shortened(names[0])}, …"
     parts = []
     for name in result.motion.quantities.rows:
         row = _row_of(result, name)
@@ -521,12 +513,9 @@ def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title:
     axes.plot(time, plot_data.values, color=plots.DARK, lw=0.9)
     plots.labelled(axes, x="time from the log's start [s]", y=plot_data.label)
     axes.margins(x=0.005)
-    for mask, colour in (
-        (prepared.active.mask, plots.BLUE),
-        (prepared.used, plots.STATUS_COLOURS[Status.IDENTIFIED]),
-    ):
+    across, used = axes.get_xaxis_transform(), plots.STATUS_COLOURS[Status.IDENTIFIED]
+    for mask, colour in ((prepared.active.mask, plots.BLUE), (prepared.used, used)):
         if mask.any():
-            across = axes.get_xaxis_transform()
             axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
     if title:
         plots.headed(axes, title)

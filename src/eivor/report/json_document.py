@@ -17,12 +17,13 @@ from eivor.exports.autopilots import PARAMETERS
 from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import MAX_TILT_DEG
+from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import KeyFigure, Kind, SimpleModel, SystematicUncertainty
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, LogEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force, in_common
 from eivor.report.card import result_card
-from eivor.report.flight import row_quantities, spans_of
+from eivor.report.flight import row_quantities
 from eivor.report.rows import QuantityRow, quantity_rows
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
@@ -250,20 +251,7 @@ def fit_document(result: FlightEstimate) -> FitDocument:
             sets = None if fit is None else fit.sets.get(name)
             three = ("wald", "profile", "anderson_rubin")
             parameters[name].sets = sets and {word: getattr(sets, word).intervals for word in three}
-    logs = []
-    for flight in result.prepared:
-        spans, log = spans_of(flight.used, flight.grid.time_s), flight.recording
-        logs.append(
-            JsonLog(
-                name=log.name,
-                format=log.format,
-                span=log.span_s,
-                window=(spans[0][0], spans[-1][1]) if spans else None,
-                runs=len(flight.runs),
-                samples=int(flight.used.sum()),
-                rate_hz=flight.signals.rate_hz,
-            )
-        )
+    logs = [_log(flight) for flight in result.prepared]
     logged = [flight.recording.parameters for flight in result.prepared]
     return FitDocument(
         logs=logs,
@@ -312,6 +300,19 @@ def fit_document(result: FlightEstimate) -> FitDocument:
             ],
             options=asdict(result.options),
         ),
+    )
+
+
+def _log(flight: PreparedFlight) -> JsonLog:
+    time, log = flight.grid.time_s[flight.used], flight.recording
+    return JsonLog(
+        name=log.name,
+        format=log.format,
+        span=log.span_s,
+        window=(float(time[0]), float(time[-1])) if time.size else None,
+        runs=len(flight.runs),
+        samples=time.size,
+        rate_hz=flight.signals.rate_hz,
     )
 
 

@@ -70,20 +70,18 @@ def quantity_comparisons(
     Parts of a lag are compared by their sum. The p-values are Bonferroni's.
     """
     rows = []
-    parts = LAG_SUMS[EFFECTIVE_LAG]
     for name, spec in table.items():
-        compared = name == EFFECTIVE_LAG or (spec.kind is Kind.PARAMETER and name not in parts)
+        compared = name == EFFECTIVE_LAG or (
+            spec.kind is Kind.PARAMETER and name not in LAG_SUMS[EFFECTIVE_LAG]
+        )
         if spec.by_run or not compared or name not in fit or name not in flight:
             continue
-        first, second = _summed(fit, name), flight[name]
-        halves = [0.5 * (each.interval[1] - each.interval[0]) for each in (first, second)]
-        distance = (
-            normal_quantile(0.95)
-            * (second.value - first.value)
-            / max(math.hypot(*halves), np.finfo(np.float64).tiny)
-        )
+        pair = QuantityRow(name, spec, _summed(fit, name)), QuantityRow(name, spec, flight[name])
+        first, second = (row.quantity for row in pair)
+        halves = (0.5 * (each.interval[1] - each.interval[0]) for each in (first, second))
+        spread = max(math.hypot(*halves), np.finfo(np.float64).tiny)
+        distance = normal_quantile(0.95) * (second.value - first.value) / spread
         if math.isfinite(distance):
-            pair = QuantityRow(name, spec, first), QuantityRow(name, spec, second)
             rows.append((*pair, chi_square_tail(distance**2, 1)))
     return tuple(QuantityComparison(a, b, min(len(rows) * p_value, 1.0)) for a, b, p_value in rows)
 
@@ -149,11 +147,8 @@ class Validation:
     @property
     def by_quantity(self) -> tuple[tuple[ModelPrediction, ...], ...]:
         """Predictions of each quantity, the fit's first."""
-        firsts = [prediction for prediction in self.predictions if prediction.model == FIT]
-        return tuple(
-            tuple(prediction for prediction in self.predictions if prediction.quantity == first.quantity)
-            for first in firsts
-        )
+        names = (item.quantity for item in self.predictions if item.model == FIT)
+        return tuple(tuple(item for item in self.predictions if item.quantity == name) for name in names)
 
     @property
     def predicts(self) -> bool:
@@ -207,16 +202,11 @@ class Validation:
     def summary(self) -> str:
         """Errors of every prediction as plain text."""
         lines = [self._title, self.sentence]
-        if self.multi_step_prediction is None:
-            lines += [
-                f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}"
-                for what, by, rms, unit, share in _rows(self)
-            ]
-        else:
-            lines += [
-                f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
-                for what, by, unit, *rms in prediction_rows(self.multi_step_prediction)
-            ]
+        for what, by, rms, unit, share in _rows(self):
+            lines.append(f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}")
+        steps = self.multi_step_prediction
+        for what, by, unit, *errors in prediction_rows(steps) if steps else ():
+            lines.append(f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in errors)}")
         return "\n".join(lines)
 
     @property
@@ -228,12 +218,11 @@ class Validation:
 
     def _repr_html_(self) -> str:
         steps = self.multi_step_prediction
-        if steps is None:
-            columns = ("prediction", "model", "RMS error", "unit", "explained")
-            return html_table(self._title, columns, _rows(self), self.sentence)
-        horizons = (f"{item:g} s" for item in steps.horizons_s)
-        titles = ("error of", "model", "unit", *horizons)
-        return html_table(self._title, titles, prediction_rows(steps), self.sentence)
+        titles: tuple[str, ...] = ("prediction", "model", "RMS error", "unit", "explained")
+        if steps is not None:
+            titles = ("error of", "model", "unit", *(f"{item:g} s" for item in steps.horizons_s))
+        rows = _rows(self) if steps is None else prediction_rows(steps)
+        return html_table(self._title, titles, rows, self.sentence)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
@@ -385,19 +374,23 @@ def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, Simp
 
 def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
     measured, predicted = record.measured, record.predicted
-    lengths = [samples.size for samples in flight.samples_of_runs]
-    runs = [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
+    runs = _runs(flight)
     if record.horizon is Horizon.ONE_STEP:
         both = np.column_stack([measured, predicted])
-        spectral = flight.spectral_runs()
-        passed = [item.band_passed(both[run]) for item, run in zip(spectral, runs, strict=True)]
-        measured, predicted = np.concatenate(passed).T
+        spectral = zip(flight.spectral_runs(), runs, strict=True)
+        measured, predicted = np.concatenate([item.band_passed(both[run]) for item, run in spectral]).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
     left = measured - predicted
     errors = _error(left, centred), tuple(_error(left[run], centred[run]) for run in runs)
     return ModelPrediction(
         name, words, record.horizon, record.quantity, record.unit, measured, predicted, *errors
     )
+
+
+def _runs(flight: PreparedFlight) -> list[slice]:
+    """Samples of each run, among those that are predicted."""
+    lengths = [samples.size for samples in flight.samples_of_runs]
+    return [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
 
 
 def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> PredictionError:
@@ -445,12 +438,10 @@ def validation_json(validation: Validation) -> dict[str, Json]:
         ],
         ahead=prediction_json(validation.multi_step_prediction),
         comparisons=[
-            {
-                "quantity": item.fit.name,
-                "unit": item.fit.quantity.unit,
-                "p_value": item.p_value,
-                "fit": {"value": item.fit.quantity.value, "interval": item.fit.quantity.interval},
-                "flight": {"value": item.flight.quantity.value, "interval": item.flight.quantity.interval},
+            {"quantity": item.fit.name, "unit": item.fit.quantity.unit, "p_value": item.p_value}
+            | {
+                name: {"value": row.quantity.value, "interval": row.quantity.interval}
+                for name, row in (("fit", item.fit), ("flight", item.flight))
             }
             for item in validation.comparisons
         ],
@@ -547,18 +538,16 @@ def validation_figure(validation: Validation, axes: plots.GivenAxes | None = Non
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
     time, series = _displayed(validation, models[0])
-    ax.plot(time, models[0].measured[series], color=plots.DARK, lw=1.2, label="measured")
-    limits = _measured_limits(models[0].measured[series])
+    first = models[0]
+    ax.plot(time, first.measured[series], color=plots.DARK, lw=1.2, label="measured")
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
         rms, explained = model.error.rms, model.error.explained
         label = f"{model.words}: RMS error {rms:.2g} {model.unit}, explains {explained:.0%}"
         ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=label)
-    first = models[0]
-    ax.set_ylim(*limits)
+    ax.set_ylim(*_measured_limits(first.measured[series]))
     plots.labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
-    start, end = time[0], time[-1]
     what = f"{first.quantity.capitalize()}, {first.horizon.words}"
-    plots.headed(ax, f"{what}, from {start:.0f} to {end:.0f} s")
+    plots.headed(ax, f"{what}, from {time[0]:.0f} to {time[-1]:.0f} s")
     plots.legend(ax, location="upper right")
 
 
@@ -582,10 +571,8 @@ def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, floa
 
 
 def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
-    lengths = [samples.size for samples in validation.flight.samples_of_runs]
-    longest = int(np.argmax(lengths))
-    begin = sum(lengths[:longest])
-    values = first.measured[begin : begin + lengths[longest]]
-    inside = plots.liveliest(values, max(int(plots.FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
-    time = validation.flight.grid.time_s[validation.flight.samples_of_runs[longest]]
-    return time[inside], slice(begin + inside.start, begin + inside.stop)
+    flight = validation.flight
+    samples, run = max(zip(flight.samples_of_runs, _runs(flight), strict=True), key=lambda pair: pair[0].size)
+    most = max(int(plots.FIT_SHOWN_S * flight.signals.rate_hz), 1)
+    inside = plots.liveliest(first.measured[run], most)
+    return flight.grid.time_s[samples][inside], slice(run.start + inside.start, run.start + inside.stop)
