@@ -165,7 +165,6 @@ def _every_target(
     sections: list[tuple[Target, str, tuple[str, ...]]] = []
     with outputs.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    result = next(iter(fits.values()))
     for target in TARGETS.values():
         result = fit_among(fits, model, motions_for(target.name))
         try:

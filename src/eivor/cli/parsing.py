@@ -72,12 +72,10 @@ def parse_lag(text: str) -> Prior | Bounds:
         return NO_LAG
     if text.startswith(TYPICAL):
         name = text.removeprefix(TYPICAL)
-        if name in TYPICAL_LAGS:
-            return TYPICAL_LAGS[name]
-        expected = f"a class of vehicles out of {', '.join(TYPICAL_LAGS)}"
-        raise UsageError(
-            expected, f"'{name}'", did_you_mean(name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
-        )
+        if name not in TYPICAL_LAGS:
+            remedy = did_you_mean(name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
+            raise UsageError(f"a class of vehicles out of {', '.join(TYPICAL_LAGS)}", f"'{name}'", remedy)
+        return TYPICAL_LAGS[name]
     between = ".." in text
     pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
     first, second = (1e-3 * number for number in pair)
@@ -236,12 +234,10 @@ _REMEDY = (
 def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
     """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``."""
     given = [text.strip() for text in texts]
-    if not given:
-        return None
-    if ESTIMATE in given:
-        if len(given) > 1:
-            raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
-        return ESTIMATE
+    if ESTIMATE in given and len(given) > 1:
+        raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
+    if ESTIMATE in given or not given:
+        return ESTIMATE if given else None
     return {name: _declared(name, values) for name, values in _by_name(given).items()}
 
 
@@ -353,6 +349,7 @@ def flight_options(motions: Motions, **given: Any) -> FlightOptions:
             f"--input-map {words.input_map}" if words.input_map else "it alone",
             "Leave it out.",
         )
+    bias = ACCELEROMETER_BIAS if words.accelerometer_bias is None else words.accelerometer_bias
     options = FlightOptions(
         window=parse_window(words.window) if words.window else None,
         input=words.input_channel,
@@ -362,9 +359,7 @@ def flight_options(motions: Motions, **given: Any) -> FlightOptions:
         compare=words.compare,
         lag=lag_prior(words.lag, words.lag_from),
         align=words.align,
-        accelerometer_bias=ACCELEROMETER_BIAS
-        if words.accelerometer_bias is None
-        else words.accelerometer_bias,
+        accelerometer_bias=bias,
         pool_friction=words.pool_friction,
         pool_anyway=words.pool_anyway,
         terms=tuple(words.terms),

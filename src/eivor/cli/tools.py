@@ -320,9 +320,10 @@ def plan(
     fit = None if isinstance(vehicle, VehicleGuess) else saved_of(vehicle, "", "", preferred=("vertical",))
     of_machine = fit is not None and fit.fitted.machine is not None
     # an option of the other kind of plan would be thought to count
-    of_flights = {"height": height != "3:8", "speed": speed != 2.0, "acceleration": acceleration != 3.0}
-    of_flights |= {"tilt": tilt != 20.0} | {name: bool(path) for name, path in files.items() if name != "csv"}
-    others = of_flights if of_machine else {"limit": bool(limit)}
+    others = {"limit": bool(limit)}
+    if of_machine:
+        others = {"height": height != "3:8", "speed": speed != 2.0, "acceleration": acceleration != 3.0}
+        others |= {"tilt": tilt != 20.0, "mavsdk": bool(mavsdk), "qgc": bool(qgc), "rotorpy": bool(rotorpy)}
     strange = [name for name, given in others.items() if given]
     if strange:
         which = "a machine" if of_machine else "a flight of the vertical motion"
@@ -417,15 +418,14 @@ def _shipped_group(
 
 def _begun(what: str, text: str, file: str) -> ExitCode:
     """Write a file to begin with, which must not exist."""
-    if file != STANDARD_OUTPUT:
-        path = Path(file)
-        if path.suffix != ENDING:
-            raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
-        if os.path.lexists(path):
-            received = f"'{file}', which would be lost"
-            raise UsageError("a file that does not exist yet", received, "Choose another name.")
+    is_file = file != STANDARD_OUTPUT
+    if is_file and Path(file).suffix != ENDING:
+        raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
+    if is_file and os.path.lexists(file):
+        received = f"'{file}', which would be lost"
+        raise UsageError("a file that does not exist yet", received, "Choose another name.")
     write_out(text, file)
-    if file != STANDARD_OUTPUT:
+    if is_file:
         write(f"{file}: fill in what you know\n")
     return ExitCode.IDENTIFIED
 

@@ -140,14 +140,15 @@ def response_of_axis(
     first, output = flights[0], path.output
     source = path.input or first.input.name
     for flight in flights:
+        name = flight.recording.name
         if not flight.runs:
-            raise TooFewSamplesError(
-                f"flight in {flight.recording.name} that can be used",
-                f"none by {flight.active.rule}",
+            expected, remedy = (
+                f"flight in {name} that can be used",
                 "Use a log of a flight, or another window.",
             )
+            raise TooFewSamplesError(expected, f"none by {flight.active.rule}", remedy)
         if output not in flight.signals.channels:
-            raise MissingChannelError(f"{output} in {flight.recording.name}", "a log without it", "Log it.")
+            raise MissingChannelError(f"{output} in {name}", "a log without it", "Log it.")
     reference, findings = _reference(flights, path, named)
     step_s = max(flight.signals.step_s for flight in flights)
     if any(abs(flight.signals.step_s - step_s) > 1e-9 for flight in flights):
@@ -355,11 +356,9 @@ def _controllers(item: LogResponse) -> tuple[Any, ...]:
         )
         gains = f"{controller.proportional:.3g}", f"{controller.integral_s:.2f}"
         rows.append((controller.name, *gains, *cells))
-        written = controller.autopilot_parameters(item.axis).values()
-        bullets += [
-            f"{controller.name}: " + ", ".join(f"{key} {x:.4g}" for key, x in values.items())
-            for values in written
-        ]
+        for values in controller.autopilot_parameters(item.axis).values():
+            written = ", ".join(f"{key} {x:.4g}" for key, x in values.items())
+            bullets.append(f"{controller.name}: {written}")
     titles = ("", "P", "Ti [s]", "crossover [Hz]", "phase margin [°]", "gain margin [dB]")
     return table(titles, rows), Bullets(tuple(bullets))
 
@@ -492,12 +491,11 @@ def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
 
 def _draw_coherences(axes: Axes, item: LogResponse) -> None:
     response, f = item.response, item.response.frequency_hz
-    lines = [(response.direct_coherence, RED, "input, output")]
+    axes.plot(f, response.direct_coherence, color=RED, lw=1.2, label="input, output")
     if not response.is_direct:
-        lines.append((response.points.coherence, BLUE, "reference, input"))
-        lines.append((response.points.partial, GREY, "input, output without the reference"))
-    for values, colour, words in lines:
-        axes.plot(f, values, color=colour, lw=1.2, label=words)
+        partial_words = "input, output without the reference"
+        axes.plot(f, response.points.coherence, color=BLUE, lw=1.2, label="reference, input")
+        axes.plot(f, response.points.partial, color=GREY, lw=1.2, label=partial_words)
     _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
     legend(axes, size=7, location="lower left")
 

@@ -441,11 +441,10 @@ def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantit
         raise ValueError("a covariance of its quantities, and which candidate is the best")
     if len(joint.values) != len(given.names):
         raise ValueError("a value for each name of the covariance")
-    values = np.array([_number(value, math.nan) for value in joint.values])
+    values = np.array(joint.values, dtype=np.float64)  # NaN for None
     parts = []
     for part in joint.parts:
-        numbers = np.array([[_number(value, math.nan) for value in row] for row in part.matrix])
-        matrix = numbers.reshape(values.size, values.size)
+        matrix = np.array(part.matrix, dtype=np.float64).reshape(values.size, values.size)
         parts.append(CovariancePart(part.name, matrix, _number(part.degrees, math.inf), part.share))
     return JointEstimate(values, JointCovariance(tuple(parts)))
 

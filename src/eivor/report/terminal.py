@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from eivor.inference.verdict import Status
@@ -34,11 +34,8 @@ GAP = 2
 
 def on_terminal(*documents: doc.Document) -> Group:
     """Documents, one below the other."""
-    parts: list[RenderableType] = []
-    for number, document in enumerate(documents):
-        parts += [Text()] if number else []
-        parts += _document(document)
-    return Group(*parts)
+    parts = [part for document in documents for part in (Text(), *_document(document))]
+    return Group(*parts[1:])
 
 
 def _document(document: doc.Document) -> Iterator[RenderableType]:
@@ -63,22 +60,16 @@ class CardText:
         """Groups one below the other; numbers of all begin in one column."""
         lines = [line for group in self.card.groups for line in group.lines if line.quantity]
         width, symbols, numbers = (
-            (
-                max((_width(text) for text in texts), default=0)
-                for texts in zip(*((line.words, line.symbol, line.number) for line in lines), strict=True)
-            )
-            if lines
-            else (0, 0, 0)
+            max((_width(getattr(line, name)) for line in lines), default=0)
+            for name in ("words", "symbol", "number")
         )
         room = options.max_width - width - symbols - 3 * GAP
         below = numbers > room
         yield Text()
         for group in self.card.groups:
             yield Text(printable(group.heading), style=COLOURS[group.look.value])
-            grid = Table.grid(padding=(0, GAP, 0, 0))
-            grid.add_column(width=width, no_wrap=True)
-            grid.add_column(width=symbols, no_wrap=True, style="dim")
-            grid.add_column(overflow="fold")
+            heads = Column(width=width, no_wrap=True), Column(width=symbols, no_wrap=True, style="dim")
+            grid = Table.grid(*heads, Column(overflow="fold"), padding=(0, GAP, 0, 0))
             for line in group.lines:
                 words = Text(printable(line.words))
                 if not line.quantity:
@@ -136,19 +127,16 @@ def _part(part: doc.Part) -> RenderableType:
 
 
 def _bullets(part: doc.Bullets) -> Table:
-    grid = Table.grid(padding=(0, 1))
-    grid.add_column(width=1)
-    grid.add_column(overflow="fold")
+    grid = Table.grid(Column(width=1), Column(overflow="fold"), padding=(0, 1))
     for sentence in part.sentences:
         grid.add_row(Text("-"), Text(printable(sentence)))
     return grid
 
 
 def _facts(part: doc.Facts) -> Table:
-    grid = Table.grid(padding=(0, GAP))
     whole = all(len(label) <= LONGEST_LABEL for label, _ in part.facts)
-    grid.add_column(style="dim", no_wrap=whole, overflow="fold")
-    grid.add_column(overflow="fold")
+    labels = Column(style="dim", no_wrap=whole, overflow="fold")
+    grid = Table.grid(labels, Column(overflow="fold"), padding=(0, GAP))
     for label, item in part.facts:
         text = _bullets(item) if isinstance(item, doc.Bullets) else Text(printable(item))
         grid.add_row(Text(printable(label)), text)
@@ -167,15 +155,13 @@ class FoldingTable:
         titles = [column.title for column in self.table.columns]
         words = Counter(printable(" ".join((*titles, *cells))).split())
         whole = options.max_width < NARROW
-        table = _side_by_side(self.table, whole=whole, names=False)
+        short = Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
+        table, wider = (_side_by_side(self.table, whole=whole, names=names) for names in (False, True))
         drawn = _displayed(table, console, options)
-        if not words <= drawn:
-            wider = _side_by_side(self.table, whole=whole, names=True)
-            if words <= _displayed(wider, console, options):
-                yield wider
-                return
-        not_long = Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
-        yield table if not_long <= drawn else _folded(self.table, options.max_width)
+        if not words <= drawn and words <= _displayed(wider, console, options):
+            yield wider
+        else:
+            yield table if short <= drawn else _folded(self.table, options.max_width)
 
 
 def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
@@ -206,11 +192,11 @@ def _side_by_side(table: doc.TableOf, *, whole: bool, names: bool) -> Table:
 
 
 def _cell(cell: doc.Cell, column: doc.TableColumn, between: str) -> Text:
-    last = COLOURS[cell.status.value] if cell.status is not None else TONES[column.below]
-    strong = "bold" if column.strong else ""
+    strong, status = "bold" if column.strong else "", cell.status and COLOURS[cell.status.value]
     if not cell.below:
-        return Text.assemble((printable(cell.text), last if cell.status is not None else strong))
-    return Text.assemble((printable(cell.text), strong), between, (printable(cell.below), last))
+        return Text.assemble((printable(cell.text), status or strong))
+    below = printable(cell.below), status or TONES[column.below]
+    return Text.assemble((printable(cell.text), strong), between, below)
 
 
 def _folded(table: doc.TableOf, width: int) -> Group:
@@ -219,9 +205,8 @@ def _folded(table: doc.TableOf, width: int) -> Group:
     room = width - GAP - max((_width(table.columns[number].title) for number in titled), default=0) - GAP
     parts: list[RenderableType] = []
     for row in table.rows:
-        grid = Table.grid(padding=(0, GAP, 0, 0))
-        grid.add_column(style="dim", no_wrap=True)
-        grid.add_column(overflow="fold")
+        titles = Column(style="dim", no_wrap=True)
+        grid = Table.grid(titles, Column(overflow="fold"), padding=(0, GAP, 0, 0))
         for number in titled:
             cell, column = row[number], table.columns[number]
             if cell.text:
