@@ -30,26 +30,6 @@ from eivor.signals.signals import Signals
 from eivor.tools import Complex, Float
 
 
-@dataclass(frozen=True, slots=True)
-class FractionalPart:
-    """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
-
-    channel: str
-    order: float = 0.0
-    lag: int = 0
-    gain: float = 1.0  # Constant, noise-free factor
-    by_order: bool = False  # True for the derivative by the order
-
-
-#: A column: the sum of its parts.
-FractionalColumn = tuple[FractionalPart, ...]
-
-
-def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
-    """Channels that columns are made of."""
-    return sorted({part.channel for column in columns for part in column})
-
-
 class FractionalOperator(ABC):
     """A causal filter for each order, the identity at zero; the record is zero before it starts."""
 
@@ -103,8 +83,7 @@ class FractionalDerivative(FractionalOperator):
         return _Series(3)
 
     def differences(self, order: float, step_s: float, /) -> tuple[tuple[float, float, int], ...]:
-        scale, by_order = step_s**-order, -np.log(step_s) * step_s**-order
-        return (scale, by_order, 0), (0.5 * order * scale, 0.5 * (scale + order * by_order), 1)
+        return _Series(2).differences(order, step_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +192,34 @@ class UnknownOrder:
 Order = float | UnknownOrder
 
 
+def order_at(order: Order, orders: Mapping[str, float]) -> float:
+    """Order, which a mapping has where it is sought."""
+    return orders[order.name] if isinstance(order, UnknownOrder) else float(order)
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalPart:
+    """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
+
+    channel: str
+    order: Order = 0.0
+    lag: int = 0
+    gain: float = 1.0  # Constant, noise-free factor
+    by_order: bool = False  # True for the derivative by the order
+
+    def at(self, orders: Mapping[str, float]) -> FractionalPart:
+        return replace(self, order=order_at(self.order, orders))
+
+
+#: A column: the sum of its parts, of known orders.
+FractionalColumn = tuple[FractionalPart, ...]
+
+
+def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
+    """Channels that columns are made of."""
+    return sorted({part.channel for column in columns for part in column})
+
+
 @dataclass(frozen=True, slots=True)
 class FractionalTerm:
     """One term of the equation: a channel behind an operator of some order, some samples ago.
@@ -246,10 +253,6 @@ class FractionalTerm:
             expected = f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}"
             remedy = "Differentiate or integrate the channel by whole orders first."
             raise ParameterError(expected, f"{self.order}", remedy)
-
-    def order_at(self, orders: Mapping[str, float]) -> float:
-        """Order, which a mapping has where it is sought."""
-        return orders[self.order.name] if isinstance(self.order, UnknownOrder) else float(self.order)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -390,16 +393,17 @@ class FilteredSignals:
         self, kept: Kept, part: FractionalPart, of: Callable[[str], Float[np.ndarray, " _"]]
     ) -> Float[np.ndarray, " _"]:
         """A channel, or its noise, behind the operator of a part; kept for known orders."""
-        key = (part.channel, part.order, part.by_order)
+        order = order_at(part.order, {})  # of a part is known
+        key = (part.channel, order, part.by_order)
         if key in kept:
             return kept[key]
-        if part.order == 0.0 and not part.by_order:
+        if order == 0.0 and not part.by_order:
             result = in_a_row(self.both_sides, of(part.channel))
         else:
             made = self.operator.slope if part.by_order else self.operator.weights
-            weights = made(part.order, self.count, self.signals.step_s)
+            weights = made(order, self.count, self.signals.step_s)
             result = in_a_row(weights, self._behind(kept, FractionalPart(part.channel), of))
-        if part.order in {0.0, *self.known_orders}:
+        if order in {0.0, *self.known_orders}:
             kept[key] = result
         return result
 
@@ -474,24 +478,12 @@ ORDER_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class ChannelTerm:
-    """A term of the equation with the channel it is of."""
-
-    channel: str
-    term: FractionalTerm  # Order and lag
-    sign: float = 1.0
-
-    def column(self, nuisances: Values) -> FractionalColumn:
-        return (FractionalPart(self.channel, self.term.order_at(nuisances), self.term.lag, self.sign),)
-
-
-@dataclass(frozen=True)
 class FractionalProblem(LinearisableProblem):
     """A fractional difference equation and a record of it."""
 
     filtered: FilteredSignals
-    response: ChannelTerm  # Left side, of a known order
-    terms: tuple[tuple[Parameter, ChannelTerm], ...]
+    response: FractionalPart  # Left side, of a known order
+    terms: tuple[tuple[Parameter, FractionalPart], ...]
     instruments: tuple[Column, ...] = ()  # May be empty
     nuisances: tuple[Nuisance, ...] = field(default=())  # Orders that are sought
 
@@ -500,9 +492,9 @@ class FractionalProblem(LinearisableProblem):
         return tuple(parameter for parameter, _ in self.terms)
 
     def regression(self, nuisances: Values) -> FractionalRegression:
-        columns = tuple(term.column(nuisances) for _, term in self.terms)
+        columns = tuple((term.at(nuisances),) for _, term in self.terms)
         return FractionalRegression(
-            self.filtered, self.parameters, self.response.column(nuisances), columns, self.instruments
+            self.filtered, self.parameters, (self.response,), columns, self.instruments
         )
 
     def linearised(self, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
@@ -513,10 +505,9 @@ class FractionalProblem(LinearisableProblem):
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
         return tuple(
-            replace(part, by_order=True, gain=value * part.gain)
+            replace(term.at(nuisances), by_order=True, gain=value * term.gain)
             for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
-            if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
-            for part in term.column(nuisances)
+            if isinstance(term.order, UnknownOrder) and term.order.name == name
         )
 
     def bins(self, nuisances: Values) -> SpectralRegression:
@@ -651,7 +642,8 @@ class FractionalDifferenceModel:
             for o in self.unknown_orders
         )
         series = FilteredSignals(signals, self.operator, known, both_sides)
-        response = ChannelTerm(self.output_channel, self._of_side("output")[0])
+        first = self._of_side("output")[0]
+        response = FractionalPart(self.output_channel, first.order, first.lag)
         return FractionalProblem(series, response, tuple(self._terms()), instruments, orders)
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
@@ -756,12 +748,13 @@ class FractionalDifferenceModel:
     def _repeated_orders(self) -> list[UnknownOrder]:
         return [term.order for term in self._every if isinstance(term.order, UnknownOrder)]
 
-    def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
+    def _terms(self) -> Iterator[tuple[Parameter, FractionalPart]]:
         """Right side of the equation solved for the first term of the output."""
-        for number, term in enumerate(self._of_side("output")[1:], start=2):
-            yield Parameter(f"output_coefficient_{number}"), ChannelTerm(self.output_channel, term, -1.0)
-        for number, term in enumerate(self._of_side("input"), start=1):
-            yield Parameter(f"input_coefficient_{number}"), ChannelTerm(self.input_channel, term)
+        sides = (("output", self.output_channel, -1.0, 2), ("input", self.input_channel, 1.0, 1))
+        for side, channel, sign, first in sides:
+            for number, term in enumerate(self._of_side(side)[first - 1 :], start=first):
+                part = FractionalPart(channel, term.order, term.lag, sign)
+                yield Parameter(f"{side}_coefficient_{number}"), part
 
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
         """Weights of the filter that undoes the output's side."""
@@ -792,7 +785,7 @@ class FractionalDifferenceModel:
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
         coefficients = {**parameters, "output_coefficient_1": 1.0}
         parts = tuple(
-            (float(coefficients[f"{side}_coefficient_{number}"]), term.order_at(parameters), term.lag)
+            (float(coefficients[f"{side}_coefficient_{number}"]), order_at(term.order, parameters), term.lag)
             for number, term in enumerate(self._of_side(side), start=1)
         )
         return Side(parts, self.operator, 1.0 / rate_hz)

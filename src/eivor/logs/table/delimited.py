@@ -424,35 +424,29 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     with polars_errors(
         lambda error: corrupt_table(file.name, f"which cannot be converted: {error}", encoding)
     ):
+        frame = None
         if wanted.keys() >= set(columns):  # most tables hold numbers only, and no lists of them
             with suppress(pl.exceptions.ComputeError):
                 frame = scanned(pl.Float64)
-
-                def number(base: str, _: int | None) -> tuple[np.ndarray, int, str]:
-                    values = frame[position[base]].fill_null(np.nan).to_numpy(writable=True)
-                    if layout.open_end and base == layout.names[-1]:
-                        values[-1] = np.nan
-                    return values, 0, ""
-
-                return table_columns(columns, layout.names, number)
-        frame = scanned(pl.String).with_columns(pl.all().str.strip_chars())
-        if layout.delimiter == ";" and _has_decimal_commas(frame):
-            frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
+        if frame is None:
+            frame = scanned(pl.String).with_columns(pl.all().str.strip_chars())
+            if layout.delimiter == ";" and _has_decimal_commas(frame):
+                frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
+        series = dict(zip(wanted, frame.iter_columns(), strict=True))
 
         def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
-            texts = frame[position[base]]
-            values, bad = _numbers(texts if index is None else _element(texts, index))
+            cells = series[base]
+            values, bad = _numbers(cells if index is None else _element(cells, index))
             if layout.open_end and base == layout.names[-1]:
                 values[-1] = np.nan
-            first = _first(texts) if bad and index is None else ""
+            first = _first(cells) if bad and index is None else ""
             return values, bad, first if _LIST.fullmatch(first) else ""
 
         return table_columns(columns, layout.names, convert)
 
 
 def _first(texts: pl.Series) -> str:
-    filled = texts.drop_nulls()
-    filled = filled.filter(filled != "")
+    filled = texts.filter(texts != "")
     return str(filled[0])[:200] if filled.len() else ""
 
 
@@ -475,6 +469,8 @@ def _has_decimal_commas(frame: pl.DataFrame) -> bool:
 def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
     import polars as pl
 
+    if texts.dtype == pl.Float64:
+        return texts.fill_null(np.nan).to_numpy(writable=True), 0
     numbers = texts.cast(pl.Float64, strict=False)
     if numbers.null_count() == 0:
         return numbers.to_numpy().copy(), 0
