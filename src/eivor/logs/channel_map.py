@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -220,47 +220,34 @@ class _Compiler:
 
     def _atom(self, node: ast.expr, depth: int) -> None:
         written = ast.get_source_segment(self.source, node) or ""
-        value = node.value if isinstance(node, ast.Constant) else None
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            try:
-                number = float(value)
-            except OverflowError:
-                number = np.inf
-            if not np.isfinite(number):
-                raise self._refuse(f"where {written} is too large for a number")
-            self.steps.append(number)
-        elif isinstance(node, ast.Name) or (isinstance(node, ast.Constant) and _QUOTED.fullmatch(written)):
-            name = written.strip('"')
-            self.columns[name] = None
-            self.steps.append(name)
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-            self._power(node, depth)
-        elif isinstance(node, ast.Compare | ast.BoolOp) or (
-            isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
-        ):
-            self._condition(node, written, depth)
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-            self._call(node, node.func.id, depth)
-        else:
-            raise self._refuse(f"with {written!r} where a column or a number belongs")
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                if abs(value) > sys.float_info.max:
+                    raise self._refuse(f"where {written} is too large for a number")
+                self.steps.append(float(value))
+            case ast.Name() | ast.Constant() if isinstance(node, ast.Name) or _QUOTED.fullmatch(written):
+                name = written.strip('"')
+                self.columns[name] = None
+                self.steps.append(name)
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                exponent = _number(right)
+                if exponent is None or abs(exponent) > MAX_EXPONENT:
+                    most = f"{MAX_EXPONENT:g}"
+                    raise self._refuse(f"with an exponent that is no number from -{most} to {most}")
+                self._add(left, depth + 1)
+                self.steps += (exponent, np.power)
+            case ast.Compare(left=left, ops=[operator, *more], comparators=[right, *_]):
+                self._condition(node if more else operator, [left, right], written, depth)
+            case ast.BoolOp(op=operator, values=parts):
+                self._condition(operator, parts, written, depth)
+            case ast.UnaryOp(op=ast.Not() as operator, operand=operand):
+                self._condition(operator, [operand], written, depth)
+            case ast.Call(func=ast.Name(id=word), keywords=[]):
+                self._call(node, word, depth)
+            case _:
+                raise self._refuse(f"with {written!r} where a column or a number belongs")
 
-    def _power(self, node: ast.BinOp, depth: int) -> None:
-        """A power with an exponent that is a small number."""
-        exponent = _number(node.right)
-        if exponent is None or abs(exponent) > MAX_EXPONENT:
-            most = f"{MAX_EXPONENT:g}"
-            raise self._refuse(f"with an exponent that is no number from -{most} to {most}")
-        self._add(node.left, depth + 1)
-        self.steps += (exponent, np.power)
-
-    def _condition(self, node: ast.expr, written: str, depth: int) -> None:
-        operator: ast.AST = node
-        if isinstance(node, ast.BoolOp):
-            operator, parts = node.op, node.values
-        elif isinstance(node, ast.Compare) and len(node.ops) == 1:
-            operator, parts = node.ops[0], [node.left, *node.comparators]
-        elif isinstance(node, ast.UnaryOp):
-            operator, parts = node.op, [node.operand]
+    def _condition(self, operator: ast.AST, parts: Sequence[ast.expr], written: str, depth: int) -> None:
         if type(operator) not in CONDITIONS:
             raise self._refuse(f"with {written!r}: write 0 < a and a < 1, and >= with <= for equality")
         for number, part in enumerate(parts):
