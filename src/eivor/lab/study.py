@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
@@ -254,21 +254,15 @@ def trial(study: Study, index: int, known: Row | None = None) -> Row:
     row: Row = dict.fromkeys(schema(study)) | {"trial": index} if known is None else known
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # weak instruments are recorded as a status
-        signals: Signals | Exception
-        try:
-            signals = study.experiment.record(study.rng(index))
-        except MemoryError:
-            raise
-        except Exception as error:  # noqa: BLE001 - whatever breaks a trial is its result
-            signals = error
+        record = cache(lambda: study.experiment.record(study.rng(index)))
         for choice in study.methods:
             if row[f"{choice.label}.status"] is not None:
                 continue
             try:
-                row |= _estimated(study, choice, signals)
+                row |= _estimated(study, choice, record())
             except MemoryError:
                 raise
-            except Exception as error:  # noqa: BLE001 - whatever breaks a method is its result
+            except Exception as error:  # noqa: BLE001 - whatever breaks a record or a method is its result
                 row |= {f"{choice.label}.status": FAILED, f"{choice.label}.error": type(error).__name__}
     return row
 
@@ -296,10 +290,8 @@ def failure(study: Study, index: int, label: str) -> str:
     return ""
 
 
-def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception) -> Row:
-    """What a method says of a record; raises what was raised in its place."""
-    if isinstance(signals, Exception):
-        raise signals
+def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> Row:
+    """What a method says of a record."""
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)

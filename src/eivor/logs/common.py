@@ -397,8 +397,8 @@ def advised(
     return lambda channel: of_channel(channel) if channel else tuple(of_all)
 
 
-def begins_with(magic: bytes) -> Callable[[bytes, Path], bool]:
-    """Return the `LogFormat.sniff` of a format whose files begin with these bytes."""
+def begins_with(*magic: bytes) -> Callable[[bytes, Path], bool]:
+    """Return the `LogFormat.sniff` of a format whose files begin with some bytes, or others."""
     return lambda head, _file: head.startswith(magic)
 
 

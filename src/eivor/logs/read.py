@@ -132,31 +132,31 @@ def _is_utf16(head: bytes, _file: Path) -> bool:
     return False
 
 
-def _in_encoding(
-    name: str, label: str, sniff: Callable[[bytes, Path], bool], received: str, codec: str
-) -> common.LogFormat:
-    """Row of tables that would be unreadable or, worse, misread."""
-    remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
-    text = f"'{{}}', a table {received}"
-    return _refused(name, label, sniff, "a table in UTF-8", text, remedy, UnknownFormatError)
-
-
-UTF_32 = _in_encoding(
-    "utf-32",
-    "a table in UTF-32",
-    lambda head, _file: head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)),
-    "in UTF-32",
-    "UTF-32",
+#: Tables that would be unreadable or, worse, misread. The last, delimited text without control characters, is
+#: compared after UTF-8.
+UTF_32, UTF_16, EIGHT_BIT = (
+    _refused(
+        name,
+        f"a table {label}",
+        sniff,
+        "a table in UTF-8",
+        f"'{{}}', a table {received or label}",
+        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
+        UnknownFormatError,
+    )
+    for name, label, sniff, received, codec in (
+        ("utf-32", "in UTF-32", common.begins_with(codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "", "UTF-32"),
+        ("utf-16", "in UTF-16", _is_utf16, "", "UTF-16"),
+        (
+            "8-bit",
+            "in an 8-bit encoding",
+            lambda head, _file: not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1")),
+            "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
+            "WINDOWS-1252",
+        ),
+    )
 )
-UTF_16 = _in_encoding("utf-16", "a table in UTF-16", _is_utf16, "in UTF-16", "UTF-16")
-#: Delimited text without control characters; compared after UTF-8.
-EIGHT_BIT = _in_encoding(
-    "8-bit",
-    "a table in an 8-bit encoding",
-    lambda head, _file: not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1")),
-    "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
-    "WINDOWS-1252",
-)
+
 
 # -- Table of formats --
 

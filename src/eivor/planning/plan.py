@@ -556,18 +556,17 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         raise UsageError("a latitude and a longitude [deg]", received, "Such as 47.4,8.5.")
     position = [round(float(latitude), 7), round(float(longitude), 7)]
     speed = plan.limits.speed * 0.8
-    items = [
-        _item(TAKEOFF, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]),
-        _item(CHANGE_SPEED, NO_PLACE, [CLIMB, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
-        _item(CHANGE_SPEED, NO_PLACE, [DESCENT, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
+    commands: list[tuple[int, int, list[float | None]]] = [
+        (TAKEOFF, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]),
+        (CHANGE_SPEED, NO_PLACE, [CLIMB, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        (CHANGE_SPEED, NO_PLACE, [DESCENT, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        *(
+            (WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *position, height])
+            for height, hold_s in levels(plan)
+        ),
+        (LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]),
     ]
-    items += [
-        _item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *position, height])
-        for height, hold_s in levels(plan)
-    ]
-    items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]))
-    for number, item in enumerate(items):
-        item["doJumpId"] = number + 1
+    items = [_item(number, *command) for number, command in enumerate(commands, start=1)]
     document = json.loads(_program("mission.json"))
     document["mission"] |= {"plannedHomePosition": [*position, 0.0], "items": items}
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
@@ -583,9 +582,9 @@ def levels(plan: FlightPlan) -> list[tuple[float, float]]:
     return results
 
 
-def _item(command: int, frame: int, params: list[float | None]) -> dict[str, object]:
-    item: dict[str, object] = {"type": "SimpleItem", "autoContinue": True, "command": command, "doJumpId": 0}
-    item |= {"frame": frame, "params": params}
+def _item(number: int, command: int, frame: int, params: list[float | None]) -> dict[str, object]:
+    item: dict[str, object] = {"type": "SimpleItem", "autoContinue": True, "command": command}
+    item |= {"doJumpId": number, "frame": frame, "params": params}
     if frame == RELATIVE:
         item |= {"AMSLAltAboveTerrain": None, "Altitude": params[-1], "AltitudeMode": 1}
     return item

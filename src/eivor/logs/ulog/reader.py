@@ -7,6 +7,7 @@ import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from mmap import mmap as memory_map
 from pathlib import Path
 
@@ -456,27 +457,20 @@ def _topics(content: UlogContent, findings: list[Finding]) -> dict[str, px4.Topi
     }
 
 
-ADVICE = common.advised(px4.TABLES["advice"]["all"], _advice)
+_row = partial(
+    common.LogFormat,
+    advice=common.advised(px4.TABLES["advice"]["all"], _advice),
+    setpoints=px4.TABLES["advice"]["setpoints"],
+    faster=px4.TABLES["advice"]["faster"],
+)
+#: ULog, and a folder of the tables that `ulog2csv` makes of one.
 FORMATS = (
-    common.LogFormat(
-        "ulog",
-        "ULog",
-        common.begins_with(MAGIC),
-        read_ulog,
-        advice=ADVICE,
-        setpoints=px4.TABLES["advice"]["setpoints"],
-        faster=px4.TABLES["advice"]["faster"],
-        endings=ULOG_ENDINGS,
-    ),
-    # a folder of the tables that `ulog2csv` makes of one
-    common.LogFormat(
+    _row("ulog", "ULog", common.begins_with(MAGIC), read_ulog, endings=ULOG_ENDINGS),
+    _row(
         "ulog2csv",
         "ulog2csv folder",
-        lambda _head, folder: bool(tables_of(folder)),
+        lambda _, folder: bool(tables_of(folder)),
         read_csv_folder,
-        advice=ADVICE,
-        setpoints=px4.TABLES["advice"]["setpoints"],
-        faster=px4.TABLES["advice"]["faster"],
         parts=csv_parts,
     ),
 )
