@@ -21,8 +21,9 @@ from eivor.flights import identify
 from eivor.flights.identify import with_coupled_axes
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Quantity, QuantityEstimate, SimpleModel
-from eivor.flights.verdict import VerdictInputs, reasons_by_quantity
+from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantity
 from eivor.inference.verdict import Reason, Status, verdict
+from eivor.models.separable import LaggedReferences
 from eivor.motions import table as motions
 from eivor.motions.rates.motion import Rates
 from eivor.motions.table import loaded_motion, motion_names
@@ -251,7 +252,7 @@ def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, stat
     assert re.match(sentence, " ".join(found.sentences))
 
 
-AT = VerdictInputs((), 100.0, 100.0, exogenous=True, direct=False, used_s=60.0)
+AT = VerdictInputs((), 100.0, 100.0, Instruments(LaggedReferences(("reference",))), used_s=60.0)
 
 # Turning about the body axes: what flights tell of effectiveness and lag, and what they do not.
 

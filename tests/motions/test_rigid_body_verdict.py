@@ -14,10 +14,10 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Counts, QuantityEstimate, SimpleModel
-from eivor.flights.verdict import VerdictInputs, systematic_uncertainties
+from eivor.flights.verdict import Instruments, VerdictInputs, systematic_uncertainties
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.models.separable import NoInstruments
+from eivor.models.separable import LaggedReferences, NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import regression, verdict
 from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band
@@ -59,7 +59,8 @@ def open_parts(flight, cutoff_hz=None):
     """Systematic parts of a flight with the filter of a gyroscope."""
     early_s = verdict.filter_early_s(cutoff_hz, flight.rates_hz["roll"])
     checks = verdict.RigidBodyChecks(filter_early_s=early_s)
-    of_flight = VerdictInputs((flight,), 100.0, 100.0, True, False, checks=checks, quantities=RESULTS)
+    chosen = Instruments(LaggedReferences(("reference_roll",)))
+    of_flight = VerdictInputs((flight,), 100.0, 100.0, chosen, checks=checks, quantities=RESULTS)
     return systematic_uncertainties(verdict.PARTS, of_flight)
 
 

@@ -60,8 +60,8 @@ from eivor.flights.result import (
     flight_findings,
 )
 from eivor.flights.verdict import (
+    Instruments,
     MotionChecks,
-    Searched,
     VerdictInputs,
     reasons_by_quantity,
     systematic_uncertainties,
@@ -72,7 +72,6 @@ from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG, of_order
 from eivor.models.separable import (
-    InstrumentRule,
     LaggedInputs,
     LaggedReferences,
     NoInstruments,
@@ -89,18 +88,6 @@ COMMAND = "command"
 #: A reference has one frequency when this share of its power lies within so many bins of its peak.
 LINE_SHARE = 0.995
 LINE_BINS = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Instruments:
-    """Instruments of a method."""
-
-    rule: InstrumentRule
-    exogenous: bool = True  # They do not answer the vehicle
-    missing: str = ""  # Why there are none although the method needs them
-    constant: bool = False  # There are none, and a reference that is logged is constant
-    names: tuple[str, ...] = ()  # The references among them
-    past_inputs: bool = False  # They are past inputs, which a controller computes
 
 
 def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
@@ -184,7 +171,7 @@ def choose_instruments(state: FlightState) -> FlightState:
     """The method that was requested, and its instruments; without any the direct method of the motion."""
     method, whitened = by_name(state.options.method), state.motion.abilities.whitened
     chosen = instruments(state.flying, state.options, method)
-    if method.of_flights.needs_instruments and isinstance(chosen.rule, NoInstruments):
+    if method.of_flights.needs_instruments and chosen.direct:
         method = by_name("whitened_least_squares" if whitened else "least_squares")
     elif whitened and method.name == TOTAL_LEAST_SQUARES and isinstance(method, LinearMethod):
         method = replace(method, row_weighting=SpectralWhitening())
@@ -193,7 +180,7 @@ def choose_instruments(state: FlightState) -> FlightState:
 
 def pose_problem(state: FlightState) -> FlightState:
     """The problem of the flights, with sensors corrected where they disagree."""
-    motion, flying, rule = state.motion, state.flying, state.instruments.rule
+    motion, flying = state.motion, state.flying
     # undeclared noises are refused of channels that a method takes out: those that are columns twice
     takes_out = state.method.of_flights.takes_out_own_noise
     by_input = takes_out or (state.instruments.past_inputs and state.method.of_flights.first_past_input == 0)
@@ -202,7 +189,7 @@ def pose_problem(state: FlightState) -> FlightState:
         for f in flying
     ]
     check_declared(needed, state.method.name)
-    state = replace(state, problem=posed(state.motion, flying, rule, state.options))
+    state = replace(state, problem=posed(state))
     comparison = motion.abilities.sensors
     if comparison is None:
         return state
@@ -211,15 +198,13 @@ def pose_problem(state: FlightState) -> FlightState:
         return replace(state, sensors=sensors)
     corrected = comparison.corrected(state.prepared, sensors, state.options)
     state = replace(state, prepared=corrected, sensors=sensors)
-    return replace(state, problem=posed(state.motion, state.flying, rule, state.options))
+    return replace(state, problem=posed(state))
 
 
-def posed(
-    motion: Motion[Any], flying: tuple[PreparedFlight, ...], rule: InstrumentRule, options: FlightOptions
-) -> SeparableProblem:
+def posed(state: FlightState) -> SeparableProblem:
     """Problem of the order that was requested."""
-    problem = motion.problem(flying, rule)
-    return problem.with_nuisances(of_order(problem.nuisances, options.order))
+    problem = state.motion.problem(state.flying, state.instruments.rule)
+    return problem.with_nuisances(of_order(problem.nuisances, state.options.order))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
@@ -242,10 +227,9 @@ def without_references(state: FlightState, error: EstimationError) -> FlightStat
     """The estimate by the direct method of the motion, where references are too few for its unknowns."""
     missing = f"{', '.join(state.instruments.names)} alone cannot move all that the equations have"
     chosen, method = Instruments(NoInstruments(), missing=missing), by_name("whitened_least_squares")
-    problem = posed(state.motion, state.flying, chosen.rule, state.options)
-    state = replace(state, instruments=chosen, method=method, problem=problem)
+    state = replace(state, instruments=chosen, method=method)
     try:
-        return estimate_parameters(state)
+        return estimate_parameters(replace(state, problem=posed(state)))
     except CollinearError:
         raise error from None
 
@@ -253,9 +237,7 @@ def without_references(state: FlightState, error: EstimationError) -> FlightStat
 def apply_lag_prior(state: FlightState) -> FlightState:
     """The same with what is known of the lag from elsewhere, where something is."""
     problem, estimate = state.problem, state.estimate
-    prior, findings = known_lag(
-        state.motion, state.flying, state.options, problem, estimate, state.lag_measurements
-    )
+    prior, findings = known_lag(state)
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None and not prior.closer_alone:
         alone = None if estimate is None else (problem, estimate)
@@ -329,7 +311,6 @@ def build_confidence_sets(state: FlightState) -> FlightState:
 
 def judge(state: FlightState) -> FlightState:
     """The result: quantities with systematic parts and verdicts."""
-    motion, flying = state.motion, state.flying
     fit = Fit(
         state.problem,
         state.estimate,
@@ -339,11 +320,10 @@ def judge(state: FlightState) -> FlightState:
         state.sets,
         state.sensors,
         state.without_prior,
-        motion_checks=motion.checks(state.problem, state.estimate, flying),
+        motion_checks=state.motion.checks(state.problem, state.estimate, state.flying),
         profiles=state.profiles,
     )
-    inputs = verdict_inputs(motion, flying, state.instruments, fit)
-    result = with_fit(motion, state.prepared, state.options, fit, inputs)
+    result = with_fit(state, fit, verdict_inputs(state, fit))
     return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
 
 
@@ -379,15 +359,9 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
     return state.result
 
 
-def known_lag(
-    motion: Motion[Any],
-    flying: tuple[PreparedFlight, ...],
-    options: FlightOptions,
-    problem: SeparableProblem,
-    alone: Estimate | None,
-    lag_measurements: LagMeasurements = tuple,
-) -> tuple[LagPrior | None, tuple[Finding, ...]]:
+def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]:
     """What is known of the lag beside the motion: what a user gave, else what the log gives most closely."""
+    flying, options, problem, alone = state.flying, state.options, state.problem, state.estimate
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         if not lag_searched(problem):
@@ -401,8 +375,8 @@ def known_lag(
         return LagPrior(options.lag, alone_lag, slack_s, strong=strong), ()
     if alone is None or not lag_searched(problem):
         return None, ()
-    by_telemetry = telemetry_lag(flying, motion.channels.telemetry)
-    measurements = [item for item in (by_telemetry, *lag_measurements()) if item is not None]
+    by_telemetry = telemetry_lag(flying, state.motion.channels.telemetry)
+    measurements = [item for item in (by_telemetry, *state.lag_measurements()) if item is not None]
     alone_lag = lag_quantities(problem, alone)[EFFECTIVE_LAG]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.std):
@@ -415,27 +389,21 @@ def known_lag(
     return None, tuple(noticed)
 
 
-def verdict_inputs(
-    motion: Motion[Any], flying: tuple[PreparedFlight, ...], chosen: Instruments, fit: Fit
-) -> VerdictInputs:
+def verdict_inputs(state: FlightState, fit: Fit) -> VerdictInputs:
     """What a verdict needs to know of flights beside the quantities."""
-    excitation, covariance = motion.abilities.excitation, fit.estimate.covariance
+    flying, chosen, covariance = state.flying, state.instruments, fit.estimate.covariance
     # share of the variance of each joint parameter that what is known beforehand makes
     known = fit.estimate.prior_rows() @ covariance
     shares = np.clip((known**2).sum(axis=0) / np.diag(covariance), 0.0, 1.0) if known.size else ()
     return VerdictInputs(
         **_of_flights(flying),
-        exogenous=chosen.exogenous,
-        direct=isinstance(chosen.rule, NoInstruments),
-        missing_reference=chosen.missing,
-        constant_reference=chosen.constant,
-        excitation="" if excitation is None else excitation(flying),
+        instruments=chosen,
+        excitation=state.motion.abilities.excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         checks=fit.motion_checks,
         periodicity=fit.checks.periodicity,
         lag_prior=fit.lag_prior,
         sensors=fit.sensors,
-        past_inputs=chosen.past_inputs,
         prior_share=dict(zip(fit.estimate.names, map(float, shares), strict=False)),
     )
 
@@ -451,14 +419,9 @@ def _of_flights(flying: tuple[PreparedFlight, ...]) -> dict[str, Any]:
     }
 
 
-def with_fit(
-    motion: Motion[Any],
-    prepared: tuple[PreparedFlight, ...],
-    options: FlightOptions,
-    fit: Fit,
-    inputs: VerdictInputs,
-) -> FlightEstimate:
+def with_fit(state: FlightState, fit: Fit, inputs: VerdictInputs) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
+    motion, prepared, options = state.motion, state.prepared, state.options
     wording, best = motion.quantities, fit.estimate
     estimates = dict(motion.derive(fit.problem, best))
     if fit.by_sets:
@@ -466,7 +429,7 @@ def with_fit(
         hulls = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
         estimates |= hulls | _reciprocals(motion, estimates | hulls)
     searched = {
-        profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
+        profile.nuisance.name: (best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
     inputs = replace(
@@ -503,16 +466,9 @@ def with_fit(
     if best.noises:
         noises = "; ".join(noise.sentence for noise in best.noises)
         findings.append(Finding("fitted_noise", f"Noises that fit what the estimate leaves: {noises}."))
-    findings += own_findings(motion, prepared, quantities)
+    findings += motion.abilities.findings(prepared, quantities)
     overall = verdict(list(against))
     return FlightEstimate(motion, options, prepared, fit, overall, quantities, numbers, tuple(findings))
-
-
-def own_findings(
-    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
-) -> tuple[Finding, ...]:
-    """What the motion alone notices in the logs."""
-    return () if motion.abilities.findings is None else motion.abilities.findings(prepared, quantities)
 
 
 def _reciprocals(
@@ -548,7 +504,8 @@ def without_fit(state: FlightState, sentence: str, remedy: str) -> FlightEstimat
         with suppress(TooFewSamplesError):
             known, checks = motion.abilities.known(state.flying)
             quantities, numbers = quantities | _judged(state, known, checks), numbers | checks.numbers
-    findings = (*flight_findings(prepared, motion.words), *own_findings(motion, prepared, quantities))
+    own_findings = motion.abilities.findings(prepared, quantities)
+    findings = (*flight_findings(prepared, motion.words), *own_findings)
     refused = verdict([Reason(Status.REFUSED, sentence, remedy)])
     return FlightEstimate(motion, state.options, prepared, None, refused, quantities, numbers, findings)
 
@@ -567,8 +524,8 @@ def _judged(
 ) -> dict[str, Quantity]:
     """Quantities that are known without an estimate, with their systematic parts and verdicts."""
     motion = state.motion
-    facts = _of_flights(state.flying)
-    inputs = VerdictInputs(**facts, exogenous=True, direct=True, checks=checks, quantities=known)
+    facts, chosen = _of_flights(state.flying), Instruments(NoInstruments())
+    inputs = VerdictInputs(**facts, instruments=chosen, checks=checks, quantities=known)
     widened = with_systematic_uncertainties(motion, known, systematic_uncertainties(motion.parts, inputs))
     reasons = reasons_by_quantity(motion.rules, replace(inputs, quantities=widened), motion.quantities)
     return {
@@ -663,13 +620,12 @@ def _lag_by(
 
 def _coarse_first_stage(state: FlightState) -> dict[str, float]:
     """First-stage F by parameter, by a coarse search, where most flights end; none without instruments."""
-    method = by_name(state.options.method)
-    chosen = instruments(state.flying, state.options, method)
-    if isinstance(chosen.rule, NoInstruments):
+    state = choose_instruments(state)
+    if state.instruments.direct:
         return {}
     try:
-        problem = posed(state.motion, state.flying, chosen.rule, state.options)
-        result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), method)
+        problem = posed(state)
+        result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), state.method)
     except EstimationError:
         return {}
     return dict(zip(result.names, map(float, result.first_stage), strict=True))

@@ -64,9 +64,7 @@ def identified(
         first = replace(options, method=by_name(options.method).of_flights)
         alone = [estimated(replace(singly, prepared=(flight,), options=first)) for flight in prepared]
         over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
-        result = pooled_result(state.motion, prepared, options, alone) or estimated(
-            replace(singly, agreement=over_identification)
-        )
+        result = pooled_result(singly, alone) or estimated(replace(singly, agreement=over_identification))
         progress(Stage.DIAGNOSING)
         each = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
         result = replace(

@@ -317,16 +317,16 @@ class Abilities:
     #: How the flights were flown, for JSON: what simulating another one needs
     closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
     #: What follows from a vehicle's description
-    implications: Callable[[Estimate], Implications] | None = None
+    implications: Callable[[Estimate], Implications] = lambda _estimate: Implications()
     #: With the input at lag and delay
     signals: Callable[[PreparedFlight, float, float], Signals] | None = None
     #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
-    excitation: Callable[[Flights], str] | None = None  # How much flights moved, a sentence
-    findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] | None = None
+    excitation: Callable[[Flights], str] = lambda _flights: ""  # How much flights moved, a sentence
+    findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] = lambda *_: ()
     #: Key figures of flights, of their quantities and diagnostics
-    figures: Callable[[Flights, Mapping[str, Quantity], Mapping[str, float]], Iterable[KeyFigure]] | None = (
-        None
+    figures: Callable[[Flights, Mapping[str, Quantity], Mapping[str, float]], Iterable[KeyFigure]] = (
+        lambda *_: ()
     )
     whitened: bool = False  # Direct methods need whitened rows
     profiled: bool = False  # Intervals of parameters are their profile sets, whatever the instruments

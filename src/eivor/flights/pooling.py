@@ -17,15 +17,7 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
-from eivor.flights.estimate import (
-    Instruments,
-    instruments,
-    known_lag,
-    own_findings,
-    posed,
-    verdict_inputs,
-    with_fit,
-)
+from eivor.flights.estimate import FlightState, instruments, known_lag, posed, verdict_inputs, with_fit
 from eivor.flights.lag_prior import LAG_SUMS, with_lag_prior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
@@ -40,11 +32,11 @@ from eivor.flights.result import (
     flight_findings,
     pooled_traces,
 )
-from eivor.flights.verdict import VerdictInputs
+from eivor.flights.verdict import Instruments, VerdictInputs
 from eivor.inference.bootstrap import Bootstrap, check_draws
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.models.lagged_runs import ACTUATOR_LAG
-from eivor.models.separable import NoInstruments, SeparableProblem
+from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
 from eivor.tools import Float
 
@@ -191,23 +183,19 @@ class Member:
     exogenous: bool
 
 
-def pooled_result(
-    motion: Motion[Any],
-    prepared: tuple[PreparedFlight, ...],
-    options: FlightOptions,
-    alone: Sequence[FlightEstimate],
-) -> FlightEstimate | None:
+def pooled_result(state: FlightState, alone: Sequence[FlightEstimate]) -> FlightEstimate | None:
     """Result of a pool some of whose parameters belong to the flight."""
+    motion, prepared, options = state.motion, state.prepared, state.options
     if not motion.quantities.of_flight or options.pool_friction == "common":
         return None
     members = _members(prepared, options, alone)
     if len(members) < 2 or any(member.flight.input_map != member.logged.input_map for member in members):
         return None  # a map that was found out is another one in each flight
     chosen = instruments(tuple(member.flight for member in members), options, by_name(options.method))
-    if isinstance(chosen.rule, NoInstruments):
+    if chosen.direct:
         return None
     try:
-        result = _result(motion, members, options, chosen)
+        result = _result(state, members, chosen)
     except (EstimationError, np.linalg.LinAlgError):
         return None
     serving = {id(member.logged): member.flight for member in members}
@@ -234,24 +222,20 @@ def _members(
     return tuple(result for result in results if result.exogenous) or tuple(results)
 
 
-def _result(
-    motion: Motion[Any], members: tuple[Member, ...], options: FlightOptions, chosen: Instruments
-) -> FlightEstimate:
-    flights = tuple(member.flight for member in members)
-    shortened = tuple(flight.shortened for flight in flights)
-    logged = tuple(member.logged.shortened for member in members)
-    problem = posed(motion, logged, chosen.rule, options)
-    comparison = motion.abilities.sensors
-    sensors = None if comparison is None else comparison.agreement(problem, logged)
+def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments) -> FlightEstimate:
+    motion, flights = state.motion, tuple(member.flight for member in members)
+    logged = replace(state, prepared=tuple(member.logged for member in members), instruments=chosen)
+    state, problem, comparison = replace(logged, prepared=flights), posed(logged), motion.abilities.sensors
+    sensors = None if comparison is None else comparison.agreement(problem, logged.flying)
     if any(flight.corrected for flight in flights):
-        problem = posed(motion, shortened, chosen.rule, options)
+        problem = posed(state)
     fits = [member.fit for member in members]
     problems, estimates = zip(*(f.without_prior or (f.problem, f.estimate) for f in fits), strict=True)
-    separate = options.pool_friction == "separate"
+    separate = state.options.pool_friction == "separate"
     make = partial(pooled, problems, estimates, motion.quantities.of_flight, separate=separate)
     pool, without_prior = make(nuisances=problem.nuisances), None
     estimate = pool.whole()
-    given, noticed = known_lag(motion, flights, options, problem, estimate)
+    given, noticed = known_lag(replace(state, problem=problem, estimate=estimate))
     if given is not None:
         without_prior = problem, estimate
         problem = with_lag_prior(problem, given.for_the_log)
@@ -280,30 +264,25 @@ def _result(
         without_prior,
         pool,
         {**{name: item.profile for name, item in sets.items()}, **_known(of_lags)},
-        motion.checks(problem, estimate, shortened),
+        motion.checks(problem, estimate, state.flying),
     )
-    inputs = verdict_inputs(motion, flights, chosen, fit)
-    whole = with_fit(motion, flights, options, fit, inputs)
+    inputs = verdict_inputs(state, fit)
+    whole = with_fit(state, fit, inputs)
     p_value, shared = pool.agreement_p_value, pool.shared_p_value
     tests = {"pool_own_p_value": p_value, "pool_shared_p_value": shared, "pool_inflation": pool.inflation}
-    of_motion = own_findings(motion, flights, whole.quantities)
+    of_motion = motion.abilities.findings(flights, whole.quantities)
     return replace(
         whole,
-        by_flight=tuple(_by_flight(motion, members, options, fit, pool, inputs)),
+        by_flight=tuple(_by_flight(state, members, fit, pool, inputs)),
         diagnostics={**whole.diagnostics, **tests},
         findings=(*of_motion, *pool_findings(motion, pool, inputs), *noticed),
     )
 
 
 def _by_flight(
-    motion: Motion[Any],
-    members: tuple[Member, ...],
-    options: FlightOptions,
-    fit: Fit,
-    pool: Pooled,
-    inputs: VerdictInputs,
+    state: FlightState, members: tuple[Member, ...], fit: Fit, pool: Pooled, inputs: VerdictInputs
 ) -> Iterator[FlightRow]:
-    excitation = motion.abilities.excitation
+    motion = state.motion
     of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
     shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
     for number, member in enumerate(members):
@@ -315,7 +294,7 @@ def _by_flight(
             inputs,
             flights=flight,
             command_rate_hz=member.flight.rates_hz["command"],
-            excitation="" if excitation is None else excitation(flight),
+            excitation=motion.abilities.excitation(flight),
             checks=checks,
         )
         of_flight = _known({name: each[number] for name, each in of_own.items()})
@@ -329,7 +308,7 @@ def _by_flight(
             profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
             motion_checks=checks,
         )
-        result, name = with_fit(motion, flight, options, flight_fit, here), flight[0].recording.name
+        result, name = with_fit(replace(state, prepared=flight), flight_fit, here), flight[0].recording.name
         yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 

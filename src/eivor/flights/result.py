@@ -359,10 +359,9 @@ class FlightEstimate:
     @cached_property
     def implications(self) -> Implications:
         """What follows from the estimate and from what was supplied; nothing from one that is refused."""
-        implied = self.motion.abilities.implications
-        if self.fit is None or self.verdict.status is Status.REFUSED or implied is None:
+        if self.fit is None or self.verdict.status is Status.REFUSED:
             return Implications()
-        made = implied(self.fit.estimate)
+        made = self.motion.abilities.implications(self.fit.estimate)
         return replace(made, numbers=tuple(map(self._judged, made.numbers)))
 
     def _judged(self, number: Implied) -> Implied:
@@ -375,7 +374,7 @@ class FlightEstimate:
     def figures(self) -> tuple[KeyFigure, ...]:
         """Key figures of the flights, as far as their channels are logged; they decide nothing."""
         flying, made = self._flying, self.motion.abilities.figures
-        return () if made is None or not flying else tuple(made(flying, self.quantities, self.diagnostics))
+        return tuple(made(flying, self.quantities, self.diagnostics)) if flying else ()
 
     @cached_property
     def simple_models(self) -> Mapping[str, SimpleModel]:

@@ -17,6 +17,7 @@ from eivor.inference.diagnostics.record import SIGNIFICANT
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, SECOND_LAG, STAGES
+from eivor.models.separable import InstrumentRule, NoInstruments
 
 # -- Inputs --
 
@@ -27,11 +28,20 @@ SLOW_COMMAND_HZ = 45.0
 
 
 @dataclass(frozen=True, slots=True)
-class Searched:
-    """A nuisance parameter that was searched for on a grid."""
+class Instruments:
+    """Instruments of a method."""
 
-    value: float
-    highest: float  # Top of the grid
+    rule: InstrumentRule
+    exogenous: bool = True  # They do not answer the vehicle
+    missing: str = ""  # Why there are none although the method needs them
+    constant: bool = False  # There are none, and a reference that is logged is constant
+    names: tuple[str, ...] = ()  # The references among them
+    past_inputs: bool = False  # They are past inputs, which a controller computes
+
+    @property
+    def direct(self) -> bool:
+        """Whether there are none."""
+        return isinstance(self.rule, NoInstruments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +67,7 @@ class VerdictInputs:
     #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
     command_rate_hz: float
     response_rate_hz: float
-    exogenous: bool  # The instruments do not answer the vehicle
-    direct: bool  # The method uses no instruments
-    missing_reference: str = ""  # Why there is no instrument; empty when there is one
-    constant_reference: bool = False  # A reference is logged, and constant
+    instruments: Instruments
     excitation: str = ""  # How much the flights moved, as a sentence; empty when it is not known
     single_frequency_hz: float = 0.0  # The frequency of a reference that has only one; zero for others [Hz]
     checks: Any = field(default_factory=MotionChecks)  # What the motion adds, see `Motion.checks`
@@ -69,13 +76,13 @@ class VerdictInputs:
     sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
     used_s: float = math.inf  # Time used of all flights [s]
     order_given: bool = False  # Of the response
-    past_inputs: bool = False  # The instruments are past inputs, which a controller computes
     #: Share of the variance of each joint parameter that what is known beforehand makes
     prior_share: Mapping[str, float] = field(default_factory=dict)
     #: Conditional first-stage F of each joint parameter; NaN without instruments
     first_stage: Mapping[str, float] = field(default_factory=dict)
     agreement: OverIdentification | None = None  # Over-identification test of the flights by themselves
-    searched: Mapping[str, Searched] = field(default_factory=dict)  # Nuisance parameters on grids
+    #: Nuisance parameters on grids: value, and the grid's top
+    searched: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Sets of parameters whose interval is theirs: where instruments are weak or the sets have no bounds,
     #: those that hold all the same; and those of a pool
     robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
@@ -422,7 +429,7 @@ def flight_rules(
     def unidentified(inputs: VerdictInputs) -> bool:
         known = inputs.robust.get(set_of)
         weak = inputs.weakest(stages) is not None if known is None else not known.is_bounded
-        return bool(set_of) and weak and not (inputs.direct or inputs.constant_reference)
+        return bool(set_of) and weak and not (inputs.instruments.direct or inputs.instruments.constant)
 
     def weakness(inputs: VerdictInputs) -> str:
         weakest, F = inputs.weakest(stages) or ("", math.nan)
@@ -444,12 +451,16 @@ def flight_rules(
         return f"{sentence}{inputs.moved}"
 
     def direct(inputs: VerdictInputs) -> str:
-        if not inputs.missing_reference:
+        if not inputs.instruments.missing:
             return "A direct method is biased by disturbances in closed loop."
         return (
-            f"No reference can serve as an instrument ({inputs.missing_reference}), so the numbers come from "
-            "nonlinear least squares, which disturbances bias."
+            f"No reference can serve as an instrument ({inputs.instruments.missing}), so the numbers come "
+            "from nonlinear least squares, which disturbances bias."
         )
+
+    def answering(inputs: VerdictInputs) -> bool:
+        chosen = inputs.instruments
+        return not (chosen.exogenous or chosen.past_inputs or chosen.direct or chosen.constant)
 
     def fly(inputs: VerdictInputs) -> str:
         searched = inputs.lag_prior is None and ACTUATOR_LAG.name in inputs.searched
@@ -458,26 +469,26 @@ def flight_rules(
     return (
         Rule(
             quantities,
-            lambda inputs: inputs.constant_reference,
+            lambda inputs: inputs.instruments.constant,
             Status.REFUSED,
-            lambda inputs: f"The reference never moved ({inputs.missing_reference}).{inputs.moved}",
+            lambda inputs: f"The reference never moved ({inputs.instruments.missing}).{inputs.moved}",
             words.fly,
             Cause.EXCITATION,
         ),
         Rule(
             quantities,
-            lambda inputs: inputs.direct and not inputs.constant_reference,
+            lambda inputs: inputs.instruments.direct and not inputs.instruments.constant,
             Status.PROVISIONAL,
             direct,
             lambda inputs: (
-                words.log_reference if inputs.missing_reference else "Use reference_iv for a verdict."
+                words.log_reference if inputs.instruments.missing else "Use reference_iv for a verdict."
             ),
             Cause.INSTRUMENT,
         ),
         Rule(quantities, unidentified, Status.REFUSED, weakness, fly, Cause.EXCITATION),
         Rule(
             quantities,
-            lambda inputs: inputs.past_inputs,
+            lambda inputs: inputs.instruments.past_inputs,
             Status.PROVISIONAL,
             "Past inputs are the instruments: under control they answer past disturbances, which moves "
             "the numbers.",
@@ -486,9 +497,7 @@ def flight_rules(
         ),
         Rule(
             quantities,
-            lambda inputs: (
-                not (inputs.exogenous or inputs.past_inputs or inputs.direct or inputs.constant_reference)
-            ),
+            answering,
             Status.WEAK,
             "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
             "computes).",
@@ -526,14 +535,14 @@ def end_of_grid_rule(
     """Row of a lag or a delay that ended at the end of its grid, of which the sentence speaks [s]."""
 
     def at_the_end(inputs: VerdictInputs) -> bool:
-        item = inputs.searched.get(nuisance)
-        return item is not None and abs(item.value) >= 0.999 * item.highest
+        value, highest = inputs.searched.get(nuisance, (0.0, math.inf))
+        return abs(value) >= 0.999 * highest
 
     return Rule(
         quantities,
         at_the_end,
         Status.WEAK,
-        lambda inputs: sentence(inputs.searched[nuisance].highest, inputs),
+        lambda inputs: sentence(inputs.searched[nuisance][1], inputs),
         remedy,
     )
 

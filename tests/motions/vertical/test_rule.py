@@ -17,10 +17,11 @@ from eivor.flights.motion import for_flights, of_vehicle
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference, SensorAgreement
 from eivor.flights.quantity import QuantityEstimate
-from eivor.flights.verdict import Searched, VerdictInputs, reasons_by_quantity, systematic_uncertainties
+from eivor.flights.verdict import Instruments, VerdictInputs, reasons_by_quantity, systematic_uncertainties
 from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
+from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities, VelocitySpectrum
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
@@ -33,6 +34,7 @@ from flights.flight_logs import changed, channel, flown, prepare_vertical
 
 FRICTION, GAIN, HOVER, LAG = "viscous_friction", "input_gain", "hover_input", "effective_lag"
 NAMES = (FRICTION, GAIN, "actuator_lag")
+PLANNED = LaggedReferences(("reference_position_z",))
 WEAK, REFUSED, PROVISIONAL = Status.WEAK, Status.REFUSED, Status.PROVISIONAL
 
 
@@ -41,7 +43,7 @@ def quantity(value, half_width):
 
 
 def strength(F=(50.0, 50.0, 50.0), p_value=0.5, lag_s=0.05, names=NAMES, **sets):
-    searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
+    searched = {"actuator_lag": (lag_s, 0.3)} if "actuator_lag" in names else {}
     agreement = OverIdentification(18.0, 2, p_value, None)
     known = {name: ev.ConfidenceSet(pieces) for name, pieces in sets.items()}
     first_stage = dict(zip(names, F, strict=True))
@@ -61,7 +63,7 @@ GOOD = {
 
 def inputs(found=(), flights=(), **changed):
     good = {"checks": VerticalChecks(apparent_gravity=GRAVITY), **strength(), "used_s": 300.0}
-    good |= {"command_rate_hz": 100.0, "response_rate_hz": 100.0, "exogenous": True, "direct": False}
+    good |= {"command_rate_hz": 100.0, "response_rate_hz": 100.0, "instruments": Instruments(PLANNED)}
     return VerdictInputs(flights, **good | changed, quantities=GOOD | dict(found))
 
 
@@ -80,7 +82,11 @@ STILL = {"scale": Difference(-2.05, 0.05)}
 UNIT = {"scale": Difference(2.0 * 99.0 / 101.0, 1e-3)}
 AGREE = OverIdentification(0.0, 1, 0.5, None)
 CONTRADICTED = LagPrior(ev.Prior(0.05, 0.001), quantity(0.09, 0.002))
-CONSTANT = {"constant_reference": True, "missing_reference": "a: constant"}
+CONSTANT = {"instruments": Instruments(NoInstruments(), missing="a: constant", constant=True)}
+DIRECT = {"instruments": Instruments(NoInstruments())}
+MISSING = {"instruments": Instruments(NoInstruments(), missing="none")}
+COMPUTED = {"instruments": Instruments(PLANNED, exogenous=False)}
+PAST = {"instruments": Instruments(LaggedInputs(1), exogenous=False, past_inputs=True)}
 ONE_TONE = {**strength((50.0, 50.0, 2.0)), "single_frequency_hz": 0.318}
 ABOVE = replace(UNKNOWN, interval=(0.2, np.inf))
 LEFT_OPEN = r"how long the lag is at most. They leave the viscous friction anywhere above 0\.2\.$"
@@ -106,10 +112,10 @@ CASES = [
     (GAIN, {}, {"sensors": SensorAgreement(UNIT, AGREE)}, REFUSED, "reads 100 times what"),
     # instruments
     (FRICTION, {}, CONSTANT, REFUSED, r"never moved \(a: constant"),
-    (FRICTION, {}, {"direct": True, "missing_reference": "none"}, PROVISIONAL, "No reference can serve"),
-    (GAIN, {}, {"direct": True}, PROVISIONAL, "direct method is biased"),
-    (FRICTION, {}, {"exogenous": False}, WEAK, "answer the vehicle's own disturbances"),
-    (LAG, {}, {"past_inputs": True, "exogenous": False}, PROVISIONAL, "Past inputs"),
+    (FRICTION, {}, MISSING, PROVISIONAL, "No reference can serve"),
+    (GAIN, {}, DIRECT, PROVISIONAL, "direct method is biased"),
+    (FRICTION, {}, COMPUTED, WEAK, "answer the vehicle's own disturbances"),
+    (LAG, {}, PAST, PROVISIONAL, "Past inputs"),
     (FRICTION, {}, strength((9.9, 50.0, 50.0)), REFUSED, "about the viscous friction: first-st"),
     (FRICTION, {}, strength((50.0, np.nan, 50.0)), REFUSED, "about the input gain"),
     (FRICTION, {}, ONE_TONE, REFUSED, r"one frequency \(0.32 Hz\), which identifies two of 3 numbers"),
@@ -158,7 +164,7 @@ def test_each_rule(name, found, changed, status, said):
         (GAIN, {GAIN: quantity(40.0, 4.0)}, {}),
         (LAG, {LAG: quantity(0.03, 0.0199)}, {}),
         (HOVER, {HOVER: quantity(0.4, 0.0099)}, {}),
-        (HOVER, {}, {"direct": True, "sensors": SensorAgreement(SIGN, AGREE)}),
+        (HOVER, {}, {**DIRECT, "sensors": SensorAgreement(SIGN, AGREE)}),
         (FRICTION, {}, strength((10.0, 10.0, 10.0))),
         (FRICTION, {}, strength(p_value=1e-6)),
         (LAG, {}, strength(names=NAMES[:2], F=(50.0, 50.0), lag_s=0.3)),
@@ -192,7 +198,7 @@ def test_a_delay_that_is_not_separated_from_the_lag_is_weak():
 
 def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
     for value, status in ((0.06, WEAK), (-0.06, WEAK), (0.05, Status.IDENTIFIED)):
-        assert judged(FRICTION, searched={"delay": Searched(value, highest=0.06)}).status is status
+        assert judged(FRICTION, searched={"delay": (value, 0.06)}).status is status
 
 
 def parts(name, found=(), **changed):
