@@ -126,7 +126,6 @@ class RigidTerm:
     by_velocity: bool = False  # Only where the velocity on the body's axes is known
 
     def column(self, of: BodyMotion) -> Series:
-        """Its column at samples or starts."""
         return self.formula(of, self.index)
 
 
@@ -334,99 +333,77 @@ def _integrated(rate: Float[np.ndarray, " length"], step_s: float) -> Float[np.n
     return np.asarray(np.fft.irfft(kept * np.fft.rfft(level), level.size))
 
 
-# -- Predicted --
+# -- Instruments --
 
 #: Successive lags of references, how many and how long [s]: for turning, for velocity across, for height.
 QUICK, SLOW, HEIGHT = (14, 0.04), (4, 1.0), (4, 0.15)
 #: Axis of turning that tilts the thrust forward, and left.
 TILTED = (PITCH_EQUATION, ROLL_EQUATION)
+#: Lags for which columns are instruments; delays, of a state that was measured [s].
+INSTRUMENT_LAGS_S = (0.01, 0.03, 0.07, 0.15)
+INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
 
 
 @dataclass(frozen=True)
-class Predictors:
-    """Exogenous signals of one flight, with their lags."""
+class AxisInstruments:
+    """Instruments of every equation of one flight: references with their lags, and what they predict."""
 
     flight: PreparedFlight
+    vehicle: KnownVehicle
     rule: separable.LaggedReferences
 
-    def of_axis(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
+    def of_axis(self, axis: int, columns: RotorColumns) -> Float[np.ndarray, "n p"]:
+        """Columns for one equation, some of them like columns of what its rotors do."""
+        if axis < FORCE_X_EQUATION:
+            states = replace(columns.states, flight=self._predicted, _last=None)
+            return self._turning(axis, replace(columns, states=states))
+        velocity, along = self._motion.velocity, axis - FORCE_X_EQUATION
+        quadratic = np.linalg.norm(velocity, axis=0) * velocity[along]
+        if axis == FORCE_Z_EQUATION:
+            across = velocity[0] ** 2 + velocity[1] ** 2
+            return np.column_stack([self._references(FORCE_Z_EQUATION, HEIGHT), across, quadratic])
+        return np.column_stack([self._references(TILTED[along], SLOW), quadratic])
+
+    def _references(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
         """References of an axis with their lags; those of no axis of turning are of height."""
         turning = {source.channel: item.number for item in AXES for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
         signals = self.flight.signals
         return replace(self.rule, channels=names, lags=lags).columns(signals, np.zeros(signals.sample_count))
 
-    def predicted(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
+    def _by_references(self, values: Series, axis: int, lags: tuple[int, float]) -> Series:
         """Prediction by the references of one axis, within what the values were."""
         used = self.flight.used
-        result = cross_fitted(self.of_axis(axis, lags), values[:, None], used)[:, 0]
+        result = cross_fitted(self._references(axis, lags), values[:, None], used)[:, 0]
         return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
-
-def _rotors(flight: PreparedFlight, vehicle: KnownVehicle, says: Predictors) -> dict[str, Series]:
-    """Commands of the rotors, put together of what lifts and what turns."""
-    logged = flight.signals.family(flight.input.name)
-    parts = np.column_stack([vehicle.roll, vehicle.pitch, vehicle.yaw, np.ones(vehicle.count)])
-    shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
-    chosen = (*((axis, QUICK) for axis in range(FORCE_X_EQUATION)), (FORCE_Z_EQUATION, HEIGHT))
-    pairs, used = zip(shares.T, chosen, strict=True), logged[flight.used]
-    selected = np.column_stack([says.predicted(share, axis, lags) for share, (axis, lags) in pairs])
-    rotors = np.clip(selected @ parts.T, used.min(), used.max())
-    return {f"{flight.input.name}_{number + 1}": column for number, column in enumerate(rotors.T)}
-
-
-# -- Instruments --
-
-#: Lags for which columns are instruments; delays, of a state that was measured [s].
-INSTRUMENT_LAGS_S = (0.01, 0.03, 0.07, 0.15)
-INSTRUMENT_DELAYS_S = (-0.02, 0.0, 0.02)
-
-#: The moving columns of an equation in some flight, at a lag and a delay.
-Columns = Callable[[separable.Values], Float[np.ndarray, "n k"]]
-
-
-@dataclass(frozen=True)
-class AxisInstruments:
-    """Instruments of every equation of one flight."""
-
-    flight: PreparedFlight
-    vehicle: KnownVehicle
-    rule: separable.InstrumentRule
-
-    def of_axis(self, axis: int, columns_of: Callable[[PreparedFlight], Columns]) -> Float[np.ndarray, "n p"]:
-        """Columns for one equation; none where the rule has none."""
-        signals = self.flight.signals
-        if isinstance(self.rule, separable.NoInstruments):
-            return np.empty((signals.sample_count, 0))
-        if not isinstance(self.rule, separable.LaggedReferences):
-            level = signals.family(self.flight.input.name).mean(axis=1)
-            return self.rule.columns(signals, level)
-        if axis < FORCE_X_EQUATION:
-            return self._turning(axis, columns_of(self._predicted))
-        says, velocity = Predictors(self.flight, self.rule), self._motion.velocity
-        along = axis - FORCE_X_EQUATION
-        quadratic = np.linalg.norm(velocity, axis=0) * velocity[along]
-        if axis == FORCE_Z_EQUATION:
-            across = velocity[0] ** 2 + velocity[1] ** 2
-            return np.column_stack([says.of_axis(FORCE_Z_EQUATION, HEIGHT), across, quadratic])
-        return np.column_stack([says.of_axis(TILTED[along], SLOW), quadratic])
+    @cached_property
+    def _rotors(self) -> dict[str, Series]:
+        """Commands of the rotors, put together of what lifts and what turns."""
+        name, vehicle = self.flight.input.name, self.vehicle
+        logged = self.flight.signals.family(name)
+        parts = np.column_stack([vehicle.roll, vehicle.pitch, vehicle.yaw, np.ones(vehicle.count)])
+        shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
+        chosen = (*((axis, QUICK) for axis in range(FORCE_X_EQUATION)), (FORCE_Z_EQUATION, HEIGHT))
+        pairs, used = zip(shares.T, chosen, strict=True), logged[self.flight.used]
+        selected = np.column_stack([self._by_references(share, axis, lags) for share, (axis, lags) in pairs])
+        rotors = np.clip(selected @ parts.T, used.min(), used.max())
+        return {f"{name}_{number + 1}": column for number, column in enumerate(rotors.T)}
 
     @cached_property
     def _predicted(self) -> PreparedFlight:
-        if not isinstance(self.rule, separable.LaggedReferences):
-            return self.flight
-        # the same flight with predictions in place of its commands, rates and velocity
-        signals, says = self.flight.signals, Predictors(self.flight, self.rule)
+        """The same flight with predictions in place of its commands, rates and velocity."""
+        signals, says = self.flight.signals, self._by_references
         channels = dict(signals.channels)
         for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
             name = AXES[axis].rate
-            channels[name] = says.predicted(signals.channel(name), axis, QUICK)
-        channels |= _rotors(self.flight, self.vehicle, says)
+            channels[name] = says(signals.channel(name), axis, QUICK)
+        channels |= self._rotors
         velocity = body_velocity(signals)
         if velocity is not None:
             by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
             for along, (axis, lags) in enumerate(by_axis):
-                channels[f"velocity_{'xyz'[along]}"] = says.predicted(velocity[:, along], axis, lags)
+                channels[f"velocity_{'xyz'[along]}"] = says(velocity[:, along], axis, lags)
             for part in "wxyz":
                 channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
         return replace(self.flight, signals=replace(signals, channels=channels))
@@ -442,7 +419,7 @@ class AxisInstruments:
         sums = RotorSums(commands, commands, np.zeros(signals.sample_count))
         return BodyMotion(self.vehicle, 1.0, sums, velocity, rates)
 
-    def _turning(self, axis: int, moving: Columns) -> Float[np.ndarray, "n p"]:
+    def _turning(self, axis: int, moving: RotorColumns) -> Float[np.ndarray, "n p"]:
         """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
         nodes = [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
         if self.flight.input.measured:
@@ -562,7 +539,6 @@ class RotorStates:
 
     @cached_property
     def rates(self) -> Float[np.ndarray, "3 n"]:
-        """Body rates."""
         return np.stack([self.flight.signals.channel(axis.rate) for axis in AXES])
 
     @cached_property
@@ -647,7 +623,10 @@ def _flight(
     number: int, states: RotorStates, rule: separable.InstrumentRule, terms: list[RigidTerm]
 ) -> Iterator[lagged_runs.AxisColumns]:
     flight, signals, vehicle = states.flight, states.flight.signals, states.vehicle
-    instruments, still = AxisInstruments(flight, vehicle, rule), states.at()[0]
+    level = signals.family(flight.input.name).mean(axis=1)
+    by_references = None
+    if isinstance(rule, separable.LaggedReferences):
+        by_references = AxisInstruments(flight, vehicle, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
     changes = change_over_step(states.rates, signals.step_s)
     by_velocity = force_by_velocity(signals) if any(term.by_velocity for term in terms) else None
@@ -668,19 +647,20 @@ def _flight(
         fixed = np.zeros((signals.sample_count, len(steady)))
         for index, term in enumerate(steady):
             if term.equation == axis:
-                fixed[:, index] = as_logged(term, still, sensor)
+                fixed[:, index] = as_logged(term, states.at()[0], sensor)
         columns = RotorColumns(states, axis, moving)
-
-        def columns_of(other: PreparedFlight, columns: RotorColumns = columns) -> Columns:
-            return replace(columns, states=replace(states, flight=other, _last=None), moving=lagged)
-
+        made = (
+            rule.columns(signals, level)
+            if by_references is None
+            else by_references.of_axis(axis, replace(columns, moving=lagged))
+        )
         yield lagged_runs.AxisColumns(
             signals.step_s,
             flight.runs,
             np.column_stack(responses),
             fixed,
             columns,
-            instruments.of_axis(axis, columns_of),
+            made,
             number,
             axis,
             (low, min(high, BAND_SHARE * slowest)),
