@@ -16,7 +16,7 @@ from eivor.motions.vertical.model import (
     MOT_THST_EXPO,
     THR_MDL_FAC,
     AutopilotParameter,
-    family_of_fitted,
+    family_of,
     proposed,
 )
 from eivor.signals.channels import CurveSide
@@ -91,7 +91,7 @@ def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     if curve is not None and not reasons:
         share, thrust = proposed(
             autopilot.curve,
-            family_of_fitted(fitted.input_map),
+            family_of(fitted.input_map),
             (curve.value, curve.interval),
             (hover.value, hover.interval),
             fitted.curve_in_force[autopilot.curve.name] if before else None,

@@ -319,7 +319,9 @@ class Abilities:
     #: What follows from a vehicle's description
     implications: Callable[[Estimate], Implications] = lambda _estimate: Implications()
     #: With the input at lag and delay
-    signals: Callable[[PreparedFlight, float, float], Signals] | None = None
+    signals: Callable[[PreparedFlight, float, float], Signals] = lambda flight, _lag_s, _delay_s: (
+        flight.signals
+    )
     #: Quantities that flights determine without an estimate, and what their rules and systematic parts read
     known: Callable[[Flights], tuple[Mapping[str, QuantityEstimate], MotionChecks]] | None = None
     excitation: Callable[[Flights], str] = lambda _flights: ""  # How much flights moved, a sentence

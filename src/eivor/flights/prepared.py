@@ -208,10 +208,11 @@ class Selection:
         """Every channel that is put on the grid."""
         return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
 
-    def measured(self, *, estimated: bool) -> tuple[str, ...]:
-        """Roles whose channel comes from an estimator, or is declared to come from a sensor."""
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Roles whose channel is declared to come from a sensor."""
         roles = {**self.states, **self.responses}
-        return tuple(role for role, item in roles.items() if item is not None and item.estimated is estimated)
+        return tuple(role for role, item in roles.items() if item is not None and item.estimated is False)
 
     @property
     def rates_hz(self) -> dict[str, float]:
@@ -326,8 +327,7 @@ class PreparedFlight:
     rates_hz: Mapping[str, float]
     findings: tuple[Finding, ...]  # Named diagnostics
     grid: Grid  # Times of the samples
-    estimated: tuple[str, ...] = ()  # Roles of the selection whose channel comes from an estimator
-    measured: tuple[str, ...] = ()  # Those whose channel is declared to come from a sensor
+    measured: tuple[str, ...] = ()  # Roles of the selection whose channel is declared to come from a sensor
     #: What the command may be late or early by throughout, see `Clock` [s]
     command_slack_s: float = 0.0
     #: Time between two commands where the log holds but some of them; zero where it holds every one [s]

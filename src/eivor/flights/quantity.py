@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.logs.read import advising_format
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import Prior, Values
 from eivor.tools import Float
 
@@ -201,22 +201,6 @@ class TrackedParameter:
     known: Mapping[str, Prior]
     intercept: Prior | None
     descriptions: tuple[str, ...]  # The same in sentences
-
-
-#: Its name among simple models, and what it is.
-NAME, WORDS = "least_squares", "no-lag least squares"
-
-
-def least_squares_without_lag(problem: LaggedRuns, nuisance_values: Values) -> SimpleModel:
-    """Least squares of all rows in frequency with neither lag nor delay."""
-    without = {**nuisance_values, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
-    bins = problem.bins(without)
-    rows, response = (np.concatenate([p.real, p.imag]) for p in (bins.regressors, bins.responses[:, 0]))
-    sizes = np.sqrt((rows * rows).sum(axis=0))
-    sizes[sizes == 0.0] = 1.0
-    fitted = np.linalg.lstsq(rows / sizes, response)[0] / sizes
-    names = (parameter.name for parameter in problem.parameters)
-    return SimpleModel(WORDS, {**without, **dict(zip(names, fitted.tolist(), strict=True))})
 
 
 @dataclass(frozen=True, slots=True)

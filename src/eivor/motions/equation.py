@@ -39,12 +39,10 @@ class Term:
 
     @property
     def parameter(self) -> Parameter:
-        """The parameter."""
         return Parameter(self.name, self.unit)
 
     @cached_property
     def expression(self) -> Expression:
-        """The expression, checked."""
         return parsed(self.of)
 
     @property
@@ -244,7 +242,6 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 
     def instruments(self, number: int, signals: Signals, rule: InstrumentRule) -> np.ndarray:
-        """Instruments of one of the axes."""
         axis = self.axes[number]
         others = {source.channel for item in self.axes if item != axis for source in item.references}
         return axis.instruments(signals, rule, others)
@@ -254,7 +251,6 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         return {name: results[name] for name in self.quantities if name in results}
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Response of each axis within the band, measured and predicted."""
         traces = []
         for number in problem.axes:
             driving = {term.parameter for term in self.axes[number].terms if term.behind}
@@ -265,20 +261,28 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
 
 
 def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:
-    """Least squares without a lag."""
-    return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
+    """Least squares of all rows in frequency with neither lag nor delay."""
+    without = {**estimate.nuisances, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    bins = problem.bins(without)
+    rows, response = (np.concatenate([p.real, p.imag]) for p in (bins.regressors, bins.responses[:, 0]))
+    sizes = np.sqrt((rows * rows).sum(axis=0))
+    sizes[sizes == 0.0] = 1.0
+    fitted = np.linalg.lstsq(rows / sizes, response)[0] / sizes
+    names = (parameter.name for parameter in problem.parameters)
+    values = {**without, **dict(zip(names, fitted.tolist(), strict=True))}
+    return {"least_squares": SimpleModel("no-lag least squares", values)}
 
 
 def response_predictions(
     axes: Sequence[AxisEquation], problem: LaggedRuns, values: Values
 ) -> tuple[quantity.PredictedQuantity, ...]:
     """Response of each axis within the band, of what is measured beside it."""
-    at, theta = ([values[item.name] for item in items] for items in (problem.nuisances, problem.parameters))
-    index = dict(zip((item.name for item in problem.nuisances), at, strict=True))
+    index = {item.name: values[item.name] for item in problem.nuisances}
+    theta = np.array([values[item.name] for item in problem.parameters])
     results = []
     for number in problem.axes:
         words, unit, *_ = axes[number].trace
-        measured, predicted, _ = problem.series_in_band(index, number, np.array(theta), ()).T
+        measured, predicted, _ = problem.series_in_band(index, number, theta, ()).T
         results.append(
             quantity.PredictedQuantity(quantity.Horizon.ONE_STEP, words, unit, measured, predicted)
         )

@@ -16,7 +16,6 @@ from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.prepare import prepare
-from eivor.flights.prepared import mask_of
 from eivor.flights.references import Declared
 from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.models.separable import Bounds, Prior
@@ -292,7 +291,4 @@ def log_signals(
             raise UsageError(f"a {name} between 0 and 1 s", f"{value:g}", "Give it in seconds.")
     motion = motion_by_name(model)
     flight = prepare(log, motion, FlightOptions(**choices))
-    used = mask_of(flight.runs, flight.usable.size) & flight.usable
-    made = motion.abilities.signals
-    signals = flight.signals if made is None else made(flight, actuator_lag, delay)
-    return replace(signals, valid=used)
+    return replace(motion.abilities.signals(flight, actuator_lag, delay), valid=flight.used)

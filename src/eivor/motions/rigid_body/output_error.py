@@ -135,70 +135,15 @@ def weights_of(
 
 
 @dataclass(frozen=True)
-class OutputErrors:
-    """What windows of flights leave, as a function of free parameters and of each flight's clock offset."""
-
-    windows: tuple[Windows, ...]
-    base: Values  # Parameters and nuisances that are not free have these values
-    free: tuple[str, ...]
-    scale: Vector  # Of free parameters and offsets
-
-    @property
-    def offsets(self) -> int:
-        """Flights whose clocks may stand apart; one alone has its delay for that."""
-        return len(self.windows) if len(self.windows) > 1 else 0
-
-    @property
-    def measured(self) -> bool:
-        """Whether states of the rotors were measured: such states may be early."""
-        return all(item.logged.flight.input.measured for item in self.windows)
-
-    @property
-    def bounds(self) -> tuple[Vector, Vector]:
-        """Least and largest values."""
-        known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
-        known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
-        pairs = [known.get(name, (-np.inf, np.inf)) for name in self.free]
-        low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.offsets]).T
-        return low, high
-
-    def models(self, points: Sequence[Vector], flight: int) -> list[Values]:
-        """Every number of the equations at points, in one flight."""
-        models = {}
-        for number, point in enumerate(points):
-            values = {**self.base, **dict(zip(self.free, point.tolist(), strict=False))}
-            if self.offsets:
-                delay_s = values[DELAY.name] + float(point[len(self.free) + flight])
-                values[DELAY.name] = max(delay_s, -np.inf if self.measured else 0.0)
-            models[str(number)] = SimpleModel("", values)
-        return [item.values for item in with_gyroscopic_moments(models, "0").values()]
-
-    def left(self, points: Sequence[Vector]) -> list[Float[np.ndarray, "points rows starts"]]:
-        """What each flight's windows leave."""
-        return [windows.left(self.models(points, number)) for number, windows in enumerate(self.windows)]
-
-    def moved(self, point: Vector) -> list[Vector]:
-        """The point, and it with each entry moved by a small share of its scale, inside of the bounds."""
-        away = np.where(point + 2e-4 * self.scale > self.bounds[1], -1e-4, 1e-4) * self.scale
-        return [point, *(point + np.diag(away))]
-
-    def derivatives(self, points: Sequence[Vector], values: Float[np.ndarray, "points all"]) -> Jacobian:
-        """Slopes of values between `moved` points; parameters enter the equations linearly."""
-        away = np.array([(point - points[0]).sum() for point in points[1:]])
-        return ((values[1:] - values[0]) / away[:, None]).T
-
-
-@dataclass(frozen=True)
 class Minimum:
     """A minimum of output errors."""
 
-    errors: OutputErrors
+    structure: Structure
     weights: tuple[Weights, ...]
-    point: Vector
 
     def whitened(self, points: Sequence[Vector]) -> Float[np.ndarray, "points all"]:
         """Residuals of variance 1 at points."""
-        pairs = zip(self.weights, self.errors.left(points), strict=True)
+        pairs = zip(self.weights, self.structure.left(points), strict=True)
         whitened = [np.einsum("sij,...js->...si", roots, left) for roots, left in pairs]
         return np.concatenate([item.reshape(len(points), -1) for item in whitened], axis=1)
 
@@ -206,7 +151,7 @@ class Minimum:
     def clusters(self) -> Int[np.ndarray, " all"]:
         """Which windows go together: those of a flight that begin at nearly one time."""
         results, count = [], 0
-        for windows in self.errors.windows:
+        for windows in self.structure.windows:
             times = windows.starts.samples * windows.starts.step_s
             _, numbers = np.unique((times / CLUSTER_S).astype(np.int64), return_inverse=True)
             results.append(np.repeat(count + numbers, len(windows.outputs) * len(windows.starts.steps)))
@@ -214,10 +159,11 @@ class Minimum:
         return np.concatenate(results)
 
     def linearised(self) -> Linearised:
-        """Scores and slopes of every cluster."""
-        points = self.errors.moved(self.point)
-        whitened = self.whitened(points)
-        residual, jacobian = whitened[0], self.errors.derivatives(points, whitened)
+        """Scores and slopes of every cluster, by all that is seen."""
+        structure = replace(self.structure, kept=self.structure.seen)
+        points = structure.moved(structure.point)
+        whitened = replace(self, structure=structure).whitened(points)
+        residual, jacobian = whitened[0], structure.derivatives(points, whitened)
         bend = (1.0 + residual**2) ** -0.5  # weight that the loss leaves
         scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         ends = np.flatnonzero(np.diff(self.clusters, append=-1)) + 1
@@ -228,8 +174,8 @@ class Minimum:
             scores.append(-weighted.T @ residual[cluster])
             slopes.append(weighted.T @ rows)
         added = np.zeros_like(slopes[0])
-        if self.errors.offsets:  # their mean is the delay
-            clocks = np.where(np.arange(scale.size) < len(self.errors.free), 0.0, scale)
+        if structure.clocks.size:  # their mean is the delay
+            clocks = np.where(np.arange(scale.size) < len(structure.kept), 0.0, scale)
             added = 1e4 * np.outer(clocks, clocks) / float(clocks @ clocks) / len(slopes)
         return Linearised(np.stack(scores), np.stack(slopes) + added, scale)
 
@@ -259,35 +205,36 @@ class Linearised:
         return change * scale, share * steps.T @ steps * np.outer(scale, scale)
 
 
-def minimised(errors: OutputErrors, point: Vector, *, passes: int = PASSES) -> Minimum:
+def minimised(start: Structure, *, passes: int = PASSES) -> Minimum:
     """The nearest minimum of the whitened errors, with weights from the errors themselves."""
-    low, high = errors.bounds
-    margin = 1e-3 * errors.scale
-    point = np.clip(point, low + margin, high - margin)
-    noises = [np.array([FIRST_NOISE[_UNITS[part]] for part in item.outputs]) for item in errors.windows]
+    low, high = start.bounds
+    margin = 1e-3 * start.scale
+    point = np.clip(start.point, low + margin, high - margin)
+    noises = [np.array([FIRST_NOISE[_UNITS[part]] for part in item.outputs]) for item in start.windows]
     for _ in range(passes):
         made = []
-        for number, (windows, left) in enumerate(zip(errors.windows, errors.left([point]), strict=True)):
-            by_state = windows.by_initial_state(errors.models([point], number)[0])
+        for number, (windows, left) in enumerate(zip(start.windows, start.left([point]), strict=True)):
+            by_state = windows.by_initial_state(start.models([point], number)[0])
             roots, noises[number] = weights_of(left[0], by_state, noises[number])
             made.append(roots)
-        best = Minimum(errors, tuple(made), point)
+        best = Minimum(start, tuple(made))
 
         def together(point: Vector) -> Float[np.ndarray, " clocks"]:
-            offsets = point[len(errors.free) :]
-            return np.array([1e4 * offsets.sum()]) if errors.offsets else np.empty(0)
+            offsets = point[len(start.kept) :]
+            return np.array([1e4 * offsets.sum()]) if offsets.size else np.empty(0)
 
         def residual(point: Vector, best: Minimum = best) -> Float[np.ndarray, " all"]:
             return np.append(best.whitened([point])[0], together(point))
 
         def jacobian(point: Vector, best: Minimum = best) -> Jacobian:
-            points = errors.moved(point)
+            points = start.moved(point)
             clocks = np.stack([together(item) for item in points])
-            return errors.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
+            return start.derivatives(points, np.concatenate([best.whitened(points), clocks], axis=1))
 
-        kept = {"bounds": (low, high), "x_scale": errors.scale, "loss": "soft_l1", "max_nfev": CALLS}
+        kept = {"bounds": (low, high), "x_scale": start.scale, "loss": "soft_l1", "max_nfev": CALLS}
         point = least_squares(residual, point, jac=jacobian, ftol=1e-4, xtol=1e-5, **kept).x
-    return replace(best, point=point)
+    values = {**start.values, **dict(zip(start.kept, point.tolist(), strict=False))}
+    return replace(best, structure=replace(start, values=values, clocks=point[len(start.kept) :]))
 
 
 def flight_windows(flights: Flights, vehicle: KnownVehicle) -> tuple[Windows, ...]:
@@ -313,34 +260,62 @@ ROUNDS = 2
 
 @dataclass(frozen=True)
 class Structure:
-    """Terms of the equations that windows see, those of them that are kept, and where they are least."""
+    """Terms of the equations that windows see, those of them that are kept and free, and every value."""
 
     windows: tuple[Windows, ...]
     seen: tuple[str, ...]
     scales: Mapping[str, float]
     values: Values  # Of everything
     kept: tuple[str, ...]
-    clocks: Float[np.ndarray, " offsets"]  # Of each flight [s]
+    clocks: Float[np.ndarray, " offsets"]  # Of each flight [s]; one alone has its delay for that
 
-    def errors(self, free: Sequence[str]) -> OutputErrors:
-        """Output errors by free parameters."""
-        scale = np.array([*(self.scales[name] for name in free), *[CLOCK_S] * self.clocks.size])
-        return OutputErrors(self.windows, self.values, tuple(free), scale)
+    @cached_property
+    def scale(self) -> Vector:
+        """Of parameters that are kept, and of clocks."""
+        return np.array([*(self.scales[name] for name in self.kept), *[CLOCK_S] * self.clocks.size])
 
-    def point(self, free: Sequence[str]) -> Vector:
-        """Values of free parameters and clocks."""
-        return np.array([*(self.values[name] for name in free), *self.clocks])
+    @cached_property
+    def point(self) -> Vector:
+        """Values of the same."""
+        return np.array([*(self.values[name] for name in self.kept), *self.clocks])
 
-    def minimised(self, *, passes: int = PASSES) -> tuple[Structure, Minimum]:
-        """The same where errors are least."""
-        minimum = minimised(self.errors(self.kept), self.point(self.kept), passes=passes)
-        refined_values = dict(zip(self.kept, minimum.point.tolist(), strict=False))
-        clocks = minimum.point[len(self.kept) :]
-        return replace(self, values={**self.values, **refined_values}, clocks=clocks), minimum
+    @property
+    def measured(self) -> bool:
+        """Whether states of the rotors were measured: such states may be early."""
+        return all(item.logged.flight.input.measured for item in self.windows)
 
-    def linearised(self, minimum: Minimum) -> Linearised:
-        """Scores of all that is seen at a minimum of what is kept."""
-        return replace(minimum, errors=self.errors(self.seen), point=self.point(self.seen)).linearised()
+    @property
+    def bounds(self) -> tuple[Vector, Vector]:
+        known = {ACTUATOR_LAG.name: LAGS_S, DELAY.name: EARLY_S if self.measured else DELAYS_S}
+        known |= {item.name: (0.0, np.inf) for item in _POSITIVE}
+        pairs = [known.get(name, (-np.inf, np.inf)) for name in self.kept]
+        low, high = np.array([*pairs, *[(-OFFSETS_S, OFFSETS_S)] * self.clocks.size]).T
+        return low, high
+
+    def models(self, points: Sequence[Vector], flight: int) -> list[Values]:
+        """Every number of the equations at points, in one flight."""
+        models = {}
+        for number, point in enumerate(points):
+            values = {**self.values, **dict(zip(self.kept, point.tolist(), strict=False))}
+            if self.clocks.size:
+                delay_s = values[DELAY.name] + float(point[len(self.kept) + flight])
+                values[DELAY.name] = max(delay_s, -np.inf if self.measured else 0.0)
+            models[str(number)] = SimpleModel("", values)
+        return [item.values for item in with_gyroscopic_moments(models, "0").values()]
+
+    def left(self, points: Sequence[Vector]) -> list[Float[np.ndarray, "points rows starts"]]:
+        """What each flight's windows leave."""
+        return [windows.left(self.models(points, number)) for number, windows in enumerate(self.windows)]
+
+    def moved(self, point: Vector) -> list[Vector]:
+        """The point, and it with each entry moved by a small share of its scale, inside of the bounds."""
+        away = np.where(point + 2e-4 * self.scale > self.bounds[1], -1e-4, 1e-4) * self.scale
+        return [point, *(point + np.diag(away))]
+
+    def derivatives(self, points: Sequence[Vector], values: Float[np.ndarray, "points all"]) -> Jacobian:
+        """Slopes of values between `moved` points; parameters enter the equations linearly."""
+        away = np.array([(point - points[0]).sum() for point in points[1:]])
+        return ((values[1:] - values[0]) / away[:, None]).T
 
     def alone(self, at: Linearised, name: str = "", *, jackknife: bool = False) -> tuple[Numbers, Square]:
         """Changes of what is kept with a name last, before the clocks; and their covariance."""
@@ -369,8 +344,8 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     scales = {name: max(estimate.std_error(name), 1e-9) for name in names}
     clocks = np.zeros(len(windows) if len(windows) > 1 else 0)
     first = Structure(windows, names, scales, values, tuple(core), clocks)
-    of_all = first.errors(names)
-    left = of_all.left(of_all.moved(first.point(names)))
+    of_all = replace(first, kept=names)
+    left = of_all.left(of_all.moved(of_all.point))
     answer = sum(np.abs(item[1:] - item[0]).sum(axis=(1, 2)) for item in left)
     # what no window answers stays as it is
     seen = tuple(name for name, size in zip(names, answer, strict=False) if size > 0.0)
@@ -380,10 +355,10 @@ def first_structure(estimate: Estimate, windows: tuple[Windows, ...]) -> Structu
     rows, places = estimate.rows, [linear.index(name) for name in by_rows]
     theta = np.linalg.lstsq(rows.regressors[:, places], rows.response, rcond=None)[0]
     other = replace(first, values={**values, **dict(zip(by_rows, theta.tolist(), strict=True))})
-    tried = [item.minimised(passes=1) for item in (first, other)]
-    by_first = tried[0][1].whitened
-    costs = [float(np.sqrt(1.0 + by_first([end.point])[0] ** 2).sum()) for _, end in tried]
-    return tried[int(np.argmin(costs))][0]
+    tried = [minimised(item, passes=1) for item in (first, other)]
+    ends, by_first = [item.structure for item in tried], tried[0].whitened
+    costs = [float(np.sqrt(1.0 + by_first([end.point])[0] ** 2).sum()) for end in ends]
+    return ends[int(np.argmin(costs))]
 
 
 def refined_by_output_error(
@@ -391,13 +366,13 @@ def refined_by_output_error(
 ) -> tuple[Estimate, tuple[Finding, ...]]:
     """The estimate whose multi-step predictions leave least, and what stands out: see docs/rigid-body.md."""
     structure = first_structure(estimate, flight_windows(flights, vehicle))
-    structure, minimum = structure.minimised(passes=PASSES - 1)
+    minimum = minimised(structure, passes=PASSES - 1)
     for _ in range(ROUNDS):
-        wider = structure.chosen(structure.linearised(minimum))
-        if wider.kept == structure.kept:
+        wider = minimum.structure.chosen(minimum.linearised())
+        if wider.kept == minimum.structure.kept:
             break
-        structure, minimum = wider.minimised()
-    at, names = structure.linearised(minimum), estimate.names
+        minimum = minimised(wider)
+    structure, at, names = minimum.structure, minimum.linearised(), estimate.names
     matrix = np.zeros((len(names), len(names)))
     places = np.array([names.index(name) for name in structure.kept])
     covariance = structure.alone(at, jackknife=True)[1]

@@ -51,14 +51,9 @@ class CurveFamily:
         return (thrust + value * hover) / thrust if thrust > 0.0 else math.inf
 
 
-def family_of(start: InputMap) -> CurveFamily:
-    """Maps that are tried in place of one: shares for thrust commands, exponents for commands of rotors."""
-    return CurveFamily(isinstance(start, Mixed) or start == Power(1.0))
-
-
-def family_of_fitted(chosen: InputMap) -> CurveFamily:
-    """Family of a map that was fitted: an exponent of one is ``linear``, and a share of zero ``mixed:0``."""
-    return CurveFamily(isinstance(chosen, Mixed))
+def family_of(chosen: InputMap, *, fitted: bool = True) -> CurveFamily:
+    """Family of a map that was fitted; of others shares for thrust, exponents for commands of rotors."""
+    return CurveFamily(isinstance(chosen, Mixed) or (not fitted and chosen == Power(1.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ def refined_curve(
     problem: VerticalFlights, estimated: Estimated, bias_std: float
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
-    family = model.family_of(problem.motion.input_map)
+    family = model.family_of(problem.motion.input_map, fitted=False)
     curvature_error = math.inf
     if math.isinf(bias_std):
         value, curvature_error = _by_curvature(problem, estimated, family)
@@ -193,7 +193,7 @@ def curve_findings(
             f"thrust curve: no parameter is proposed. {model.DECLARE}"
         )
         return (Finding("thrust_curve", sentence),)
-    family = model.family_of_fitted(input_map(flights[0].input_map))
+    family = model.family_of(input_map(flights[0].input_map))
     before = side is CurveSide.BEFORE
     sentences = []
     for parameter in [

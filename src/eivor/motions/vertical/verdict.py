@@ -83,13 +83,11 @@ class VerticalChecks(MotionChecks):
     @property
     def numbers(self) -> dict[str, float]:
         share, lowest = self.near_ground or (math.nan, math.nan)
+        of_input = ("thrust_exponent", "map_exponent", "thrust_command")
+        names = (*of_input, "apparent_gravity", "sideways_speed")
         return {
             "input_map_p_value": self.map_p_value,
-            "thrust_exponent": self.thrust_exponent,
-            "map_exponent": self.map_exponent,
-            "thrust_command": float(self.thrust_command),
-            "apparent_gravity": self.apparent_gravity,
-            "sideways_speed": self.sideways_speed,
+            **{name: float(getattr(self, name)) for name in names},
             **({"near_ground_share": share, "lowest_radii": lowest} if self.near_ground else {}),
             **({} if self.drift is None else self.drift.numbers),
             **self.omitted.numbers,
