@@ -209,11 +209,9 @@ def posed(state: FlightState) -> SeparableProblem:
 
 def estimate_parameters(state: FlightState) -> FlightState:
     """The estimate, and the problem with what the motion finds out by estimates."""
-    solve, refinement = partial(identify, method=state.method), state.motion.abilities.refinement
+    solve, refined = partial(identify, method=state.method), state.motion.abilities.refined
     try:
-        if refinement is None:
-            return replace(state, estimate=solve(state.problem))
-        problem, estimate = refinement.estimate(state.problem, solve, state.options)
+        problem, estimate = refined(state.problem, solve, state.options)
         return replace(state, problem=problem, estimate=estimate)
     except (InstrumentError, CollinearError) as error:
         if state.options.lag is not None and state.lag_prior is None:
@@ -243,10 +241,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
         alone = None if estimate is None else (problem, estimate)
         problem = with_lag_prior(problem, prior.for_the_log)
         state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
-    refinement = state.motion.abilities.refinement
-    if refinement is None or refinement.flights is None:
-        return state
-    return replace(state, prepared=refinement.flights(state.prepared, state.problem))
+    return replace(state, prepared=state.motion.abilities.refined_flights(state.prepared, state.problem))
 
 
 def minimise_output_error(state: FlightState) -> FlightState:

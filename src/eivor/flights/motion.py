@@ -17,7 +17,6 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
 from eivor.flights.quantity import (
     CoupledAxis,
-    Drawn,
     Implications,
     KeyFigure,
     PlotData,
@@ -261,14 +260,6 @@ class OptionSupport:
 
 
 @dataclass(frozen=True)
-class Refinement(Generic[P]):
-    """A motion that is estimated in several steps."""
-
-    estimate: Callable[[P, Solver[P], FlightOptions], tuple[P, Estimate]]  # The last problem, its estimate
-    flights: Callable[[Flights, P], Flights] | None = None  # Flights with what the last problem found out
-
-
-@dataclass(frozen=True)
 class SensorComparison(Generic[P]):
     """A motion with two measurements of one response."""
 
@@ -284,7 +275,8 @@ class Resampling(Generic[P]):
 
     #: Over the samples of each flight
     sums: Callable[[P, Values], Mapping[str, Float[np.ndarray, " flights"]]]
-    quantities: Callable[[P, Drawn], Mapping[str, float]]  # Of a draw of flights, in the order of results
+    #: Of a draw of flights by parameters, nuisances and those sums, in the order of results
+    quantities: Callable[[P, Values, Values, Values], Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -308,7 +300,12 @@ class Abilities:
 
     vehicle: VehicleSupport | None = None
     options: OptionSupport | None = None
-    refinement: Refinement[Any] | None = None
+    #: The last problem of several, and its estimate; and flights with what that problem found out
+    refined: Callable[[Any, Solver[Any], FlightOptions], tuple[Any, Estimate]] = lambda problem, solve, _: (
+        problem,
+        solve(problem),
+    )
+    refined_flights: Callable[[Flights, Any], Flights] = lambda flights, _problem: flights
     sensors: SensorComparison[Any] | None = None
     resampling: Resampling[Any] | None = None
     prediction: Prediction[Any] | None = None

@@ -22,7 +22,6 @@ from eivor.flights.lag_prior import LAG_SUMS, with_lag_prior
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Drawn
 from eivor.flights.result import (
     Fit,
     FitDiagnostics,
@@ -123,7 +122,7 @@ def _quantities_of_draws(
             searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
             return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
         sums = {name: float(times @ each @ replicate.weights) for name, each in at_nodes.items()}
-        return resampling.quantities(problem, Drawn(parameters, replicate.nuisances, sums))
+        return resampling.quantities(problem, parameters, replicate.nuisances, sums)
 
     return quantities
 

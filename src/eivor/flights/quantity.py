@@ -12,7 +12,7 @@ import numpy as np
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import LaggedRuns
-from eivor.models.separable import Prior, Values
+from eivor.models.separable import Prior
 from eivor.tools import Float
 
 
@@ -90,15 +90,6 @@ class CoupledAxis:
     input: str
     input_map: str
     needs: Mapping[str, tuple[str, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """What a draw of flights says, before quantities are derived from it."""
-
-    parameters: Mapping[str, float]
-    nuisances: Values
-    sums: Mapping[str, float]  # Those of `Resampling.sums` there, over the flights drawn
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,7 +110,6 @@ class Derived:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Parameters in it."""
         return parsed(self.of).columns
 
     def quantity(self, estimate: Estimate) -> QuantityEstimate:
@@ -267,7 +266,6 @@ class Machine(DeclaredMotion):
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
-        """Terms of all axes."""
         return tuple(term for axis in self.axes for term in axis.terms)
 
     @cached_property
@@ -333,7 +331,6 @@ class Machine(DeclaredMotion):
 
     @property
     def delays_s(self) -> Sequence[float]:
-        """Delays that are searched [s]."""
         return self.grids[1] if self.grids else (0.0,)
 
     def _tracked(

@@ -22,7 +22,7 @@ from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
-from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities, VelocitySpectrum
+from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
 from eivor.motions.vertical.regression import ThrustDrift, check_terms
@@ -292,7 +292,7 @@ def drift(change):
 )
 def test_each_systematic_part(name, changed, kind, sizes, said):
     """Of one size to both sides, or of two."""
-    own = {"sensitivities": SENSITIVE, "velocity": VelocitySpectrum(np.array([0.2]), np.array([4.0]))}
+    own = {"sensitivities": SENSITIVE, "velocity": (np.array([0.2]), np.array([4.0]))}
     checks = VerticalChecks(apparent_gravity=GRAVITY, **own | changed.get("checks", {}))
     found = [item for item in parts(name, **{**changed, "checks": checks}) if said in item[3]]
     below, above = sizes if isinstance(sizes, tuple) else (sizes, sizes)

@@ -13,7 +13,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import quantity, verdict
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
-from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, Refinement, Solver
+from eivor.flights.motion import Abilities, Flights, FlightView, LogChannels, Prediction, Solver
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.references import ReferenceSource
@@ -433,7 +433,7 @@ class Rates(DeclaredMotion):
         vehicle_parameters=("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT"),
     )
     abilities = Abilities(
-        refinement=Refinement(chosen_order),
+        refined=chosen_order,
         prediction=Prediction(simple_models, multi_step=partial(equation_prediction, EQUATIONS)),
         excitation=excitation,
         coupled_axes=(THRUST,),

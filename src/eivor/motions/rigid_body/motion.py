@@ -387,7 +387,7 @@ class RigidBody(motion.Motion[LaggedRuns]):
                 lambda _options: self.known_vehicle,
                 lambda flights, _options: replace(self, pooled=len(flights) > 1),
             ),
-            refinement=motion.Refinement(refined),
+            refined=refined,
             prediction=motion.Prediction(
                 simple_models,
                 multi_step=lambda flights, models, refused: rigid_body_prediction(

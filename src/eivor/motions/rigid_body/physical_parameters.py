@@ -41,7 +41,6 @@ class Formula:
 
     @cached_property
     def expression(self) -> Expression:
-        """The formula, to evaluate."""
         return parse_expression(self.text, "a formula")
 
     @cached_property
@@ -100,7 +99,6 @@ class Combinations:
         return self.has(*names) and all(self.interval(name, level)[0] > 0.0 for name in names)
 
     def interval(self, name: str, level: float = LEVEL) -> tuple[float, float]:
-        """Interval of one combination."""
         return self.value(name, level=level).interval
 
     def value(
@@ -212,18 +210,14 @@ _BY_ASSUMPTION = _by_arms(
 )
 
 
-@dataclass(frozen=True)
-class YawInertia:
-    """What there is to be said of Izz."""
-
-    ratio: DerivedQuantity | None  # Izz / Ixx by the couplings
-    routes: tuple[YawInertiaRoute, ...]  # Those that are open, the one to go first
+#: Ways to Izz that are open, the one to go first.
+Routes = tuple[YawInertiaRoute, ...]
 
 
-def yaw_inertia(combinations: Combinations, known: KnownVehicle) -> YawInertia:
-    """Ways to Izz that are open; all gains that are taken must be distinguished from zero."""
+def yaw_inertia(combinations: Combinations, known: KnownVehicle) -> tuple[Routes, str]:
+    """Ways to Izz by gains above zero, and what to say where the couplings give none."""
     tilting = combinations.positive(*GAINS)
-    ratio, routes = None, []
+    routes, why = [], "The gyroscopic couplings of the flight do not identify Izz."
     at_hand = [text for name, text in BY_COUPLING.items() if combinations.has(name)]
     if at_hand and tilting:
         if len(at_hand) == 2:
@@ -231,6 +225,7 @@ def yaw_inertia(combinations: Combinations, known: KnownVehicle) -> YawInertia:
             at_hand = [f"({share!r} * {at_hand[0]} + {1.0 - share!r} * {at_hand[1]})"]
         ratio = combinations.value(f"roll_gain * {at_hand[0]}", largest_bend=LARGEST_BEND)
         low, high = ratio.interval
+        why += f" It hardly turns about two axes at once: Izz/Ixx is between {low:.3g} and {high:.3g}."
         if differs_from_zero(ratio.interval) and high - low <= 2.0 * EXCITED_SHARE * ratio.value:
             routes.append(_by_arms("the gyroscopic couplings of the flight", at_hand[0]))
     if known.torque_ratio is not None and combinations.positive("yaw_gain"):
@@ -244,7 +239,7 @@ def yaw_inertia(combinations: Combinations, known: KnownVehicle) -> YawInertia:
         routes.sort(key=relative_width)
     if not routes and known.yaw_inertia_ratio is not None and tilting:
         routes.append(_BY_ASSUMPTION)
-    return YawInertia(ratio, tuple(routes))
+    return tuple(routes), f"{why} Yaw torque alone determines only its ratio to the torque ratio."
 
 
 def _weight(combinations: Combinations) -> float:
@@ -274,15 +269,15 @@ WEIGHT_OVER_ARMS = (2.0, 20_000.0)
 GYRATION = (0.02, 1.5)
 
 
-def contradictions(combinations: Combinations, known: KnownVehicle, yaw: YawInertia) -> Iterator[str]:
+def contradictions(combinations: Combinations, known: KnownVehicle, routes: Routes) -> Iterator[str]:
     """Sentences about what no rigid body has, and about what is supplied and does not fit."""
     yield from _of_couplings(combinations)
     if known.arm_scale is not None:
         yield from _of_lengths(combinations, known, known.arm_scale.value * known.arm)
-    at_hand = [route.at_hand(combinations, known) for route in yaw.routes]
+    at_hand = [route.at_hand(combinations, known) for route in routes]
     if any(at_hand[:1]):
-        yield from _of_inertias(combinations, known, yaw.routes[0])
-    for (item, other), both in zip(pairwise(yaw.routes), pairwise(at_hand), strict=True):
+        yield from _of_inertias(combinations, known, routes[0])
+    for (item, other), both in zip(pairwise(routes), pairwise(at_hand), strict=True):
         formula = f"{other.per_mass} / ({item.per_mass}) - 1"
         function = combinations.value(formula, known, level=SURE) if all(both) else None
         if function is not None and differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
@@ -365,7 +360,7 @@ def _by_mass(symbol: str, units: tuple[str, str], per_mass: str) -> tuple[Formul
     return Formula(f"mass * {per_mass}", symbol, whole), Formula(per_mass, f"{symbol}/m", left)
 
 
-def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]:
+def sought(routes: Routes, unexcited: str, thrust_map: InputMap) -> Iterator[PhysicalParameter]:
     """Every physical parameter that a flight may identify."""
     made = PhysicalParameter
     formulas: tuple[Formula, ...]
@@ -373,9 +368,9 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]
         by_mass = _by_mass(f"I{axis}{axis}", INERTIA_UNITS, TILTING[turning])
         formulas = (*by_mass, Formula(f"thrust_gain / {turning}_gain", f"I{axis}{axis}/(m l)", "m"))
         yield made(f"inertia_{axis}{axis}", f"inertia in {turning}", formulas)
-    yield _yaw_inertia(yaw)
+    yield _yaw_inertia(routes, unexcited)
     yield from _thrust(thrust_map)
-    yield _torque_ratio(yaw)
+    yield _torque_ratio(routes, unexcited)
     for words, axis, offset in (
         ("forward", "x", "pitch_offset / pitch_gain"),
         ("left", "y", "-roll_offset / roll_gain"),
@@ -388,8 +383,8 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]
             yield made(name, f"{words} along {axis}", _by_mass(f"{letter}_{axis}", units, name))
     lift = _by_mass("H", QUADRATIC_UNITS, "translational_lift")
     yield made("translational_lift", "thrust per squared speed across it", lift)
-    inertias = TILTING | {"yaw": yaw.routes[0].per_mass if yaw.routes else ""}
-    no_inertia = "" if yaw.routes else "Izz is not identified."
+    inertias = TILTING | {"yaw": routes[0].per_mass if routes else ""}
+    no_inertia = "" if routes else "Izz is not identified."
     for axis, (turning, inertia) in zip("xyz", inertias.items(), strict=True):
         damping = f"{turning}_damping"
         formulas = (Formula(damping, f"B_{axis}/I{axis}{axis}", "1/s"),)
@@ -405,24 +400,16 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> Iterator[PhysicalParameter]
     yield made("rotor_inertia", "inertia of a rotor", formulas, refusal=no_inertia)
 
 
-def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
+def _yaw_inertia(routes: Routes, unexcited: str) -> PhysicalParameter:
     name, words = "inertia_zz", "inertia in yaw"
-    if not yaw.routes:
+    if not routes:
         left = Formula("thrust_gain / yaw_gain", "Izz/(m kappa)", "1/m")
         helps = ("torque_ratio", "yaw_inertia_ratio")
-        return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
-    route = yaw.routes[0]
+        return PhysicalParameter(name, words, (left,), refusal=unexcited, helps=helps)
+    route = routes[0]
     ratio = (Formula(f"roll_gain * {route.over_thrust}", "Izz/Ixx"),) if route.over_thrust else ()
     formulas = (*_by_mass("Izz", INERTIA_UNITS, route.per_mass), *ratio)
     return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
-
-
-def _unexcited(yaw: YawInertia) -> str:
-    text = "The gyroscopic couplings of the flight do not identify Izz."
-    if yaw.ratio is not None:
-        low, high = yaw.ratio.interval
-        text += f" It hardly turns about two axes at once: Izz/Ixx is between {low:.3g} and {high:.3g}."
-    return f"{text} Yaw torque alone determines only its ratio to the torque ratio."
 
 
 def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
@@ -443,12 +430,12 @@ def _thrust(thrust_map: InputMap) -> Iterator[PhysicalParameter]:
             yield PhysicalParameter(name, words, (whole, by_command, left, left_by_command))
 
 
-def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
+def _torque_ratio(routes: Routes, unexcited: str) -> PhysicalParameter:
     name, words = "torque_ratio", "reaction torque over thrust"
-    route = next((item for item in yaw.routes if item.over_thrust), None)
+    route = next((item for item in routes if item.over_thrust), None)
     if route is None:
         left = Formula("yaw_gain / thrust_gain", "kappa m/Izz", "1/m")
-        return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
+        return PhysicalParameter(name, words, (left,), refusal=unexcited, helps=("yaw_inertia_ratio",))
     text = f"yaw_gain * {route.over_thrust}"
     formulas = Formula(f"arm_scale * {text}", "kappa", "m"), Formula(text, "kappa/l")
     return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
@@ -475,12 +462,12 @@ class PhysicalParameters:
 def physical_parameters(combinations: Combinations, known: KnownVehicle) -> PhysicalParameters:
     """Physical parameters with intervals, each as far as the flight and what is supplied determine it."""
     combinations = combinations.finite()
-    yaw = yaw_inertia(combinations, known)
-    wanted = list(sought(yaw, input_map(known.thrust_map)))
+    routes, unexcited = yaw_inertia(combinations, known)
+    wanted = list(sought(routes, unexcited, input_map(known.thrust_map)))
     return PhysicalParameters(
         {item.name: _number(item, combinations, known) for item in wanted},
         {item.name: item.formulas[0] for item in wanted},
-        tuple(contradictions(combinations, known, yaw)),
+        tuple(contradictions(combinations, known, routes)),
     )
 
 

@@ -132,7 +132,6 @@ class Rotors:
 
     @property
     def count(self) -> int:
-        """Number of rotors."""
         return len(self.positions)
 
     def thrust(self, speed: float) -> float:
@@ -209,7 +208,6 @@ class KnownVehicle:
 
     @property
     def count(self) -> int:
-        """Number of rotors."""
         return len(self.positions)
 
     @property

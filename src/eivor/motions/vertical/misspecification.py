@@ -38,7 +38,7 @@ from eivor.motions.vertical.regression import (
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
 from eivor.signals.recording import Channel, Finding
-from eivor.tools import Float
+from eivor.tools import Float, capitalised
 
 # -- Omitted-variable tests --
 
@@ -166,10 +166,8 @@ class OmittedTerms:
 
     def missed(self, name: str) -> bool:
         """Whether a term is missed, by so much that it matters."""
-        difference = self.differences.get(name)
-        if difference is None or not difference.p_value < MISSED:
-            return False
-        return abs(difference.value * self._times(name)) >= LEAST_TERM.get(name, 0.0)
+        size = self.there(name, MISSED) * abs(self._times(name))
+        return size > 0.0 and size >= LEAST_TERM.get(name, 0.0)
 
     @property
     def supply_change(self) -> float:
@@ -196,8 +194,7 @@ class OmittedTerms:
 
     def spoken(self, name: str) -> str:
         """A sentence with a capital letter."""
-        text = self.sentence(name)
-        return f"{text[0].upper()}{text[1:]}"
+        return capitalised(self.sentence(name))
 
     def _times(self, name: str) -> float:
         return 1.0 if name != SUPPLY or self.voltage_change is None else self.voltage_change
@@ -252,34 +249,31 @@ class OmittedTerms:
         return f"the thrust of one command {moved} by {share} with the supply or the time"
 
 
-@dataclass(frozen=True, eq=False)
-class VelocitySpectrum:
-    """Power of the velocity that the references explain, at the frequencies of the runs."""
-
-    frequency_hz: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
-    #: Sums to the mean square [m^2/s^2]
-    power: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
-
-    def coherent(self, frequency_hz: float, used_s: float) -> float:
-        """Friction that a unit of force at a frequency looks like, at the worst of all phases [s/m]."""
-        whole = float(self.power.sum())
-        near = float(self.power[np.abs(self.frequency_hz - frequency_hz) <= 1.0 / used_s].sum())
-        return float(np.sqrt(near) / whole) if whole > 0.0 else 0.0
+#: Frequencies of the runs, and power there that sums to the mean square.
+Spectrum = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
+NO_SPECTRUM: Spectrum = np.zeros(0), np.zeros(0)
 
 
-def velocity_spectrum(problem: VerticalFlights) -> VelocitySpectrum:
+def coherent_friction(velocity: Spectrum, frequency_hz: float, used_s: float) -> float:
+    """Friction that a unit of force at a frequency looks like, at the worst of all phases [s/m]."""
+    frequencies, power = velocity
+    whole, near = float(power.sum()), power[np.abs(frequencies - frequency_hz) <= 1.0 / used_s]
+    return float(np.sqrt(float(near.sum())) / whole) if whole > 0.0 else 0.0
+
+
+def velocity_spectrum(problem: VerticalFlights) -> Spectrum:
     """Power of what the instruments explain of the velocity."""
     frequencies, powers, count = [], [], 0
     for item, flight in zip(problem.columns, problem.flights, strict=True):
         if not item.instruments.shape[1]:
-            return VelocitySpectrum()
+            return NO_SPECTRUM
         velocity = explained(item.instruments, item.runs, flight.velocity[:, None])[:, 0]
         for run in item.runs:
             values = velocity[run] - velocity[run].mean()
             frequencies.append(np.fft.rfftfreq(values.size, item.step_s))
             powers.append(2.0 * np.abs(np.fft.rfft(values)) ** 2 / values.size)
             count += values.size
-    return VelocitySpectrum(np.concatenate(frequencies), np.concatenate(powers) / count)
+    return np.concatenate(frequencies), np.concatenate(powers) / count
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,6 @@ class CurveFamily:
         return round(float(np.clip(value, self.grid[0], self.grid[-1])), 4)
 
     def map(self, value: float) -> InputMap:
-        """Input map of a parameter."""
         return Mixed(value) if self.of_share else Power(value)
 
     def exponent(self, value: float, hover: float) -> float:
@@ -67,7 +66,6 @@ class AutopilotParameter:
     words: str = "thrust curve"  # What it is
 
     def takes(self, value: float) -> bool:
-        """Whether the autopilot takes a value."""
         return self.lowest <= value <= self.highest
 
     def beyond(self, record: Interval) -> str:
@@ -188,7 +186,6 @@ class VerticalMotion(SignalModel):
 
     @property
     def parameters(self) -> tuple[Parameter, Parameter]:
-        """Viscous friction and input gain."""
         return VISCOUS_FRICTION, INPUT_GAIN
 
     def equation(self, response: str = "specific_force_z") -> Equation:

@@ -21,7 +21,6 @@ from eivor.flights.motion import (
     Motion,
     OptionSupport,
     Prediction,
-    Refinement,
     Resampling,
     SensorComparison,
     VehicleSupport,
@@ -31,7 +30,6 @@ from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor
 from eivor.flights.quantity import (
     NAN,
     NO_INTERVAL,
-    Drawn,
     PlotData,
     Quantity,
     QuantityEstimate,
@@ -41,7 +39,7 @@ from eivor.flights.quantity import (
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.separable import InstrumentRule, Prior
+from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical import misspecification, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
@@ -233,13 +231,15 @@ def driven_signals(flight: PreparedFlight, lag_s: float, delay_s: float) -> Sign
     )
 
 
-def resampled(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
+def resampled(
+    problem: VerticalFlights, parameters: Values, nuisances: Values, sums: Values
+) -> dict[str, float]:
     """Friction, gain and hover input; lag and effective lag when they were searched for."""
     names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
-    results = {name: drawn.parameters[name] for name in names}
-    mapped = hover_of_sums(drawn.parameters, drawn.sums)
+    results = {name: parameters[name] for name in names}
+    mapped = hover_of_sums(parameters, sums)
     results["hover_input"] = problem.motion.input_map.inverse(mapped)
-    lag_s, delay_s = (drawn.nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
+    lag_s, delay_s = (nuisances[name] for name in (ACTUATOR_LAG.name, DELAY.name))
     searched = {nuisance.name for nuisance in problem.nuisances if nuisance.searched}
     if ACTUATOR_LAG.name in searched:
         results[ACTUATOR_LAG.name] = lag_s
@@ -282,15 +282,13 @@ CHANNELS = LogChannels(
 )
 
 ABILITIES = Abilities(
-    refinement=Refinement(
-        lambda problem, solve, options: (
-            thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
-            if options.input_map == FIT_MAP
-            else (problem, solve(problem))
-        ),
-        lambda flights, problem: tuple(
-            replace(flight, input_map=problem.motion.input_map.name) for flight in flights
-        ),
+    refined=lambda problem, solve, options: (
+        thrust_curve.refined_curve(problem, solve, options.accelerometer_bias)
+        if options.input_map == FIT_MAP
+        else (problem, solve(problem))
+    ),
+    refined_flights=lambda flights, problem: tuple(
+        replace(flight, input_map=problem.motion.input_map.name) for flight in flights
     ),
     sensors=SensorComparison(
         lambda problem, flights: sensor_agreement(

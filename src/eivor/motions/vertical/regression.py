@@ -233,7 +233,6 @@ class VerticalFlight:
 
     @property
     def sample_count(self) -> int:
-        """Number of samples that count."""
         return sum(item.shape[0] for item in self.cut(self.velocity[:, None]))
 
     def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
@@ -397,7 +396,6 @@ class WeightBalance:
 
     @cached_property
     def means(self) -> Float[np.ndarray, " m"]:
-        """Means of the columns."""
         return np.concatenate(self.columns).mean(axis=0)
 
     @cached_property

@@ -34,6 +34,7 @@ from eivor.motions.vertical.misspecification import (
     CLOCK_DRIFT,
     CURVATURE,
     DOUBTFUL,
+    NO_SPECTRUM,
     OFFSET,
     OTHER_UNIT_TIMES,
     SCALE,
@@ -41,7 +42,8 @@ from eivor.motions.vertical.misspecification import (
     TILTS,
     OmittedTerms,
     Sensitivities,
-    VelocitySpectrum,
+    Spectrum,
+    coherent_friction,
     one_stands,
     sentence,
     velocity_over_accelerometer,
@@ -77,8 +79,7 @@ class VerticalChecks(MotionChecks):
     drift: ThrustDrift | None = None  # Line in time that rows lose
     mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
     sensitivities: Sensitivities = field(default_factory=Sensitivities)
-    #: Of the velocity as far as the references explain it
-    velocity: VelocitySpectrum = field(default_factory=VelocitySpectrum)
+    velocity: Spectrum = NO_SPECTRUM  # As far as the references explain it
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -290,7 +291,7 @@ def _periodic(inputs: VerdictInputs, _name: str) -> float:
     swing = inputs.swing
     if swing is None:
         return 0.0
-    friction = inputs.checks.velocity.coherent(1.0 / swing.period, inputs.used_s)
+    friction = coherent_friction(inputs.checks.velocity, 1.0 / swing.period, inputs.used_s)
     return float(swing.amplitude / math.sqrt(2.0) * friction)
 
 
