@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from typing import TypeGuard
 
 import numpy as np
@@ -102,27 +102,17 @@ def _folded(
     first, last = problem.first, problem.signals.sample_count
     values = [np.ascontiguousarray(problem.slice_of(column, first, last)) for column in columns]
     edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
-    # A column that is one of the lags has its products among theirs.
-    positions = [_position(column, psi) for column in columns]
-    strangers = [series for series, position in zip(values, positions, strict=True) if position is None]
-    lagged = _lag_products(problem.signals.channel(psi[0].channel), psi, strangers, edges, last)
-    among_inputs, rest = lagged[:, :, : len(psi)], lagged[:, :, len(psi) :]
-    remaining = iter(np.moveaxis(rest, 2, 0))
-    cross = np.stack(
-        [next(remaining) if position is None else among_inputs[:, :, position] for position in positions],
-        axis=2,
-    )
+    p, m = len(psi), len(columns)
+    sums = np.empty((blocks, p + m, p + m))
+    sums[:, :p] = _lag_products(problem.signals.channel(psi[0].channel), psi, values, edges, last)
+    sums[:, p:, :p] = sums[:, :p, p:].transpose(0, 2, 1)
     edges[-1] = last
-    squares = _squares(values, positions, cross, edges - first)
-    gains = np.array([psi[0].gain] * len(psi) + [column.gain for column in columns])
-    sums = np.block([[among_inputs, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
-    return Products(np.diff(edges).astype(np.float64), sums, len(psi))
-
-
-def _position(column: Column, lags: Sequence[Column]) -> int | None:
-    """Which of successive lags of one channel a column is, but for its gain."""
-    equal = column.channel == lags[0].channel and not column.gain_channel
-    return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
+    ends = list(pairwise((edges - first).tolist()))
+    for i, j in combinations_with_replacement(range(m), 2):
+        squares = [values[i][start:stop] @ values[j][start:stop] for start, stop in ends]
+        sums[:, p + i, p + j] = sums[:, p + j, p + i] = squares
+    gains = np.array([psi[0].gain] * p + [column.gain for column in columns])
+    return Products(np.diff(edges).astype(np.float64), sums * np.outer(gains, gains), p)
 
 
 def _lag_products(
@@ -167,25 +157,6 @@ def _lag_products(
             sums_of_lags[:, i, done] + change
         )
     return np.concatenate([sums_of_lags, sums[:, :, 1:]], axis=2)
-
-
-def _squares(
-    columns: Sequence[Float[np.ndarray, " rows"]],
-    indices: Sequence[int | None],
-    cross: Float[np.ndarray, "K p m"],
-    edges: Int[np.ndarray, " K_plus_1"],
-) -> Float[np.ndarray, "K m m"]:
-    m, ends = len(columns), list(pairwise(edges.tolist()))
-    sums = np.empty((len(ends), m, m))
-    for i in range(m):
-        for j in range(i + 1):
-            position, other = (indices[i], j) if indices[i] is not None else (indices[j], i)
-            if position is not None:
-                sums[:, i, j] = cross[:, position, other]
-            else:
-                sums[:, i, j] = [columns[i][a:b] @ columns[j][a:b] for a, b in ends]
-            sums[:, j, i] = sums[:, i, j]
-    return sums
 
 
 def row_count(problem: SignalRegression) -> int:
