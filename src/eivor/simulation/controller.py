@@ -262,32 +262,34 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
 
 
 class DelayLine:
-    """What is on its way."""
+    """What is on its way, one step of delay or more, alike or not for flights side by side."""
 
     def __init__(self, late: Int[np.ndarray, " flights"], before: Sequence[Value] | None = None) -> None:
-        steps = np.unique(late).tolist()
-        self._longest = int(steps[-1])
-        # For each delay, the flights that have it; none to choose among when all have the same.
-        self._flights = [(step, np.flatnonzero(late == step)) for step in steps] if len(steps) > 1 else []
+        self._late, self._alike, self._longest = late, bool(np.all(late == late[0])), int(late.max())
         self._past: deque[list[Value]] = deque(maxlen=self._longest + 1)
-        if before is not None:
-            self._past.extend([list(before)] * self._longest)
+        self._rings = [] if before is None else self._filled(list(before))
+        self._step = 0
+
+    def _filled(self, values: list[Value]) -> list[np.ndarray]:
+        """Past of those values; of flights that differ in arrays whose first axis is the step."""
+        self._past.extend([values] * self._longest)
+        return [] if self._alike else [np.stack([value] * (self._longest + 1)) for value in values]
 
     def pass_on(self, values: list[Value]) -> list[Value]:
         """Send values, and return those that arrive in this step."""
         if self._longest == 0:
             return values
-        past = self._past
-        if not past:
-            past.extend([values] * self._longest)
-        past.append(values)
-        if not self._flights:
-            return past[0]
-        arrived = [np.array(value) for value in values]
-        for step, flights in self._flights:
-            for item, sent in zip(arrived, past[self._longest - step], strict=True):
-                item[..., flights] = np.asarray(sent)[..., flights]
-        return list(arrived)
+        if not self._past:
+            self._rings = self._filled(values)
+        if self._alike:
+            self._past.append(values)
+            return self._past[0]
+        rows = (self._step - self._late) % (self._longest + 1)
+        for ring, value in zip(self._rings, values, strict=True):
+            ring[self._step % (self._longest + 1)] = value
+        self._step += 1
+        flights = np.arange(rows.size)
+        return [np.moveaxis(ring[rows, ..., flights], 0, -1) for ring in self._rings]
 
 
 Readings = Float[np.ndarray, "count axes"]

@@ -13,6 +13,7 @@ from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
+from eivor.simulation.controller import DelayLine
 from eivor.simulation.environment import (
     SensorNoise,
     SimulatedFlight,
@@ -93,7 +94,8 @@ def simulate_vertical(
     z, v = environment.reference_position[0].copy(), environment.reference_velocity[0].copy()
     integral = np.zeros(flights)
     out = SimulatedMotion(*(np.empty((count, flights)) for _ in range(5)))
-    history = CommandHistory(hover, vehicles.delay_s, step_s)
+    late = np.rint(vehicles.delay_s / step_s * SUBSTEPS).astype(np.int64)
+    line = DelayLine(late, [hover])
     substep = ExactSubstep(vehicles, step_s / SUBSTEPS)
     lifts = environment.cos_tilt if gain_share is None else gain_share * environment.cos_tilt
     for k in range(count):
@@ -113,29 +115,10 @@ def simulate_vertical(
         command = np.sqrt(np.clip(thrust, *THRUST_RANGE * hover**2))
         out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
         out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
-        history.push(command)
-        for number in range(SUBSTEPS):
-            state, z, v = substep.end(history.reaching(number), state, z, v, gust, lift)
+        for _ in range(SUBSTEPS):
+            reached = np.asarray(line.pass_on([command])[0])
+            state, z, v = substep.end(reached, state, z, v, gust, lift)
     return out
-
-
-class CommandHistory:
-    """Commands of the last control periods, and what reaches the actuator in each substep."""
-
-    def __init__(self, hover: Flights, delay_s: Flights, step_s: float) -> None:
-        self._substeps = np.rint(delay_s / step_s * SUBSTEPS).astype(np.int64)
-        self._depth = int(self._substeps.max(initial=0)) // SUBSTEPS + 2
-        self._past = np.tile(hover, (self._depth, 1))
-        self._flight = np.arange(hover.size)
-
-    def push(self, command: Flights) -> None:
-        self._past = np.roll(self._past, 1, axis=0)
-        self._past[0] = command
-
-    def reaching(self, substep: int) -> Flights:
-        """Command that each actuator receives in this substep of the present period."""
-        periods_back = -((substep - self._substeps) // SUBSTEPS)
-        return np.asarray(self._past[periods_back, self._flight])
 
 
 class ExactSubstep:
