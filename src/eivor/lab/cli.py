@@ -284,7 +284,7 @@ def _of_fit(scenario: Simulated, fit: str, mass: str, accept: str) -> RigidBodyF
         expected = "a result of the rigid body for --from"
         remedy = "Identify the log with --model rigid-body --vehicle FILE.toml."
         raise UsageError(expected, f"one of {fitted.model}", remedy)
-    made = describe(fitted, supplied(mass, (), ""), "A simulated flight", BODY, lacks=(SECOND_STAGE,))
+    made = describe(fitted, supplied(mass, (), ""), "A simulated flight", BODY, also=(SECOND_STAGE,))
     if made.omitted or made.lost:
         complain(*made.omitted, *made.lost)
     return replace(scenario, vehicle=simulated_vehicle(made))
