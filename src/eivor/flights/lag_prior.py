@@ -40,10 +40,8 @@ LAG_SUMS = {
     DELAY.name: (DELAY.name,),
     EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name),
 }
-#: Of all intervals.
 LEVEL = 0.95
 
-#: How the three are called and shown.
 LAG_QUANTITIES = {
     EFFECTIVE_LAG: QuantitySpec(
         "effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3, need="lag"
@@ -120,7 +118,6 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     return quantities
 
 
-#: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)
 #: Lags of rotors by class of vehicle, as published, for `--lag typical:CLASS`.
 TYPICAL_LAGS: dict[str, Prior | Bounds] = {
@@ -275,7 +272,6 @@ def lag_searched(problem: SeparableProblem) -> bool:
     return any(nuisance.name == ACTUATOR_LAG.name and nuisance.searched for nuisance in problem.nuisances)
 
 
-#: Its name as a source of a lag.
 TELEMETRY = "telemetry"
 #: Slower telemetry identifies no lag [Hz]: that of 20 Hz does.
 TELEMETRY_RATE_HZ = 19.5

@@ -19,15 +19,12 @@ MAX_TILT_DEG = float(np.rad2deg(np.arccos(0.9)))
 FIT_MAP = "fit"
 #: Standard deviation of the bias of an accelerometer that was calibrated [m/s^2].
 ACCELEROMETER_BIAS = 0.1
-#: Longest lag that bounds may reach [s].
 LONGEST_LAG_S = 1.0
 
 #: Largest radius of a rotor [m].
 LARGEST_RADIUS = 5.0
-#: Quickest controller [Hz].
 FASTEST_HZ = 32_000.0
 
-#: Orders of responses.
 ORDERS = (1, 2, 3)
 
 #: What flights of a pool may share of what belongs to a flight.

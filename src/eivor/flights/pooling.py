@@ -41,7 +41,6 @@ from eivor.tools import Float
 
 T = TypeVar("T")
 
-#: Replicates that are made when their number is not named.
 RUNS = 999
 
 

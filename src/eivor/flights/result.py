@@ -245,9 +245,6 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Itera
             yield Finding("saturation", limit)
 
 
-# -- Result --
-
-
 @dataclass(frozen=True, slots=True)
 class FlightRow:
     """One flight's result beside that of a pool, or one method's beside the chosen one."""
@@ -288,7 +285,6 @@ class Fit:
     pooled: Pooled | None = None  # Behind a pool some of whose parameters belong to the flight
     #: 95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-    #: What the motion alone finds out about the estimate
     motion_checks: MotionChecks = field(default_factory=MotionChecks)
 
     def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
@@ -329,7 +325,6 @@ class Fit:
         return self.estimate.interval(name, level) if result is None else result.hull
 
 
-#: Columns of a result as text.
 TABLE_HEAD = ("quantity", "value", "95 % interval", "unit", "verdict")
 
 

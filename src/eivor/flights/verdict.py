@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG, LagPrior
@@ -466,17 +467,16 @@ def flight_rules(
         searched = inputs.lag_prior is None and ACTUATOR_LAG.name in inputs.searched
         return f"{words.fly} {GIVE_LAG}" if searched else words.fly
 
+    against = partial(Rule, quantities)
     return (
-        Rule(
-            quantities,
+        against(
             lambda inputs: inputs.instruments.constant,
             Status.REFUSED,
             lambda inputs: f"The reference never moved ({inputs.instruments.missing}).{inputs.moved}",
             words.fly,
             Cause.EXCITATION,
         ),
-        Rule(
-            quantities,
+        against(
             lambda inputs: inputs.instruments.direct and not inputs.instruments.constant,
             Status.PROVISIONAL,
             direct,
@@ -485,9 +485,8 @@ def flight_rules(
             ),
             Cause.INSTRUMENT,
         ),
-        Rule(quantities, unidentified, Status.REFUSED, weakness, fly, Cause.EXCITATION),
-        Rule(
-            quantities,
+        against(unidentified, Status.REFUSED, weakness, fly, Cause.EXCITATION),
+        against(
             lambda inputs: inputs.instruments.past_inputs,
             Status.PROVISIONAL,
             "Past inputs are the instruments: under control they answer past disturbances, which moves "
@@ -495,16 +494,14 @@ def flight_rules(
             words.log_reference,
             Cause.INSTRUMENT,
         ),
-        Rule(
-            quantities,
+        against(
             answering,
             Status.WEAK,
             "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
             "computes).",
             words.log_planned,
         ),
-        Rule(
-            quantities,
+        against(
             lambda inputs: inputs.p_value < CONTRADICTION,
             Status.WEAK,
             lambda inputs: (
@@ -513,8 +510,7 @@ def flight_rules(
             ),
             words.undisturbed,
         ),
-        Rule(
-            quantities,
+        against(
             lambda inputs: inputs.lag_prior is not None and inputs.lag_prior.contradicted,
             Status.WEAK,
             lambda inputs: (
@@ -547,7 +543,6 @@ def end_of_grid_rule(
     )
 
 
-#: Row of a second stage that may be none.
 SECOND_STAGE_RULE = Rule(
     STAGES,
     lambda inputs: not inputs.quantities[SECOND_LAG].interval[0] > 0.0,

@@ -32,7 +32,6 @@ from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
 ENDING = ".toml"
 #: Lags and delays that are searched, of the range that is declared.
 LAGS, DELAYS = 16, 5
-#: Longest lag or delay that can be declared [ms].
 LONGEST_MS = 20_000.0
 ROLES = ("state", "response", "input", "reference")
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -277,9 +276,8 @@ def _plain(value: Any) -> Any:
 class _Names:
     top: TomlTable
     channels: Mapping[str, MachineChannel]
-    units: Mapping[str, Unit]
+    units: Mapping[str, Unit]  # Of channels, then of names
     lets: Mapping[str, str]  # Texts in place of names
-    let_units: Mapping[str, Unit]
 
     def expanded(self, text: str) -> str:
         """The text with names of `[let]` put in place."""
@@ -296,13 +294,12 @@ class _Names:
     def unit(self, section: TomlTable, key: str, text: str) -> tuple[Unit, bool]:
         """Unit of an expression, with every name in it checked."""
         expression = _checked(section, key, text)
-        units = {**self.units, **self.let_units}
         for name in expression.columns:
-            if name not in units:
-                expected = f"an expression over {', '.join(units)}"
-                remedy = did_you_mean(name, tuple(units), "Declare the channel: its unit and role.")
+            if name not in self.units:
+                expected = f"an expression over {', '.join(self.units)}"
+                remedy = did_you_mean(name, tuple(self.units), "Declare the channel: its unit and role.")
                 raise section.wrong(key, expected, f"{text!r} with '{name}'", remedy)
-        return _unit(section, key, lambda: unit_of(expression, units))
+        return _unit(section, key, lambda: unit_of(expression, self.units))
 
 
 def _whole(text: str) -> str:
@@ -421,7 +418,7 @@ def _channel(name: str, section: TomlTable) -> MachineChannel:
 
 def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
     """Channels and the names of [let], each with its unit; every name of the latter stands for a text."""
-    names = _Names(top, channels, {name: parsed_unit(item.unit) for name, item in channels.items()}, {}, {})
+    names = _Names(top, channels, {name: parsed_unit(item.unit) for name, item in channels.items()}, {})
     for name, section in _tables(top, "let", "is").items():
         given = section.convert(_Let)
         if name in channels:
@@ -430,7 +427,7 @@ def _names(top: TomlTable, channels: Mapping[str, MachineChannel]) -> _Names:
         unit = _declared_unit(section, given.unit, unit, scaled)
         lets = {**names.lets, name: names.expanded(given.of)}
         _checked(section, "is", lets[name])
-        names = _Names(top, channels, names.units, lets, {**names.let_units, name: unit})
+        names = _Names(top, channels, {**names.units, name: unit}, lets)
     return names
 
 

@@ -289,7 +289,6 @@ def response_predictions(
     return tuple(results)
 
 
-#: What it is that everything stays as it is.
 STAYS = "stays as it is"
 
 

@@ -24,7 +24,6 @@ from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Progress, Stage, no_stage_callback
 
-#: What to say to those who give something else than recordings.
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
 
 

@@ -57,7 +57,6 @@ from eivor.tools import Bool, Float, capitalised
 # -- Parts of a declaration --
 
 LAGS = (ACTUATOR_LAG.name, DELAY.name)
-#: The interval of the lag [s].
 LAG_LIMIT = verdict.Limit(identified_within=0.02, identified=0.1, narrower="Move it in quicker steps.")
 #: Cosine averages of the standard error of an intercept, and degrees of freedom of its t.
 AVERAGES = 8
@@ -235,9 +234,6 @@ class SolvedEquation:
 def _refuse_missing(what: str, names: list[str], given: Mapping[str, Any]) -> None:
     missing = [name for name in names if name not in given]
     checks.require(not missing, f"{what} of {', '.join(names)}", f"none of {', '.join(missing)}")
-
-
-# -- Machine --
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,11 @@ from eivor.strict_toml import TomlTable
 
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"
-#: Where Eivor's own motions live.
 _OWN = {
     "vertical": "eivor.motions.vertical.motion:Vertical",
     "rates": "eivor.motions.rates.motion:Rates",
     "rigid-body": "eivor.motions.rigid_body.motion:RigidBody",
 }
-#: What is identified unless something else is requested.
 DEFAULT = "vertical"
 #: What is identified of a log where nothing is named, in the order of results.
 USUAL_MOTIONS = ("vertical", "rates")

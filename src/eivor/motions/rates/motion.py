@@ -62,7 +62,6 @@ def _axis(number: int, name: str, letter: str) -> Axis:
 
 
 AXES = ROLL, PITCH, YAW = _axis(0, "roll", "x"), _axis(1, "pitch", "y"), _axis(2, "yaw", "z")
-#: Family of the setpoints.
 TORQUE = "torque_setpoint"
 
 #: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
@@ -306,8 +305,6 @@ THRUST = quantity.CoupledAxis(
     },
 )
 
-# -- QuantitySpec --
-
 EQUATION = (
     "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
     "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
@@ -330,7 +327,6 @@ def _spec(term: Term) -> quantity.QuantitySpec:
 
 
 _SPECS = {term.name: _spec(term) for equation in EQUATIONS for term in equation.terms}
-#: Every quantity: effectiveness of each axis, what all axes share, damping.
 QUANTITIES = quantity.QuantityTable(
     {
         **{name: _SPECS[name] for name in EFFECTS},
@@ -344,7 +340,6 @@ QUANTITIES = quantity.QuantityTable(
         **{name: LAG_QUANTITIES[name] for name in STAGES},
     }
 )
-#: When a sentence speaks against quantities.
 RULES = (
     *verdict.record_rules(
         "torque setpoints",

@@ -28,7 +28,6 @@ BAND_HZ = (0.2, 6.0)
 STRETCH_S, FEWEST = 4.0, 6
 #: Largest offset of two clocks that is looked for [s], and the step of the search.
 LARGEST_OFFSET_S, OFFSET_STEP_S = 0.1, 5e-4
-#: Step of the grid [s].
 LEAST_STEP_S, LONGEST_STEP_S = 0.002, 0.01
 #: Axes that a turn about each mixes.
 PAIRS = ((1, 2), (2, 0), (0, 1))

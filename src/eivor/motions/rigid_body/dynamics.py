@@ -163,7 +163,6 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     )
 
 
-#: Channels of a body's state.
 ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
 VELOCITY, POSITION = (tuple(f"{name}_{axis}" for axis in "xyz") for name in ("velocity", "position"))
 

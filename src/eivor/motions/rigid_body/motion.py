@@ -334,8 +334,6 @@ WORDS = Words(
     advice=partial(flight_card, fly=_MANOEUVRES, needed=(_NEEDED,)),
 )
 
-# -- Motion --
-
 #: What the rotors did before a log begins in the air is not known, and matters for so long [s].
 SETTLED_S = 1.0
 

@@ -58,7 +58,6 @@ class Formula:
         return tuple(name for name in self.supplied if getattr(known, name) is None)
 
 
-#: Of all intervals.
 LEVEL = 0.95
 
 

@@ -212,7 +212,6 @@ TERMS = (
     ),
     *_terms([LIFT], "translational lift", "h", [5], lambda of, _: of.across.mean(axis=0), by_velocity=True),
 )
-#: Parameters of what the rotors drive.
 DRIVING = tuple(term.parameter for term in TERMS if term.driving)
 
 # -- Quantities --

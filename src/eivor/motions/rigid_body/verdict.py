@@ -376,7 +376,6 @@ EXPLAINED = 0.25
 #: Of orders that differ by less the one with the fewest changes is reported.
 ALIKE = 0.05
 
-#: What to do about another order.
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 
 

@@ -42,11 +42,9 @@ from eivor.tools import Float, capitalised
 
 # -- Omitted-variable tests --
 
-#: What their numbers are called.
 PREFIX = "left_out_"
 #: A term is missed below this p-value; a change with the supply widens intervals below the other.
 MISSED, DOUBTFUL = 0.005, 0.05
-#: Name of the test of the thrust curve's bend.
 CURVATURE = "thrust_curvature"
 #: Name of the test of clocks that drift apart: a lag that grows through a flight.
 CLOCK_DRIFT = "clock_drift"

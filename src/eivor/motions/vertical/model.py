@@ -82,7 +82,6 @@ class AutopilotParameter:
         )
 
 
-#: The parameters of thrust curves.
 THR_MDL_FAC = AutopilotParameter("THR_MDL_FAC", "PX4", 0.0, 1.0)
 MOT_THST_EXPO = AutopilotParameter("MOT_THST_EXPO", "ArduPilot", -1.0, 1.0)
 CURVE_PARAMETERS = (THR_MDL_FAC, MOT_THST_EXPO)

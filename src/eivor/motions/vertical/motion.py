@@ -41,7 +41,7 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import InstrumentRule, Prior, Values
 from eivor.motions.rigid_body.vehicle import load_vehicle
-from eivor.motions.vertical import misspecification, thrust_curve, verdict
+from eivor.motions.vertical import misspecification, select, thrust_curve, verdict
 from eivor.motions.vertical.figures import key_figures
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
@@ -64,16 +64,6 @@ from eivor.motions.vertical.regression import (
     vertical_problem,
     with_surroundings,
 )
-from eivor.motions.vertical.select import (
-    EQUATION,
-    INPUTS,
-    QUANTITIES,
-    REFERENCES,
-    TELEMETRY,
-    WORDS,
-    open_loop_findings,
-    selected,
-)
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
@@ -82,7 +72,6 @@ from eivor.signals.thrust_map import Mixed, input_map
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
 
-#: Level of the set of the intercept.
 SET_LEVEL = 0.95
 #: Half-widths are not below this [m/s^2].
 LEAST_HALF_WIDTH = 1e-9
@@ -216,7 +205,7 @@ def excitation(flights: Flights) -> str:
 
 def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
     """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
-    listed = (*open_loop_findings(flights), *verdict.hover_findings(flights, quantities))
+    listed = (*select.open_loop_findings(flights), *verdict.hover_findings(flights, quantities))
     return (*listed, *supply_findings(flights), *thrust_curve.curve_findings(flights, quantities))
 
 
@@ -248,13 +237,11 @@ def resampled(
     return results
 
 
-# -- Motion --
-
 CHANNELS = LogChannels(
-    INPUTS,
+    select.INPUTS,
     ("velocity_z",),
-    REFERENCES,
-    telemetry=TELEMETRY,
+    select.REFERENCES,
+    telemetry=select.TELEMETRY,
     parameters=(
         *verdict.HOVER_PARAMETERS,
         "HTE_THR_RANGE",
@@ -319,15 +306,15 @@ class Vertical(Motion[VerticalFlights]):
     mean_voltage: float | None = None
 
     name = "vertical"
-    words = WORDS
-    quantities = QUANTITIES
+    words = select.WORDS
+    quantities = select.QUANTITIES
     rules = verdict.RULES
     parts = verdict.PARTS
     channels = CHANNELS
 
     @property
     def equation(self) -> tuple[str, str]:  # type: ignore[override]
-        equation, symbols = EQUATION
+        equation, symbols = select.EQUATION
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
@@ -342,7 +329,7 @@ class Vertical(Motion[VerticalFlights]):
         )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        return selected(log, options)
+        return select.selected(log, options)
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> VerticalFlights:
         model = VerticalMotion(input_map(flights[0].input_map))

@@ -128,9 +128,8 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     if wider(INPUT_GAIN.name, TOLD_GAIN * abs(gain)):
         sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
-    linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
     chosen = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
-    return {**index, **linear, **chosen, ACTUATOR_LAG.name: lag, DELAY.name: delay}
+    return {**index, **estimate.parameters, **chosen, ACTUATOR_LAG.name: lag, DELAY.name: delay}
 
 
 def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, list[float]]:
@@ -212,8 +211,7 @@ def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, Sim
     fitted = np.linalg.lstsq(rows.regressors, rows.response)[0].tolist()
     least_squares = {**index, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, index).items()}
-    linear = dict(zip((p.name for p in rows.parameters), estimate.theta.tolist(), strict=True))
-    weight = GRAVITY / hover_of_sums(linear, sums)
+    weight = GRAVITY / hover_of_sums(estimate.parameters, sums)
     others = {parameter.name: 0.0 for parameter in rows.parameters}
     return {
         "least_squares": SimpleModel("least squares that ignores the lag", least_squares),

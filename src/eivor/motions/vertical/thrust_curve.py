@@ -169,7 +169,6 @@ def _joint(position: int, of: Balance) -> Linear:
 
 # -- Reported thrust curve --
 
-#: Why nothing is proposed of a command before a curve that is not known.
 NOT_IN_FORCE = (
     "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
     "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."

@@ -8,25 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.prepared import Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
-from eivor.flights.verdict import (
-    SLOW_COMMAND_HZ,
-    FlightWords,
-    Limit,
-    MotionChecks,
-    Rule,
-    SystematicPart,
-    VerdictInputs,
-    disagreement_part,
-    end_of_grid_rule,
-    flight_rules,
-    half_hold_part,
-    lag_rules,
-    longest_lag_rule,
-    short_flight_part,
-)
+from eivor.flights.verdict import VerdictInputs
 from eivor.inference.verdict import Cause, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.regression import Parameter
@@ -62,7 +48,7 @@ NEAR_RADII = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class VerticalChecks(MotionChecks):
+class VerticalChecks(verdict.MotionChecks):
     """What the vertical motion finds out about an estimate."""
 
     map_p_value: float = 1.0  # Of the test that the input map fits
@@ -307,9 +293,9 @@ def _periodic_sentence(inputs: VerdictInputs) -> str:
 
 #: What widens the intervals: quantities, how it counts, how large it is, and its sentence.
 PARTS = (
-    short_flight_part(MOVING),
-    disagreement_part(MOVING),
-    SystematicPart(
+    verdict.short_flight_part(MOVING),
+    verdict.disagreement_part(MOVING),
+    verdict.SystematicPart(
         (FRICTION,),
         Counts.ADDED,
         lambda inputs, _: (
@@ -319,22 +305,22 @@ PARTS = (
         "The velocity is not declared as measured: the dynamics of an estimator may be "
         f"{ESTIMATOR_FRICTION:g} 1/s of the friction.",
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         MOVING,
         Counts.ADDED,
         lambda inputs, name: _tilt(inputs, name, {tilt: _size(inputs, tilt) for tilt in _left(inputs)}),
         lambda inputs: " ".join(_sensor_sentence(tilt)(inputs) for tilt in _left(inputs)),
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         MOVING,
         Counts.INDEPENDENT,
         _unknown_tilt,
         "The tilt between attitude and accelerometer is not known better: sideways motion enters.",
     ),
-    SystematicPart(MOVING, Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
-    SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
-    half_hold_part(SEARCHED),
-    SystematicPart(
+    verdict.SystematicPart(MOVING, Counts.ADDED, _offset, _sensor_sentence(OFFSET.name)),
+    verdict.SystematicPart((FRICTION, GAIN), Counts.ADDED, _scale, _sensor_sentence(SCALE.name)),
+    verdict.half_hold_part(SEARCHED),
+    verdict.SystematicPart(
         MOVING,
         Counts.ADDED,
         lambda inputs, name: _shifted(inputs, name, _clocks_apart_s(inputs)[0]),
@@ -343,13 +329,13 @@ PARTS = (
             f"{1e3 * _clocks_apart_s(inputs)[0]:.2g} ms in this flight."
         ),
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         MOVING,
         Counts.ADDED,
         lambda inputs, name: _shifted(inputs, name, inputs.checks.omitted.there(SLEW, DOUBTFUL)),
         lambda inputs: f"{inputs.checks.omitted.spoken(SLEW)}.",
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         SEARCHED,
         Counts.INDEPENDENT,
         lambda inputs, name: _unless_given(inputs, name, _clocks_apart_s(inputs)[1]),
@@ -358,18 +344,20 @@ PARTS = (
             f"{1e3 * _clocks_apart_s(inputs)[1]:.2g} ms apart."
         ),
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         (FRICTION, GAIN),
         Counts.ADDED,
         lambda inputs, name: _by_offset(
             inputs,
             name,
-            inputs.half_hold_s if inputs.command_rate_hz < SLOW_COMMAND_HZ else inputs.command_slack_s,
+            inputs.half_hold_s
+            if inputs.command_rate_hz < verdict.SLOW_COMMAND_HZ
+            else inputs.command_slack_s,
         ),
         lambda inputs: f"The command is logged at {inputs.command_rate_hz:.0f} Hz: its edges are not known.",
     ),
-    SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
-    SystematicPart(
+    verdict.SystematicPart((GAIN,), Counts.AT_LEAST, _secant, _secant_sentence),
+    verdict.SystematicPart(
         (GAIN,),
         Counts.ADDED,
         lambda inputs, name: (
@@ -380,16 +368,16 @@ PARTS = (
             "thrust in air that crosses them."
         ),
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         (GAIN, HOVER), Counts.ADDED, _supply, lambda inputs: inputs.checks.omitted.supply_sentence
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         (HOVER,),
         Counts.INDEPENDENT,
         _drift,
         lambda inputs: f"The {inputs.checks.drift.sentence}: the value is that of the middle.",
     ),
-    SystematicPart(
+    verdict.SystematicPart(
         (HOVER,),
         Counts.ADDED,
         lambda inputs, name: _uneven(inputs.checks.mean_command - 1.0, inputs.value(name)),
@@ -398,8 +386,8 @@ PARTS = (
             f"{abs(inputs.checks.mean_command - 1.0):.1%} from the command of their mean thrust."
         ),
     ),
-    SystematicPart((FRICTION,), Counts.ADDED, _periodic, _periodic_sentence),
-    SystematicPart(
+    verdict.SystematicPart((FRICTION,), Counts.ADDED, _periodic, _periodic_sentence),
+    verdict.SystematicPart(
         (HOVER,),
         Counts.AT_LEAST,
         lambda inputs, name: max(HOVER_FLOOR * inputs.value(name), 0.0),
@@ -418,11 +406,11 @@ BIAS = "Say how large the accelerometer's bias may be: --accelerometer-bias 0.1 
 CHECK_STAMPS = "Check that the input is the command of this vehicle, and its time stamps."
 #: Half-widths of identified and weak, as shares of the value or in its unit; wider is refused.
 LIMITS = {
-    FRICTION: Limit(0.5, 1.0, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY),
-    GAIN: Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LARGER_STEPS),
-    EFFECTIVE_LAG: Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER),
-    HOVER: Limit(0.025, 0.05, narrower="Fly longer, and come to rest between the climbs."),
-    CURVE: Limit(0.0, 0.0, 0.15, 0.5, narrower=LARGER_STEPS),
+    FRICTION: verdict.Limit(0.5, 1.0, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY),
+    GAIN: verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LARGER_STEPS),
+    EFFECTIVE_LAG: verdict.Limit(0.25, 0.5, 0.02, 0.02, narrower=QUICKER),
+    HOVER: verdict.Limit(0.025, 0.05, narrower="Fly longer, and come to rest between the climbs."),
+    CURVE: verdict.Limit(0.0, 0.0, 0.15, 0.5, narrower=LARGER_STEPS),
 }
 LARGE_INTERCEPT = 5.0
 #: Velocity and acceleration that are both slower leave the gain open [Hz].
@@ -434,7 +422,7 @@ FITS, BENDS = 0.05, 0.1
 LEAST_EXPONENT = 0.95
 #: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
 OTHER_UNIT = 3.0
-WORDS = FlightWords(
+WORDS = verdict.FlightWords(
     fly=FLY,
     log_reference=LOG_REFERENCE,
     log_planned="Log the trajectory's position setpoint.",
@@ -500,11 +488,11 @@ def _beyond(inputs: VerdictInputs, limit: float) -> bool:
 DELAY_HALF_WIDTH_S = 0.02
 
 
-def _term_rules(parameter: Parameter) -> tuple[Rule, ...]:
+def _term_rules(parameter: Parameter) -> tuple[verdict.Rule, ...]:
     leave_out = "Leave the term out, and what remains is identified more closely; or fly so that it shows."
-    limit, names = Limit(math.inf, zero=Status.REFUSED, away_from_zero=leave_out), (parameter.name,)
+    limit, names = verdict.Limit(math.inf, zero=Status.REFUSED, away_from_zero=leave_out), (parameter.name,)
     # of instruments that there are not, or are weak
-    weak = flight_rules(WORDS, names, names, parameter.name)[:3]
+    weak = verdict.flight_rules(WORDS, names, names, parameter.name)[:3]
     return (*weak, *limit.rules(parameter.name, QUANTITIES[parameter.name]))
 
 
@@ -515,7 +503,7 @@ _EVERYTHING = (*OF_FRICTION, *OF_GAIN, *OF_LAG, CURVE, *(term.name for term in O
 _NOT_HOVER = tuple(name for name in QUANTITIES if name != HOVER)
 #: When a sentence speaks against quantities: first contradictions, then intervals that are too wide.
 RULES = (
-    Rule(
+    verdict.Rule(
         _NOT_HOVER,
         lambda inputs: abs(inputs.checks.apparent_gravity - GRAVITY) > OTHER_UNIT,
         Status.REFUSED,
@@ -523,7 +511,7 @@ RULES = (
         'Check its unit and axes (in a table by a channel map: unit = "g").',
         Cause.CONTRADICTION,
     ),
-    Rule(
+    verdict.Rule(
         _NOT_HOVER,
         lambda inputs: not 1.0 / OTHER_UNIT_TIMES < _times(inputs) < OTHER_UNIT_TIMES,
         Status.REFUSED,
@@ -531,8 +519,8 @@ RULES = (
         _sensor_remedy,
         Cause.CONTRADICTION,
     ),
-    *(rule for names, of in _INSTRUMENTED for rule in flight_rules(WORDS, names, _STAGES, of)),
-    Rule(
+    *(rule for names, of in _INSTRUMENTED for rule in verdict.flight_rules(WORDS, names, _STAGES, of)),
+    verdict.Rule(
         OF_FRICTION,
         lambda inputs: inputs.quantities[FRICTION].interval[1] < 0.0,
         Status.REFUSED,
@@ -542,7 +530,7 @@ RULES = (
         ),
         FLY,
     ),
-    Rule(
+    verdict.Rule(
         (*OF_FRICTION, *OF_GAIN),
         lambda inputs: inputs.quantities[GAIN].interval[1] < 0.0,
         Status.REFUSED,
@@ -550,7 +538,7 @@ RULES = (
         CHECK_SIGN,
         Cause.CONTRADICTION,
     ),
-    Rule(
+    verdict.Rule(
         (HOVER,),
         lambda inputs: not 0.0 < inputs.value(HOVER) < math.inf,
         Status.REFUSED,
@@ -558,7 +546,7 @@ RULES = (
         CHECK_SIGN,
         Cause.CONTRADICTION,
     ),
-    Rule(
+    verdict.Rule(
         OF_FRICTION,
         lambda inputs: _beyond(inputs, LARGE_INTERCEPT),
         Status.WEAK,
@@ -568,7 +556,7 @@ RULES = (
         ),
         "Check the units and signs of velocity and acceleration, the clock, and the input map.",
     ),
-    Rule(
+    verdict.Rule(
         (CURVE,),
         lambda inputs: _beyond(inputs, CLEAR_INTERCEPT),
         Status.REFUSED,
@@ -579,7 +567,7 @@ RULES = (
         CHECK_INPUT,
         Cause.CONTRADICTION,
     ),
-    Rule(
+    verdict.Rule(
         (CURVE,),
         lambda inputs: not math.isfinite(inputs.quantities[CURVE].half_width),
         Status.REFUSED,
@@ -587,21 +575,21 @@ RULES = (
         "known of the accelerometer's bias.",
         BIAS,
     ),
-    Rule(
+    verdict.Rule(
         OF_GAIN,
         lambda inputs: inputs.response_rate_hz < GAIN_RATE_HZ,
         Status.WEAK,
         lambda inputs: f"Velocity and acceleration are logged at {inputs.response_rate_hz:.0f} Hz at most.",
         "Log one of them at 20 Hz or more.",
     ),
-    Rule(
+    verdict.Rule(
         OF_GAIN,
         lambda inputs: inputs.checks.omitted.missed(GROUND),
         Status.WEAK,
         lambda inputs: f"{inputs.checks.omitted.spoken(GROUND)}.",
         "Fly higher over the ground, four radii of a rotor and more.",
     ),
-    Rule(
+    verdict.Rule(
         (*OF_GAIN, HOVER),
         lambda inputs: inputs.checks.near_ground is not None and inputs.checks.near_ground[0] >= NEAR_SHARE,
         Status.WEAK,
@@ -612,8 +600,8 @@ RULES = (
         ),
         "Fly higher, or add --term ground-effect.",
     ),
-    longest_lag_rule(_EVERYTHING, CHECK_STAMPS),
-    end_of_grid_rule(
+    verdict.longest_lag_rule(_EVERYTHING, CHECK_STAMPS),
+    verdict.end_of_grid_rule(
         DELAY.name,
         _EVERYTHING,
         lambda highest, inputs: (
@@ -627,7 +615,7 @@ RULES = (
             else "Check the clock of the rotors' telemetry, or use the commands with --input."
         ),
     ),
-    Rule(
+    verdict.Rule(
         (DELAY.name,),
         lambda inputs: inputs.quantities[DELAY.name].half_width >= DELAY_HALF_WIDTH_S,
         Status.WEAK,
@@ -636,7 +624,7 @@ RULES = (
     ),
     *LIMITS[FRICTION].rules(FRICTION, QUANTITIES[FRICTION], "time_constant"),
     *LIMITS[GAIN].rules(GAIN, QUANTITIES[GAIN], "intercept"),
-    *lag_rules(LIMITS[EFFECTIVE_LAG], QUANTITIES[EFFECTIVE_LAG]),
+    *verdict.lag_rules(LIMITS[EFFECTIVE_LAG], QUANTITIES[EFFECTIVE_LAG]),
     *LIMITS[HOVER].rules(HOVER, QUANTITIES[HOVER]),
     *LIMITS[CURVE].rules(CURVE, QUANTITIES[CURVE]),
     *(rule for term in OF_TERMS for rule in _term_rules(term)),
