@@ -24,8 +24,11 @@ from eivor.exports.autopilots import thrust_linear
 from eivor.exports.fitted import Supplied
 from eivor.exports.simulators import SIMULATORS, URDF, WITH_LARGEST
 from eivor.exports.vehicle import (
+    COUPLING,
     EFFECTS,
+    IN_STEP,
     LACKS,
+    OF_SPEED,
     REPLAY_SPEED,
     REPLAY_STEP_S,
     TURNING,
@@ -47,7 +50,7 @@ from exports.test_simulators import WORSE, sitl_frame
 
 STEP, SECONDS = 1.02, 1.0
 LARGEST = {"largest_command": KnownNumber(2500.0)}
-NAMES = {"pybullet": "PyBullet", "drone-models": "drone-models"}
+SPEED_LAG = "lag of the rotors' speed in place of their thrust's"
 
 
 def flown(parameters, command):
@@ -154,16 +157,19 @@ def off(states, attitudes):
     return np.degrees(np.sqrt(np.mean((2.0 * np.arccos(cosine)) ** 2)))
 
 
+def absent(lost):
+    """Words for what a simulator has not."""
+    return [re.split("[,:]", text.partition(" has no ")[2], maxsplit=1)[0] for text in lost]
+
+
 def test_what_a_target_cannot_hold_is_said_with_the_error_that_it_makes(lopsided):
     fit, made = lopsided[:2]
     lost = {
         to: fit.exported(to, Supplied(priors=LARGEST), None, 0).lost
         for to in ("mujoco", "rotorpy", "pybullet", "gazebo", "drone-models", "sih", "px4-gazebo")
     }
-    for to in ("pybullet", "drone-models"):
-        assert [text.partition(",")[0] for text in lost[to]] == [f"{NAMES[to]} has no delay of the commands"]
-    lacks = [text.partition(",")[0] for text in lost["mujoco"]]
-    assert lacks == ["MuJoCo has no rotor inertia", "MuJoCo has no delay of the commands"]
+    assert absent(lost["pybullet"]) == absent(lost["drone-models"]) == ["delay of the commands"]
+    assert absent(lost["mujoco"]) == ["rotor inertia", SPEED_LAG, "delay of the commands"]
     for target in ("sih", "px4-gazebo"):
         (centre,) = [text for text in lost[target] if "centre of mass beside" in text]
         degrees = float(centre.partition("errs by ")[2].split()[0])
@@ -292,6 +298,8 @@ def test_a_urdf_turns_as_what_it_holds(lopsided, tmp_path):
     fit, made, commands, _ = lopsided
     path = tmp_path / "v.urdf"
     path.write_text(fit.export("urdf", priors={"largest_command": (2500.0, 0.0)}), encoding="utf-8")
+    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
+    assert yourdfpy.URDF.load(str(path)).validate()
     properties = ElementTree.parse(path).getroot().find("properties").attrib  # noqa: S314 - made here
     kf, km, across, along = (
         float(properties[name]) for name in ("kf", "km", "drag_coeff_xy", "drag_coeff_z")
@@ -334,11 +342,16 @@ UP_AND_DOWN = {"quadratic_drag": (0.05, 0.01), "ground_effect": (0.1, 0.01), "vo
     ("to", "lost", "written"),
     [
         ("rotorpy", ["delay of the commands", "ground effect", "voltage exponent"], '"c_Dz": 0.0015'),
-        ("mujoco", ["delay of the commands", "quadratic drag", "ground effect", "voltage exponent"], ""),
+        (
+            "mujoco",
+            [SPEED_LAG, "delay of the commands", "quadratic drag", "ground effect", "voltage exponent"],
+            "",
+        ),
         (
             "sitl",
             [
                 "yaw torque in step with thrust",
+                "gyroscopic coupling of the rates",
                 "lag of the rotors",
                 "delay of the commands",
                 "ground effect",
@@ -359,7 +372,7 @@ def test_a_flight_up_and_down_loses_nothing_in_silence(to, lost, written, tmp_pa
     given = {name: KnownNumber(*pair) for name, pair in documents.PRIORS.items() if "inertia" in name}
     known = Supplied(priors=given, vehicle=load_vehicle(documents.vehicle_file(tmp_path)))
     made = fit.exported(to, Supplied() if to in ("casadi", "statespace") else known, None, 0)
-    assert [re.split("[,:]", text.partition(" has no ")[2], maxsplit=1)[0] for text in made.lost] == lost
+    assert absent(made.lost) == lost
     assert written in made.text
     assert all(text in made.text for text in made.lost)
 
@@ -420,10 +433,23 @@ def test_a_frame_of_sitl_turns_as_what_it_holds(tmp_path):
     commands = manoeuvre(made, 20.0)
     like_x = made.values | dict.fromkeys(("drag_y", "drag_z"), made.values["drag_x"])
     without = replace(made, values={name: x for name, x in like_x.items() if name != "actuator_lag"})
-    states = replayed(without, commands)
+    commands[20:, 0] *= 1.02  # which yaws, too
+    states = replayed(without, commands, (IN_STEP, COUPLING))
     assert np.degrees(np.arccos(1.0 - 2.0 * (states[:, 7:9] ** 2).sum(axis=1)).max()) > 30.0
     # motors 1 to 4: front right, rear left, front left, rear right
-    assert off(states, sitl_flown(frame, commands[:, [0, 2, 3, 1]] / 2500.0)) < 0.5
+    turned = sitl_flown(frame, commands[:, [0, 2, 3, 1]] / 2500.0)
+    assert off(states, turned) < 0.5 * off(replayed(without, commands), turned)
+
+
+def test_a_lag_of_thrust_is_that_of_squared_speeds(tmp_path):
+    fit = ev.load_fit(documents.written(documents.of_speeds(), tmp_path))
+    given = {name: KnownNumber(*pair) for name, pair in documents.PRIORS.items()}
+    known = Supplied(priors=given, vehicle=load_vehicle(documents.vehicle_file(tmp_path)))
+    made = describe(fit.fitted, known, "all", WITH_LARGEST)
+    commands = np.full((100, 4), 1.2 * rotors_of(made)["hover_speed"][0])
+    ends = [replayed(made, commands, lacking)[-1, 5] for lacking in ((), (OF_SPEED,))]
+    expected = [documents.climb(1.2, 0.5, lagged=lagged) for lagged in ("speed", "thrust")]
+    assert np.diff(ends) == pytest.approx(np.diff(expected), rel=0.05)
 
 
 def test_accepted_verdicts_are_written_and_marked(tmp_path):
@@ -507,7 +533,7 @@ def test_every_target_is_written_to_a_folder_with_a_page(tmp_path):
     run = CliRunner().invoke(app, words)
     assert run.exit_code == 0, run.output
     names = {item.name for item in (tmp_path / "all").iterdir()}
-    assert {"README.md", "fit_mujoco.xml", "fit_drone_models.py", "fit_gazebo.sdf"} <= names
+    assert {"README.md", "fit_mujoco.xml", "fit_drone_models.py", "fit_isaaclab.py"} <= names
     page = (tmp_path / "all" / "README.md").read_text(encoding="utf-8")
     assert "## px4: not written" in page
     assert "errs by" in page

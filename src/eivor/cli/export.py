@@ -15,7 +15,7 @@ from eivor.atomic_file import write_atomically
 from eivor.cli import outputs
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
-from eivor.exports.fitted import Supplied, Target, known_number, one_line
+from eivor.exports.fitted import Supplied, known_number, one_line
 from eivor.exports.targets import RANDOMISATIONS, TARGETS, motions_for
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
@@ -23,8 +23,14 @@ from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits
 
 #: Word for every target, and the page of their folder.
 ALL, PAGE = "all", "README.md"
+#: Words of every target, and of what takes draws alone.
+EVERY = {name: target.words for name, target in TARGETS.items()}
+EVERY |= {"isaaclab": "a thousand draws for Isaac Lab (Python file)"}
 #: Files of the folder of every target; none has a name that a file of Python imports.
-NAMES = {name: f"fit_{name.replace('-', '_')}{target.ending}" for name, target in TARGETS.items()}
+NAMES = {
+    name: f"fit_{name.replace('-', '_')}{TARGETS[name].ending if name in TARGETS else '.py'}"
+    for name in EVERY
+}
 FOLDER_FILES = (PAGE, *NAMES.values())
 EXPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
@@ -162,44 +168,39 @@ def _every_target(
     fits: Mapping[str, SavedFit], model: str, given: Supplied, accept: str, folder: Path
 ) -> tuple[str, ...]:
     """Write every target that the result supports, and a page that says what each holds; what they lack."""
-    sections: list[tuple[Target, str, tuple[str, ...]]] = []
+    sections: list[tuple[str, str, tuple[str, ...]]] = []
     with outputs.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for target in TARGETS.values():
-        result = fit_among(fits, model, motions_for(target.name))
+    for target, file in NAMES.items():
+        result, draws = fit_among(fits, model, motions_for(target)), None if target in TARGETS else 1000
         try:
             try:
-                made = result.exported(target.name, given, None, 0, accept)
+                made = result.exported(target, given, draws, 0, accept)
             except UsageError:  # what is given is for other targets
-                made = result.exported(target.name, Supplied(), None, 0, accept)
+                made = result.exported(target, Supplied(), draws, 0, accept)
         except (NotIdentifiedError, UsageError) as error:
             sections.append((target, "", (str(error),)))
             continue
-        name = NAMES[target.name]
-        with outputs.writing(folder / name):
-            write_atomically(folder / name, made.text)
-        outputs.write(f"{folder / name}: {target.words}\n")
-        sections.append((target, name, (*made.omitted, *made.lost)))
+        with outputs.writing(folder / file):
+            write_atomically(folder / file, made.text)
+        outputs.write(f"{folder / file}: {EVERY[target]}\n")
+        sections.append((target, file, (*made.omitted, *made.lost)))
     page = "\n".join(_page(result, sections))
     with outputs.writing(folder / PAGE):
         write_atomically(folder / PAGE, page.encode())
-    if any(name for _, name, _ in sections):
-        return tuple(dict.fromkeys(note for _, name, notes in sections if name for note in notes))
+    if any(file for _, file, _ in sections):
+        return tuple(dict.fromkeys(note for _, file, notes in sections if file for note in notes))
     raise NotIdentifiedError(
         "a result that one target supports", "none", f"{folder / PAGE} says what each target needs."
     )
 
 
-def _page(result: SavedFit, sections: Sequence[tuple[Target, str, tuple[str, ...]]]) -> Iterator[str]:
-    yield from (
-        "# Exports of a result",
-        "",
-        *(f"    {one_line(line)}" for line in result.fitted.origin()),
-        "",
-    )
-    for target, name, notes in sections:
-        yield f"## {target.name}: {name or 'not written'}"
-        yield from ("", f"For {target.words.rstrip('.')}.", "")
+def _page(result: SavedFit, sections: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]:
+    origin = (f"    {one_line(line)}" for line in result.fitted.origin())
+    yield from ("# Exports of a result", "", *origin, "")
+    for target, file, notes in sections:
+        yield f"## {target}: {file or 'not written'}"
+        yield from ("", f"For {EVERY[target].rstrip('.')}.", "")
         yield from (f"    {one_line(note)}" for note in notes)
         yield ""
 

@@ -47,7 +47,7 @@ from eivor.exports.vehicle import (
     turned_by_rotors,
 )
 from eivor.motions.vertical.model import GRAVITY, share_of
-from eivor.signals.thrust_map import InputMap, Mixed
+from eivor.signals.thrust_map import Mixed
 from eivor.tools import Float
 
 #: What simulators take gravity for [m/s^2].
@@ -477,7 +477,9 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
     weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
     mapped, largest = float(mapped_hover(made)[0]), value["largest_command"]
     exponent, signal = exponent_at_hover(made), made.thrust_map.inverse(mapped) / largest
-    share = _share(made.thrust_map, exponent, signal, largest)
+    share = min(max(share_of(exponent, signal), 0.0), 1.0)  # the same exponent at hover, and what is exact
+    if isinstance(made.thrust_map, Mixed):
+        share = made.thrust_map.share * largest / (1.0 + made.thrust_map.share * (largest - 1.0))
     of_signal = (1.0 - share) * signal + share * signal**2
     most = mapped / of_signal / float(made.thrust_map(made.values["largest_command"])[0])
     if not math.isclose(most, 1.0, rel_tol=1e-6):
@@ -541,13 +543,6 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     lines = (f"{name},{single(value)}" for name, value in rows.items() if not missing.get(name))
     text = "\n".join([*hash_comments((*made.comments, *remarks, SITL_SPEEDS)), *lines]) + "\n"
     return Exported(text, made.omitted, made.lost)
-
-
-def _share(curve: InputMap, exponent: float, signal: float, largest: float) -> float:
-    """Share of the square in thrust over signals from 0 to 1: exact, or of the same exponent at hover."""
-    if isinstance(curve, Mixed):
-        return curve.share * largest / (1.0 - curve.share + curve.share * largest)
-    return min(max(share_of(exponent, signal), 0.0), 1.0)
 
 
 SIMULATORS = (

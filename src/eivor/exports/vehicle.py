@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from operator import itemgetter
@@ -97,6 +97,8 @@ EFFECTS = {
     (SECOND_STAGE := "second stage of the rotors' lag"): ("second_lag",),
     # of one whose rotors' torque goes with thrust times signal, its change about hover as it should be
     (IN_STEP := "yaw torque in step with thrust"): (),
+    (OF_SPEED := "lag of the rotors' speed in place of their thrust's"): (),
+    (COUPLING := "gyroscopic coupling of the rates"): (),
 }
 #: What some simulators have alike: numbers of an effect, and those whose mean takes their place.
 ALIKE = {
@@ -115,10 +117,10 @@ LACKS = {
     "Gazebo": _GAZEBO,
     "gym-pybullet-drones": (TURNING, SQUARE, LIFT, REACTION, LAG, ACROSS, LATE),
     "Isaac Lab": (TURNING, LEVER, SQUARE, LIFT, *TIMING, DRAG_ACROSS, REACTION),
-    "MuJoCo": (LIFT, REACTION, *TIMING),
+    "MuJoCo": (LIFT, REACTION, OF_SPEED, *TIMING),
     "RotorPy": (BESIDE_ROTORS, REACTION, ACROSS, *TIMING),
-    "SIH": (OFF_CENTRE, SQUARE, LIFT, REACTION, ABOVE, OTHER_THAN_Z, TURNING_OTHER, *TIMING),
-    "SITL": (OTHER_THAN_X, QUADRATIC_OTHER, TURNING_OTHER, IN_STEP, LIFT, REACTION, LAG, LATE),
+    "SIH": (OFF_CENTRE, SQUARE, LIFT, REACTION, ABOVE, OTHER_THAN_Z, TURNING_OTHER, OF_SPEED, *TIMING),
+    "SITL": (OTHER_THAN_X, QUADRATIC_OTHER, TURNING_OTHER, IN_STEP, COUPLING, LIFT, REACTION, LAG, LATE),
 }
 
 
@@ -593,20 +595,25 @@ def exponent_at_hover(made: VehicleDescription) -> float:
 
 
 def replayed(
-    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: str = ""
+    made: VehicleDescription, commands: Float[np.ndarray, "steps rotors"], lacking: Collection[str] = ()
 ) -> Float[np.ndarray, "steps 13"]:
-    """States of the body under commands, from hover speeds of the rotors."""
-    c, power, yaw = coefficients(made, lever=lacking != LEVER), exponent_at_hover(made), 0.0
+    """States of the body under commands, from hover, without effects that have no numbers."""
+    c, power = coefficients(made, lever=LEVER not in lacking), exponent_at_hover(made)
     step, spins = runge_kutta(c, REPLAY_STEP_S), c.torque_ratio * np.array(made.vehicle.spins)
-    hover = manoeuvre(made, 0.0)[0]
+    decay, inertia = math.exp(-REPLAY_STEP_S * c.rate_up), np.array(c.inertia[:3])
     body: Any = [0.0, 0.0, 0.0, REPLAY_SPEED, REPLAY_SPEED, 0.0, 1.0, *[0.0] * 6]
+    hover, states = manoeuvre(made, 0.0)[0], []
     speeds: Any = hover.tolist()
-    states = []
-    for command in commands.tolist():
-        if lacking == IN_STEP:
-            over = power / (1.0 + power) * (np.array(speeds) / hover) ** (2.0 / power) - 1.0
-            yaw = float(c.thrust_quadratic * np.square(speeds) @ (spins * over))
-        body, speeds = step(body, speeds, command, STILL, (0.0, 0.0, yaw))
+    for wanted in commands:
+        command, now, torque = wanted, np.array(speeds), [0.0, 0.0, 0.0]
+        if OF_SPEED in lacking:  # what reaches the same as a lag of the square
+            command = (np.sqrt(decay * now**2 + (1.0 - decay) * wanted**2) - decay * now) / (1.0 - decay)
+        if IN_STEP in lacking:
+            over = power / (1.0 + power) * (now / hover) ** (2.0 / power) - 1.0
+            torque[2] = float(c.thrust_quadratic * now**2 @ (spins * over))
+        if COUPLING in lacking:
+            torque = (torque + np.cross(body[10:13], inertia * body[10:13])).tolist()
+        body, speeds = step(body, speeds, command.tolist(), STILL, (torque[0], torque[1], torque[2]))
         states.append(body)
     return np.array(states)
 
@@ -639,14 +646,13 @@ def alike(value: Mapping[str, float], effect: str) -> float:
 def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iterator[str]:
     """What a simulator cannot hold of a vehicle, with the error that its absence makes."""
     whole, value = None, first(made.values)
-    dragged = any(value.get(name) for name in DRAGS)
-    unnamed = {IN_STEP, TURNING} if dragged else {IN_STEP}  # The rotors' drag turns, identified or not
+    dragged = any(value.get(name) for name in DRAGS)  # The rotors' drag turns, identified or not
     for effect in lacks:
         names, mean = EFFECTS.get(effect, ()), 0.0
         if effect in ALIKE:
             names, mean = ALIKE[effect][0], alike(value, effect)
         names = tuple(name for name in names if not math.isclose(value.get(name, mean), mean, rel_tol=1e-6))
-        if not names and effect not in unnamed:
+        if not names and EFFECTS.get(effect, True) and not (effect == TURNING and dragged):
             continue
         if whole is None:
             commands = manoeuvre(made, 20.0)
@@ -657,7 +663,7 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         if effect == TURNING or effect in ALIKE:
             rest |= dict.fromkeys(names or TORQUES, np.full(1, mean))
         kept = made if effect == LEVER else replace(made, values=rest)
-        without = replayed(*held_back(kept, commands), effect)
+        without = replayed(*held_back(kept, commands), (effect,))
         cosine = np.abs((whole[:, 6:10] * without[:, 6:10]).sum(axis=1)).clip(max=1.0)
         angle = math.degrees(2.0 * np.arccos(cosine).max())
         speed = float(np.linalg.norm(whole[:, 3:6] - without[:, 3:6], axis=1).max())
@@ -665,7 +671,7 @@ def _lost(made: VehicleDescription, target: str, lacks: tuple[str, ...]) -> Iter
         left_out = f", and {', '.join(gone)} not in this file" if gone else ""
         remedy = f" Hold its commands back by {value['delay']:.4g} s." if effect == LATE else ""
         manoeuvred = f"a manoeuvre of {REPLAY_S:g} s to {math.degrees(REPLAY_TILT):.0f} degrees"
-        errors = f"errs by {angle:.2g} degrees and {speed:.2g} m/s"
+        errors = f"errs by {float(f'{angle:.2g}'):g} degrees and {speed:.2g} m/s"
         yield f"{target} has no {effect}{left_out}: {manoeuvred} {errors}.{remedy}"
 
 
