@@ -115,7 +115,7 @@ def studies(trials: int) -> None:
 
 
 def moments(cut: ev.SignalRegression) -> object:
-    return products_of(cut, whole=False)
+    return products_of(cut)
 
 
 def resident_bytes() -> int:

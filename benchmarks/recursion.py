@@ -48,7 +48,7 @@ def main() -> None:
     chunks = chunks_of(whole.signals)
     # processor time: other programs do not count
     clock = time.process_time
-    batch = least_seconds(lambda: products_of(whole, whole=False), repeats, clock)
+    batch = least_seconds(lambda: products_of(whole), repeats, clock)
     for what, detector, part in (
         ("without detector", None, chunks),
         ("with detector", ev.ChangeDetector(), chunks[: max(len(chunks) // 20, 1)]),

@@ -551,7 +551,7 @@ def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(lo
 def test_a_given_lag_is_one_unknown_less(monkeypatch):
     """Finding 3: two instruments were too few for friction, gain and a lag that was given."""
     every = LaggedReferences.columns
-    monkeypatch.setattr(LaggedReferences, "columns", lambda rule, driven: every(rule, driven)[:, :2])
+    monkeypatch.setattr(LaggedReferences, "columns", lambda *given: every(*given)[:, :2])
     log = flown(seconds=30.0)[0]
     alone = ev.identify_flight(log)
     assert alone.fit is None

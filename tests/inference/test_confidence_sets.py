@@ -351,7 +351,7 @@ PSI, COLUMNS = record(np.random.default_rng(15), 1.0)
 cov = ev.covariances
 TWICE, TRIPLED = np.column_stack([COLUMNS[:, 1], COLUMNS[:, 1]]), np.column_stack([PSI, PSI[:, 0]])
 REGION, ENTRIES = robust(PSI, COLUMNS), np.ones((20, 2))
-SMALL, OTHER = products.table(whole=False), products.table()
+SMALL = products.table()
 DIRECT = ev.identify(ev.regression(np.arange(9.0) ** 2, np.arange(9.0)), ev.methods.least_squares())
 test_refused = table(
     rows("ellipse", UsageError, partial(Ellipse, CENTRE),
@@ -364,8 +364,6 @@ test_refused = table(
         ((1.0, 0.0),), ((0.0, 1.0), (1.0, 2.0)), ((math.nan, 1.0),), ((inf, inf),)))),
     rows("sums", ParameterError, excluded_sums, *((*given, "whole number") for given in (
         (0.975, 100), (1.0, 100), (0.95, 10)))),
-    rows("part", UsageError, lambda part: getattr(SMALL, part), *((part, "Make the products of all columns")
-        for part in ("instruments", "regressors", "regressor_response", "power"))),
     calls("call", None,
         (partial(classical, PSI, TWICE), CollinearError, "errors that vary"),
         (partial(robust, TRIPLED, COLUMNS), CollinearError, "errors that vary"),
@@ -376,9 +374,8 @@ test_refused = table(
         (partial(ConfidenceSet.from_quadratic, inf, 0.0, 0.0), ParameterError, "finite coefficients"),
         (partial(ConfidenceSet.whole_line().scaled, 0.0), ParameterError, "other than zero"),
         (partial(Ellipse, np.arange(3.0), np.eye(3)), ShapeError, "Expected"),
-        (lambda: SMALL + OTHER, UsageError, "Add the products of one problem"),
-        (lambda: SMALL + replace(SMALL, sums=SMALL.sums[:, :2], tested=2), UsageError,
-            "received products of 2 instruments"),
+        (lambda: SMALL + replace(SMALL, sums=SMALL.sums[:, :2]), UsageError, "Add the products of one"),
+        (lambda: SMALL + replace(SMALL, tested=2), UsageError, "received products of 2 instruments"),
         (lambda: DIRECT.with_covariance(cov.ClusteredByFlight()).interval("theta_1"), UsageError,
             "ClusteredByFlight can use; received too few flights"),
         (lambda: cov.EqualWeightedCosines(0), UsageError, "one cosine average or more; received 0"),

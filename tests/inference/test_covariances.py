@@ -374,34 +374,30 @@ def rows() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.standard_normal((ROWS, P)), rng.standard_normal((ROWS, N)), rng.standard_normal(ROWS)
 
 
-def table(blocks: int = 4, *, whole: bool = True) -> Products:
-    return products_of_rows(*rows(), edges=block_edges(ROWS, blocks), whole=whole)
+def table(blocks: int = 4) -> Products:
+    return products_of_rows(*rows(), edges=block_edges(ROWS, blocks))
 
 
-@pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("blocks", [1, 4, ROWS])
-def test_blocks_are_the_products_of_their_rows(blocks, whole):
+def test_blocks_are_the_products_of_their_rows(blocks):
     """Long blocks by matrix products, short ones many at once."""
     psi, phi, y = rows()
     edges = block_edges(ROWS, blocks)
-    result = table(blocks, whole=whole)
+    result = table(blocks)
     for k in range(blocks):
         here = slice(edges[k], edges[k + 1])
         assert result.counts[k] == edges[k + 1] - edges[k]
-        pairs = {"cross": (psi, phi), "instrument_response": (psi, y)}
-        if whole:
-            pairs |= {"instruments": (psi, psi), "regressors": (phi, phi)}
-            pairs |= {"regressor_response": (phi, y), "power": (y, y)}
+        pairs = {"cross": (psi, phi), "instrument_response": (psi, y), "instruments": (psi, psi)}
+        pairs |= {"regressors": (phi, phi), "regressor_response": (phi, y), "power": (y, y)}
         for name, (left, right) in pairs.items():
             np.testing.assert_allclose(getattr(result, name)[k], left[here].T @ right[here], atol=1e-12)
 
 
-@pytest.mark.parametrize("whole", [True, False])
-def test_residual_in_the_responses_place(whole):
+def test_residual_in_the_responses_place():
     psi, phi, y = rows()
     theta = np.array([0.7, -1.3])
-    expected = products_of_rows(psi, phi, y - phi @ theta, edges=block_edges(ROWS, 4), whole=whole)
-    np.testing.assert_allclose(table(whole=whole).with_residual(theta).sums, expected.sums, atol=1e-12)
+    expected = products_of_rows(psi, phi, y - phi @ theta, edges=block_edges(ROWS, 4))
+    np.testing.assert_allclose(table().with_residual(theta).sums, expected.sums, atol=1e-12)
 
 
 def test_totals_and_sums():
@@ -409,7 +405,6 @@ def test_totals_and_sums():
     np.testing.assert_allclose(result.total.sums, table(1).sums, atol=1e-12)
     assert result.total.count == result.count == ROWS
     np.testing.assert_allclose((result.total + result).total.sums, 2.0 * result.total.sums, atol=1e-12)
-    np.testing.assert_allclose(result.equations_only.sums, table(6, whole=False).sums, atol=1e-12)
 
 
 def test_autocovariance_is_its_formula() -> None:

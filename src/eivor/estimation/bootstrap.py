@@ -233,8 +233,7 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
         of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
         return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
     psi = method.assembler.test_functions(rows)
-    needs_instrument_products = method.equation_weighting.needs_instrument_products
-    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=needs_instrument_products)
+    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds)
     return CrossPieces(_pieces(of_atoms, plan), whole.noise)
 
 

@@ -280,8 +280,7 @@ class Diagnostics:
         """Strength of the instruments; None without instruments."""
         if not self.testable:
             return None
-        moments = self.estimate.moments
-        of_rows = not (isinstance(moments, CrossMoments) and moments.products.whole)
+        of_rows = not isinstance(self.estimate.moments, CrossMoments)
         # else it comes from products, as the estimate's warning
         return instruments.strength(
             self.record.products, conditional=self.estimate.first_stage if of_rows else None

@@ -144,7 +144,7 @@ SAME_COLUMN = 1e-9
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
     """Conditional first-stage F of each regressor; None when the moments do not identify."""
-    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.columns is None:
+    if not isinstance(moments, CrossMoments):
         return None
     cross, regressors = moments.equations[:, :-1], moments.columns[:-1, :-1]
     shared = None if moments.noise is None else moments.noise[:, :-1]
@@ -174,8 +174,6 @@ def weak_instruments(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
 def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
     """Reasons for the status weak where more noise is taken out of a column than there is of it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
-        return ()
-    if moments.instruments is None or moments.columns is None:
         return ()
     cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
     powers = np.outer(np.diag(moments.instruments), np.diag(moments.columns)[:-1])
@@ -241,11 +239,10 @@ class LinearMethod(Method):
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
-        return self.assembler.moments(problem, whole=self.needs_instruments)
+        return self.assembler.moments(problem)
 
     def solve(self, problem: LinearProblem) -> Estimate:
-        moments = self.assembler.moments(problem, whole=self.equation_weighting.needs_instrument_products)
-        return self.solve_moments(moments, problem)
+        return self.solve_moments(self.moments(problem), problem)
 
     def solve_moments(
         self, moments: Moments, problem: LinearProblem | None = None, *, check: bool = False
@@ -270,7 +267,7 @@ class LinearMethod(Method):
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
         cross = moments if self.assembler.takes_out_own_noise else None
-        if isinstance(cross, CrossMoments) and cross.noise is not None and cross.products.whole:
+        if isinstance(cross, CrossMoments) and cross.noise is not None:
             # squares of the residual without the noise in it, of regressors that are instruments
             residual = cross.products.with_residual(solution.theta).power.sum()
             added = cross.shared_noise(solution.theta) - cross.noise[:, -1]

@@ -48,16 +48,14 @@ class CrossMoments:
         return np.asarray(self.products.equations.sum(axis=0)) / self.rows
 
     @property
-    def instruments(self) -> Float[np.ndarray, "p p"] | None:
-        """mean(psi psi'); None when it was not made."""
-        products = self.products
-        return np.asarray(products.instruments.sum(axis=0)) / self.rows if products.whole else None
+    def instruments(self) -> Float[np.ndarray, "p p"]:
+        """mean(psi psi')."""
+        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows
 
     @property
-    def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
-        """mean([phi y] [phi y]'); None when it was not made."""
-        products = self.products
-        return np.asarray(products.columns.sum(axis=0)) / self.rows if products.whole else None
+    def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        """mean([phi y] [phi y]')."""
+        return np.asarray(self.products.columns.sum(axis=0)) / self.rows
 
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
         """What the noises add to each row's products with the residual on average, C theta - c."""
@@ -69,10 +67,8 @@ class CrossMoments:
         """Sums of both; count-weighted means of the noises' covariances."""
         if not isinstance(other, CrossMoments) or self.equations.shape != other.equations.shape:
             raise _unlike(self, other)
-        both = [self.products.total, other.products.total]
-        if not all(products.whole for products in both):
-            both = [products.equations_only for products in both]
-        return CrossMoments((both[0] + both[1]).total, _mean_noise(self, other))
+        both = self.products.total + other.products.total
+        return CrossMoments(both.total, _mean_noise(self, other))
 
 
 #: Summary of some rows.
@@ -133,8 +129,8 @@ class Assembler(ABC):
         return self.compensates and not self.needs_instruments
 
     @abstractmethod
-    def moments(self, problem: LinearProblem, *, whole: bool = False) -> Moments:
-        """Summary of the rows; the `whole` has mean(psi psi') and mean(phi phi'), for weights, strength."""
+    def moments(self, problem: LinearProblem) -> Moments:
+        """Summary of the rows."""
 
     def noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"] | None:
         """Mean covariance of the noises of what equations are products of; None where none is taken out."""
@@ -179,7 +175,7 @@ class Direct(Assembler):
 
     needs_instruments = False
 
-    def moments(self, problem: LinearProblem, *, whole: bool = False) -> TriangularMoments:  # noqa: ARG002
+    def moments(self, problem: LinearProblem) -> TriangularMoments:
         """Triangular root of [Phi y], and its noise covariance where that is declared."""
         count, root = root_of_rows(problem)
         return TriangularMoments(float(count), root, problem.declared_noise())
@@ -197,8 +193,8 @@ class Instrumental(Assembler):
 
     needs_instruments = True
 
-    def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
-        return CrossMoments(products_of(problem, whole=whole), self.noise(problem))
+    def moments(self, problem: LinearProblem) -> CrossMoments:
+        return CrossMoments(products_of(problem), self.noise(problem))
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,10 +206,9 @@ class Compensated(Assembler):
     needs_instruments: bool = True  # Use the problem's instruments, or the regressors
     compensates = True
 
-    def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
-        noise, of_instruments = self.noise(problem), self.needs_instruments
-        products = products_of(problem, instruments=of_instruments, whole=whole or not of_instruments)
-        return CrossMoments(products, noise)
+    def moments(self, problem: LinearProblem) -> CrossMoments:
+        noise = self.noise(problem)
+        return CrossMoments(products_of(problem, instruments=self.needs_instruments), noise)
 
 
 def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.ndarray, "n n"]) -> None:

@@ -76,19 +76,18 @@ def block_count(rows: int, instruments: int) -> int:
     return min(wanted, GROUPS * (rows // GROUPS)) if rows >= GROUPS else rows
 
 
-def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: bool) -> Products:
+def products_of_signals(problem: SignalRegression, *, instruments: bool) -> Products:
     """Products of a problem's columns: in blocks of a long record, all of them together of any other."""
     psi = problem.instrument_columns if instruments else problem.regressor_columns
     columns = (*problem.regressor_columns, problem.equation.response)
     count, p = row_count(problem), len(psi)
     if problem.used is None and count >= LAGS_FOLDED_FROM and successive_lags(psi) is not None:
-        blocks = block_count(count // FOLD, p) if instruments and whole and count >= FOLDED_FROM else 1
-        products = _folded(problem, psi, columns, blocks)
-        return products if whole else products.equations_only
+        blocks = block_count(count // FOLD, p) if instruments and count >= FOLDED_FROM else 1
+        return _folded(problem, psi, columns, blocks)
 
     def part(stretch: tuple[int, int]) -> Float[np.ndarray, "left right"]:
         Z = problem.columns_between((*psi, *columns), *stretch)
-        return Z.T @ Z if whole else Z[:, :p].T @ Z[:, p:]
+        return Z.T @ Z
 
     stretches = row_blocks(problem.first, problem.signals.sample_count, MULTIPLIED_ROWS)
     sums = np.asarray(sum(made_ahead(part, stretches)))
@@ -169,17 +168,17 @@ def row_count(problem: SignalRegression) -> int:
     return count if problem.used is None else int(problem.used.sum())
 
 
-def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:
+def products_of(problem: LinearProblem, *, instruments: bool = True) -> Products:
     """Products of the columns [psi phi y] of a problem."""
     if instruments and not problem.instrument_count:
         remedy = 'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).'
         raise InstrumentError("instruments", "a problem without any", remedy)
     if isinstance(problem, SignalRegression):
-        made = products_of_signals(problem, instruments=instruments, whole=whole)
+        made = products_of_signals(problem, instruments=instruments)
     else:
         rows = problem.rows()
         psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
-        made = products_of_rows(psi, rows.regressors, rows.response, edges=edges, whole=whole)
+        made = products_of_rows(psi, rows.regressors, rows.response, edges=edges)
     if not np.isfinite(made.sums).all():
         remedy = "Check the channels for overflow or missing values."
         raise NonFiniteError("finite cross-products", "NaN or infinity", remedy)

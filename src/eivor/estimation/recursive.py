@@ -263,7 +263,7 @@ class RecursiveIdentification:
         """Take rows into a copy that nobody has seen yet; look for changes where there is a detector."""
         forgetting, weighted, watch = streaming.Forgetting(self.memory), self._products, self._watch
         if weighted is None:
-            weighted = streaming.nothing_yet(rows, forgetting, whole=self.method.needs_instruments)
+            weighted = streaming.nothing_yet(rows, forgetting)
         if self.detector is None:
             self._set(_products=weighted.then(rows))
             return
@@ -401,7 +401,7 @@ class Follower:
     def points(
         self, rows: streaming.TimedRows, forgetting: streaming.Forgetting, detector: ChangeDetector
     ) -> Iterator[TrackedPoint]:
-        then, watching = streaming.nothing_yet(rows, forgetting, whole=True), Watch()
+        then, watching = streaming.nothing_yet(rows, forgetting), Watch()
         for stretch in rows.stretches(0, forgetting.block_length):
             then = then.then(stretch)
             if stretch.count < forgetting.block_length:

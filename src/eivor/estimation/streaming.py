@@ -324,18 +324,18 @@ class WeightedBlockSums:
     """Weighted sums of blocks of rows. Performs no checks."""
 
     packed: Float[np.ndarray, "K w"]  # Of products, of noises, of weights, and of squared weights
-    shape: tuple[int, int]  # Of a block's products
+    width: int  # Columns of [psi phi y]
     tested: int  # Number of instruments psi
 
     @property
     def products(self) -> Products:
-        size = self.shape[0] * self.shape[1]
-        return Products(self.packed[:, -2], self.packed[:, :size].reshape(-1, *self.shape), self.tested)
+        sums = self.packed[:, : self.width**2].reshape(-1, self.width, self.width)
+        return Products(self.packed[:, -2], sums, self.tested)
 
     @property
     def noise(self) -> Float[np.ndarray, "K s"]:
         """Sums of noises that vary from row to row."""
-        return self.packed[:, self.shape[0] * self.shape[1] : -2]
+        return self.packed[:, self.width**2 : -2]
 
     @property
     def squares(self) -> Float[np.ndarray, " K"]:
@@ -348,30 +348,29 @@ class WeightedBlockSums:
 
     def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
         """Blocks of both, one after the other."""
-        return WeightedBlockSums(np.concatenate([self.packed, other.packed]), self.shape, self.tested)
+        return WeightedBlockSums(np.concatenate([self.packed, other.packed]), self.width, self.tested)
 
     def between(self, start: int, stop: int) -> WeightedBlockSums:
-        return WeightedBlockSums(self.packed[start:stop], self.shape, self.tested)
+        return WeightedBlockSums(self.packed[start:stop], self.width, self.tested)
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
         """One sum of all, each block with a factor."""
         packed = np.append(factors @ self.packed[:, :-1], factors**2 @ self.packed[:, -1])
-        return WeightedBlockSums(packed[None], self.shape, self.tested)
+        return WeightedBlockSums(packed[None], self.width, self.tested)
 
 
-def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:
+def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int) -> WeightedBlockSums:
     """Sums of blocks of `length` rows each, weighted to the end of each block."""
     weights = forgetting.weights(length)
     blocks = rows.count // max(length, 1)
     left, right, noise, counted = (part.reshape(blocks, length, part.shape[1]) for part in rows.parts)
-    if whole:
-        left = right = np.concatenate([left, right], axis=2)
-    sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
+    every = np.concatenate([left, right], axis=2)
+    sums = np.matmul((every * weights[:, None]).swapaxes(1, 2), every)
     used, noises = counted[:, :, 0], np.einsum("klj,l->kj", noise, weights)
-    shape = left.shape[2], right.shape[2]
-    flat = sums.reshape(blocks, shape[0] * shape[1])
+    width = every.shape[2]
+    flat = sums.reshape(blocks, width**2)
     packed = np.column_stack([flat, noises, used @ weights, used @ weights**2])
-    return WeightedBlockSums(packed, shape, rows.tested)
+    return WeightedBlockSums(packed, width, rows.tested)
 
 
 @dataclass(frozen=True)
@@ -379,7 +378,6 @@ class ExponentiallyWeightedProducts:
     """Products of all rows so far, exponentially weighted."""
 
     forgetting: Forgetting
-    whole: bool
     full: WeightedBlockSums
     closed: WeightedBlockSums
     waiting: TimedRows  # Rows of the block that is not full yet
@@ -392,7 +390,7 @@ class ExponentiallyWeightedProducts:
         seen = replace(self, waiting=joined.between(full, joined.count), samples=self.samples + rows.count)
         if not full:
             return seen
-        sums = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
+        sums = sums_of_rows(joined.between(0, full), self.forgetting, length)
         products = np.append(self.forgetting.factor**full, self._block_factors(sums.blocks))
         closed = self.closed + sums
         first = max(
@@ -414,7 +412,7 @@ class ExponentiallyWeightedProducts:
 
     @cached_property
     def _waiting_sums(self) -> WeightedBlockSums:
-        return sums_of_rows(self.waiting, self.forgetting, self.waiting.count, whole=self.whole)
+        return sums_of_rows(self.waiting, self.forgetting, self.waiting.count)
 
     @cached_property
     def recent(self) -> tuple[WeightedBlockSums, Float[np.ndarray, " K"]]:
@@ -461,12 +459,12 @@ class ExponentiallyWeightedProducts:
         return left[:, :, -1] - left[:, :, :-1] @ theta
 
 
-def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> ExponentiallyWeightedProducts:
+def nothing_yet(rows: TimedRows, forgetting: Forgetting) -> ExponentiallyWeightedProducts:
     """Products of no rows, with the columns of some."""
     none = rows.between(0, 0)
-    empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
+    empty = sums_of_rows(none, forgetting, forgetting.block)
     zero = replace(empty, packed=np.zeros((1, empty.packed.shape[1])))
-    return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
+    return ExponentiallyWeightedProducts(forgetting, zero, empty, none)
 
 
 def exponentially_weighted_covariance(

@@ -352,7 +352,7 @@ class _MomentSearch:
             instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
         )
         assembler, solver = Compensated(), LeastSquares()
-        moments = assembler.moments(rows, whole=True)
+        moments = assembler.moments(rows)
         system = assembler.system(moments)
         solution = solver.solve(divided(system, self.factor))
         if solution.condition > LARGEST_CONDITION:

@@ -34,7 +34,6 @@ class EquationWeighting(ABC):
     """A way to weight equations."""
 
     passes = 1  # Number of times the estimate is made; weights are renewed between passes
-    needs_instrument_products = True  # Whether mean(psi psi') must be among the moments
 
     @abstractmethod
     def equations(
@@ -47,8 +46,6 @@ class EquationWeighting(ABC):
 class Unweighted(EquationWeighting):
     """Every equation with weight one, as in the paper's (24) and (30)."""
 
-    needs_instrument_products = False
-
     def equations(self, system: LinearSystem, *_: object) -> Weighted:
         return system, None
 
@@ -58,14 +55,18 @@ class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        if not isinstance(moments, CrossMoments) or moments.instruments is None:
-            raise UsageError(
-                "moments with the instruments' own products",
-                type(moments).__name__,
-                "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
-            )
-        L = weight_factor(moments.instruments)
+        L = weight_factor(_cross_moments(moments).instruments)
         return divided(system, L), L
+
+
+def _cross_moments(moments: Moments) -> CrossMoments:
+    if not isinstance(moments, CrossMoments):
+        raise UsageError(
+            "moments with the instruments' own products",
+            type(moments).__name__,
+            "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
+        )
+    return moments
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +129,8 @@ class LimitedInformation(EquationWeighting):
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
         """Two-stage equations with S and its degrees of freedom, rows less instruments."""
-        two_stage, L = TwoStage().equations(system, moments)
-        columns = moments.columns if isinstance(moments, CrossMoments) else None
-        if columns is None or L is None or not isinstance(moments, CrossMoments):
-            remedy = "Make the moments with the method that is to use them."
-            raise UsageError("moments with the products of all columns", type(moments).__name__, remedy)
+        moments = _cross_moments(moments)
+        L, columns = weight_factor(moments.instruments), moments.columns
         instruments = L.shape[0]
         if moments.rows <= instruments:
             expected = f"more rows than the {instruments} instruments, for what they leave of the columns"
@@ -152,7 +150,8 @@ class LimitedInformation(EquationWeighting):
                 "a response that is a combination of regressors and instruments but for rounding",
                 "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
             )
-        return replace(two_stage, error_covariance=S, error_degrees=moments.rows - instruments), L
+        made = replace(divided(system, L), error_covariance=S, error_degrees=moments.rows - instruments)
+        return made, L
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,21 +18,16 @@ CHUNK_PRODUCTS = 4_000_000
 
 @dataclass(frozen=True)
 class Products:
-    """Sums of products of [psi phi y] over successive blocks of rows, or of psi with [phi y] alone."""
+    """Sums of products of [psi phi y] over successive blocks of rows."""
 
     counts: Float[np.ndarray, " K"]  # Rows in each block
     sums: Float[np.ndarray, "K left right"]
     tested: int  # Number of instruments psi
 
     @property
-    def whole(self) -> bool:
-        """Whether products of all columns are there."""
-        return self.sums.shape[1] > self.tested
-
-    @property
     def equations(self) -> Float[np.ndarray, "K p n_plus_1"]:
         """Psi [phi' y] of each block."""
-        return self.sums[:, : self.tested, self.tested if self.whole else 0 :]
+        return self.sums[:, : self.tested, self.tested :]
 
     @property
     def cross(self) -> Float[np.ndarray, "K p n"]:
@@ -47,13 +42,11 @@ class Products:
     @property
     def instruments(self) -> Float[np.ndarray, "K p p"]:
         """Psi psi' of each block."""
-        self._check_whole()
         return self.sums[:, : self.tested, : self.tested]
 
     @property
     def columns(self) -> Float[np.ndarray, "K n_plus_1 n_plus_1"]:
         """[phi y] [phi' y] of each block."""
-        self._check_whole()
         return self.sums[:, self.tested :, self.tested :]
 
     @property
@@ -71,12 +64,6 @@ class Products:
         """y^2 of each block; e^2 at an estimate."""
         return self.columns[:, -1, -1]
 
-    def _check_whole(self) -> None:
-        if not self.whole:
-            known = "one with those of the instruments with regressors and response only"
-            remedy = "Make the products of all columns: moments(problem, whole=True) of an assembler."
-            raise UsageError("a table with the products of all columns", known, remedy)
-
     @property
     def count(self) -> float:
         """Rows in all blocks."""
@@ -86,11 +73,6 @@ class Products:
     def total(self) -> Products:
         """One block with all rows."""
         return replace(self, counts=self.counts.sum(keepdims=True), sums=self.sums.sum(axis=0, keepdims=True))
-
-    @property
-    def equations_only(self) -> Products:
-        """The same with the products of psi with [phi y] only."""
-        return replace(self, sums=self.equations)
 
     def __add__(self, other: Products) -> Products:
         """Blocks of both, one after the other."""
@@ -115,8 +97,7 @@ class Products:
         """The same with the residual y - Phi theta in the response's place."""
         turned = np.eye(self.sums.shape[2])
         turned[-1 - theta.size : -1, -1] = -theta
-        sums = self.sums @ turned
-        return replace(self, sums=turned.T @ sums if self.whole else sums)
+        return replace(self, sums=turned.T @ self.sums @ turned)
 
 
 def block_edges(rows: int, blocks: int) -> Int[np.ndarray, " blocks_plus_1"]:
@@ -130,42 +111,31 @@ def products_of_rows(
     response: Float[np.ndarray, " rows"],
     *,
     edges: Int[np.ndarray, " K_plus_1"],
-    whole: bool = True,
 ) -> Products:
     """Products of rows in arrays. Performs no checks."""
-    p, right, counts = instruments.shape[1], (regressors, response[:, None]), np.diff(edges)
+    p, parts, counts = instruments.shape[1], (instruments, regressors, response[:, None]), np.diff(edges)
     width = p + regressors.shape[1] + 1
-    sums = np.zeros((counts.size, width, width) if whole else (counts.size, p, width - p))
+    sums = np.zeros((counts.size, width, width))
     if counts.size and counts.mean() < SHORT_BLOCK:
-        columns = np.column_stack([instruments, *right])
-        left = columns if whole else instruments
-        others = columns if whole else columns[:, p:]
-        _sum_short_blocks(left, others, edges, sums)
+        _sum_short_blocks(np.column_stack(parts), edges, sums)
         return Products(counts.astype(np.float64), sums, p)
     for k, ends in enumerate(pairwise(edges.tolist())):
         for stretch in row_blocks(*ends, MULTIPLIED_ROWS):
-            here = slice(*stretch)
-            if whole:
-                columns = np.column_stack([instruments[here], *(part[here] for part in right)])
-                sums[k] += columns.T @ columns
-            else:
-                sums[k, :, :-1] += instruments[here].T @ regressors[here]
-                sums[k, :, -1] += instruments[here].T @ response[here]
+            columns = np.column_stack([part[slice(*stretch)] for part in parts])
+            sums[k] += columns.T @ columns
     return Products(counts.astype(np.float64), sums, p)
 
 
 def _sum_short_blocks(
-    left: Float[np.ndarray, "rows a"],
-    right: Float[np.ndarray, "rows b"],
+    columns: Float[np.ndarray, "rows m"],
     edges: Int[np.ndarray, " K_plus_1"],
-    sums: Float[np.ndarray, "K a b"],
+    sums: Float[np.ndarray, "K m m"],
 ) -> None:
     """Fill sums of many short blocks, each of at least one row."""
-    blocks, width = sums.shape[0], left.shape[1] * right.shape[1]
-    rows = int(edges[-1] - edges[0])
-    step = max(1, int(CHUNK_PRODUCTS * blocks / max(width * rows, 1)))
+    blocks, rows = sums.shape[0], int(edges[-1] - edges[0])
+    step = max(1, int(CHUNK_PRODUCTS * blocks / max(columns.shape[1] ** 2 * rows, 1)))
     for first in range(0, blocks, step):
         last = min(first + step, blocks)
-        here = slice(edges[first], edges[last])
-        products = left[here, :, None] * right[here, None, :]
+        here = columns[edges[first] : edges[last]]
+        products = here[:, :, None] * here[:, None, :]
         sums[first:last] = np.add.reduceat(products, edges[first:last] - edges[first], axis=0)
