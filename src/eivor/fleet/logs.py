@@ -38,8 +38,7 @@ def _elsewhere(given: str) -> LogsFound:
         received = f"'{given}', for which {type(error).__name__} says: {error}"
         remedy = "Check the address, and the credentials of this machine."
         raise InputError("an address whose files can be listed", received, remedy) from error
-    ends = tuple(end for log_format in log_formats() for end in log_format.endings) + FURTHER_ENDINGS
-    logs = [system.unstrip_protocol(file) for file in files if file.lower().endswith(ends)]
+    logs = [system.unstrip_protocol(file) for file in files if file.lower().endswith(_endings())]
     named = [named_log(log, log.removeprefix(start).lstrip("/") or log.rpartition("/")[2]) for log in logs]
     if not files:
         raise InputError("an address with files", f"'{given}', where there are none", "Check the address.")
@@ -90,21 +89,14 @@ def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
         )
     joined = table.join(given, on=key, how="left", suffix=".given", maintain_order="left")
     both = [name for name in names if f"{name}.given" in joined.columns]
-    return joined.with_columns(pl.coalesce(f"{name}.given", name).alias(name) for name in both).drop(
-        f"{name}.given" for name in both
-    )
+    joined = joined.with_columns(pl.coalesce(f"{name}.given", name).alias(name) for name in both)
+    return joined.drop(f"{name}.given" for name in both)
 
 
 #: Logs that are taken from the list in one go.
 PAGE_LOGS = 500
 #: A path is bytes, since not every one is text.
-LOG_SCHEMA = {
-    "name": pl.String,
-    "path": pl.Binary,
-    "metadata": pl.String,
-    "sha256": pl.String,
-    "problem": pl.String,
-}
+LOG_SCHEMA = dict.fromkeys(("name", "path", "metadata", "sha256", "problem"), pl.String) | {"path": pl.Binary}
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +154,10 @@ def listed(path: Path) -> Generator[Log, None, None]:
     rows = _lines(path) if path.suffix.lower() == LINES else _rows(path, _delimiter(path))
     for row in rows:
         name = row.pop(PATH_COLUMN)
-        if name:
-            called = name if is_address(name) else PurePosixPath(name.replace(os.sep, "/")).as_posix()
-            yield named_log(name if is_address(name) else str(path.parent / name), called, row)
+        if is_address(name):
+            yield named_log(name, name, row)
+        elif name:
+            yield named_log(str(path.parent / name), PurePosixPath(name.replace(os.sep, "/")).as_posix(), row)
 
 
 def named_log(path: str, name: str, record: dict[str, str] | None = None) -> Log:
@@ -198,11 +191,8 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
         rows = csv.reader(stream, delimiter=delimiter, strict=True)
         header = next(rows)
         if len(set(header)) < len(header):
-            raise UsageError(
-                "a list whose columns have different names",
-                f"'{path}', with {', '.join(header)}",
-                "Rename those that are alike.",
-            )
+            received, remedy = f"'{path}', with {', '.join(header)}", "Rename those that are alike."
+            raise UsageError("a list whose columns have different names", received, remedy)
         try:
             for row in rows:
                 if row and len(row) != len(header):
@@ -214,11 +204,11 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
                 if row:
                     yield dict(zip(header, row, strict=True))
         except csv.Error as error:
-            raise InputError(
+            expected, received = (
                 f"a table of logs '{path}' that can be read",
                 f"line {rows.line_num}: {error}",
-                "Correct the line.",
-            ) from error
+            )
+            raise InputError(expected, received, "Correct the line.") from error
 
 
 def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tuple[str, str], None, None]:
@@ -329,10 +319,13 @@ def _parts_of_folder(folder: Path) -> FolderParts:
     return FolderParts()
 
 
+def _endings() -> tuple[str, ...]:
+    return (*FURTHER_ENDINGS, *(end for log_format in log_formats() for end in log_format.endings))
+
+
 def is_log(path: Path) -> bool:
     """Whether a file is a log: its name ends like one's, or a reader knows its content."""
-    endings = (end for log_format in log_formats() for end in log_format.endings)
-    if path.name.lower().endswith((*FURTHER_ENDINGS, *endings)):
+    if path.name.lower().endswith(_endings()):
         return True
     try:
         if not stat.S_ISREG(path.stat().st_mode):

@@ -19,7 +19,7 @@ from eivor import process_pool
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
 from eivor.fleet import table
-from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound
+from eivor.fleet.logs import Log, LogList, LogsFound
 from eivor.logs.addresses import is_address, is_local, path_of
 from eivor.logs.common import folder_sha256, folder_size
 from eivor.logs.read import DEFAULT_MAX_BYTES, folder_parts
@@ -85,8 +85,8 @@ def kept_process(function: Callable[[Any], Any], limits: process_pool.Limits) ->
     return _KEPT[thread][0]
 
 
-#: What says which log and content a row is of.
-KEY = ["sha256", "name"]
+#: What says which log and content a row is of, and what is known of a log that was tried to be opened.
+KEY, HASHED = ["sha256", "name"], ("sha256", "problem")
 
 
 def _work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
@@ -231,15 +231,12 @@ class _Run:
     def _hashed(self, logs: LogList) -> pl.DataFrame:
         """The list with the hash of each log, or why it cannot be opened; no second list is made."""
         executor = self.executor if self.shared else process_pool.InProcess()
-        hashes: list[str | None] = [None] * len(logs)
-        problems = [""] * len(logs)
+        pages: dict[int, pl.DataFrame] = {}
         with closing(executor.map(_all_hashed, logs.pages())) as results:
             for number, page in results:
-                for index, log in enumerate(page, start=number * PAGE_LOGS):
-                    hashes[index], problems[index] = log.sha256 or None, log.problem
-        return logs.table.with_columns(
-            pl.Series("sha256", hashes, dtype=pl.String), pl.Series("problem", problems, dtype=pl.String)
-        )
+                known = [(log.sha256 or None, log.problem) for log in page]
+                pages[number] = pl.DataFrame(known, schema=dict.fromkeys(HASHED, pl.String), orient="row")
+        return logs.table.with_columns(pl.concat([pages[number] for number in sorted(pages)]))
 
     def _mapped(self, shard: Shard, logs: pl.DataFrame, size: int | None = None) -> Iterable[int]:
         size = size or min(MOST_LOGS, max(1, logs.height // TASKS))
@@ -255,11 +252,9 @@ class _Run:
 
 
 def _taken_over(folder: Path) -> InputError:
-    return InputError(
-        "a folder that is this run's until it is done",
-        f"'{folder}', in which rows are missing that were written, or which another run has begun on",
-        "Run the same again: what is there is kept.",
-    )
+    received = f"'{folder}', in which rows are missing that were written, or which another run has begun on"
+    remedy = "Run the same again: what is there is kept."
+    return InputError("a folder that is this run's until it is done", received, remedy)
 
 
 def hashed(log: Log) -> Log:

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import uuid
-from collections.abc import Callable, Generator, Mapping, Sequence, Set
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -206,23 +206,24 @@ def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
     return pl.from_dicts(known, schema=types).sort(ORDER, nulls_last=True)
 
 
-def _types(names: Set[str]) -> dict[str, Any]:
+def _types(names: Iterable[str]) -> dict[str, Any]:
     """Columns of a table in order, each with its type."""
     known = {name: kind for name, (kind, _, _) in {**LEADING, **TRAILING}.items()}
     of_quantity = {name: _TEXT if name.endswith(f".{VERDICT}") else _NUMBER for name in names}
-    return {name: {**of_quantity, **known}[name] for name in _in_order(set(names) - known.keys())}
+    return {name: {**of_quantity, **known}[name] for name in _in_order(of_quantity)}
 
 
-def _in_order(names: set[str]) -> list[str]:
+def _in_order(names: Iterable[str]) -> list[str]:
     """Every column that all fleets have, quantities by their names between them, diagnostics at the end."""
-    parts = {part: index for index, part in enumerate((*NUMBERS, VERDICT))}
+    parts = (*NUMBERS, VERDICT)
 
     def rank(name: str) -> tuple[str, int]:
         quantity, _, part = name.rpartition(".")
-        return quantity, parts.get(part, len(parts))
+        return quantity, parts.index(part) if part in parts else len(parts)
 
-    diagnostics = sorted(name for name in names if name.startswith(DIAGNOSTIC))
-    return [*LEADING, *sorted(names.difference(diagnostics), key=rank), *TRAILING, *diagnostics]
+    own = sorted({*names}.difference(LEADING, TRAILING), key=rank)
+    diagnostics = sorted(name for name in own if name.startswith(DIAGNOSTIC))
+    return [*LEADING, *(name for name in own if name not in diagnostics), *TRAILING, *diagnostics]
 
 
 def _known(value: Any) -> Any:
@@ -251,11 +252,10 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
     """Table of all rows of a fleet, sorted by `ORDER`."""
     parts = _parts(folder, None if columns is None else {*columns, *ORDER})
     table = pl.concat(parts, how="diagonal", rechunk=True)
-    if columns is not None:
-        absent = [name for name in columns if name not in table.columns]
-        table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
     if columns is None:
-        columns = _in_order({name for name in table.columns if name not in LEADING and name not in TRAILING})
+        columns = _in_order(table.columns)
+    absent = [name for name in columns if name not in table.columns]
+    table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
     return table.sort(ORDER, nulls_last=True).select(columns)
 
 
@@ -650,10 +650,8 @@ def _of_recording(recording: Recording) -> dict[str, Any]:
 
 
 def _of_result(result: FlightEstimate) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "verdict": result.verdict.status.value,
-        "reason": " ".join(result.verdict.sentences) or None,
-    }
+    sentences = " ".join(result.verdict.sentences) or None
+    row: dict[str, Any] = {"verdict": result.verdict.status.value, "reason": sentences}
     for name, quantity in result.quantities.items():
         numbers = (quantity.value, quantity.std_error, *quantity.interval)
         row |= {f"{name}.{part}": float(number) for part, number in zip(NUMBERS, numbers, strict=True)}
@@ -667,18 +665,13 @@ def _of_result(result: FlightEstimate) -> dict[str, Any]:
 
 def _in_table(path: Path, column: str) -> str:
     """First text of a column of a log that is a table; empty when it has no such column."""
-    scans: dict[str, Callable[[Path], pl.LazyFrame]] = {
-        "csv": lambda item: pl.scan_csv(item, infer_schema=False),
-        "parquet": pl.scan_parquet,
-    }
-    try:
-        scan = scans.get(format_at(path).name)
-        if scan is None:
-            return ""
-        text = scan(path).select(pl.col(column).drop_nulls().first()).collect().item()
-    except (EivorError, OSError, pl.exceptions.PolarsError):
-        return ""
-    return "" if text is None else str(text)
+    with suppress(EivorError, OSError, pl.exceptions.PolarsError):
+        kind = format_at(path).name
+        if kind in ("csv", "parquet"):
+            rows = pl.scan_csv(path, infer_schema=False) if kind == "csv" else pl.scan_parquet(path)
+            text = rows.select(pl.col(column).drop_nulls().first()).collect().item()
+            return "" if text is None else str(text)
+    return ""
 
 
 @dataclass(frozen=True)
