@@ -73,7 +73,7 @@ def export(
             "simulator's randomisation (rotorpy, mujoco, isaaclab).",
         ),
     ] = None,
-    seed: Annotated[int, outputs.option("SEED", "Of the draws.", show_default=True)] = 0,
+    seed: Annotated[int, outputs.option("SEED", "Of the draws.")] = 0,
     mass: Annotated[
         str,
         outputs.option(
@@ -104,18 +104,13 @@ def export(
         outputs.option(
             "VERDICT",
             "Write weak numbers too, or provisional ones as well; each has its verdict beside it.",
-            show_default=True,
             values=("identified", "weak", "provisional"),
         ),
     ] = "identified",
     output: Annotated[
         str,
         outputs.option(
-            "FILE",
-            "Where to; without it on standard output. Of --to all a folder.",
-            "-o",
-            "--output",
-            show_default=True,
+            "FILE", "Where to; without it on standard output. Of --to all a folder.", "-o", "--output"
         ),
         outputs.Writes(FOLDER_FILES),
     ] = outputs.STANDARD_OUTPUT,

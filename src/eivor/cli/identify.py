@@ -11,7 +11,6 @@ import typer
 
 from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
-    MORE,
     RESIDUAL_FILES,
     ExitCode,
     FitArgument,
@@ -20,10 +19,11 @@ from eivor.cli.outputs import (
     P,
     Reads,
     Writes,
-    flag,
     guarded,
     log_paths,
     option,
+    rare_flag,
+    rare_option,
     with_options,
 )
 
@@ -40,12 +40,11 @@ def done_in_results(command: Callable[P, None]) -> Callable[P, ExitCode]:
 
 NeedsOption = Annotated[
     str,
-    option(
+    rare_option(
         "NAMES",
         f"What must be identified for exit code 0: {', '.join(NEEDS)} (of roll and pitch), or names of "
         "quantities, with commas between them. Default: any of them.",
         "--for",
-        panel=MORE,
         values=NEEDS,
     ),
 ]
@@ -73,14 +72,13 @@ def identify(
         str, option("FILE", "Write everything as one page that opens in any browser."), Writes()
     ] = "",
     card: Annotated[
-        bool, flag("--card", "Print the flight card too: what to fly and to log instead.", panel=MORE)
+        bool, rare_flag("--card", "Print the flight card too: what to fly and to log instead.")
     ] = False,
     residuals: Annotated[
         str,
-        option(
+        rare_option(
             "FOLDER",
             "Write residuals of the first fit, with layouts of PlotJuggler and Foxglove that draw them.",
-            panel=MORE,
         ),
         Writes(RESIDUAL_FILES),
     ] = "",
@@ -149,22 +147,15 @@ def track(
     ] = "",
     accelerometer_bias: Annotated[
         float | None,
-        option(
+        rare_option(
             "STD",
             "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
             "lets hover determine the gain; inf when nothing is known, so that only movement does.",
-            panel=MORE,
         ),
     ] = None,
     method: Annotated[
         str,
-        option(
-            "NAME",
-            "Method that identifies the flight as a whole, and its lag.",
-            show_default=True,
-            panel=MORE,
-            values=METHODS,
-        ),
+        rare_option("NAME", "Method that identifies the flight as a whole, and its lag.", values=METHODS),
     ] = "reference_iv",
     json: JsonOption = "",
     figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",

@@ -8,7 +8,17 @@ from typing import Annotated, Any, get_type_hints
 import msgspec
 import typer
 
-from eivor.cli.outputs import MORE, MachineOption, ModelOption, Reads, VehicleOption, flag, log_paths, option
+from eivor.cli.outputs import (
+    MachineOption,
+    ModelOption,
+    Reads,
+    VehicleOption,
+    flag,
+    log_paths,
+    option,
+    rare_flag,
+    rare_option,
+)
 
 #: Default of an option that may be given several times.
 NO_TEXTS: list[str] = []
@@ -31,7 +41,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         ""
     )
     max_tilt: Annotated[
-        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).", panel=MORE)
+        float | None, rare_option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
     ] = None
     input_channel: Annotated[
         str,
@@ -39,35 +49,28 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = ""
     input_map: Annotated[
         str,
-        option(
+        rare_option(
             "MAP",
             "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
-            panel=MORE,
             values=("linear", "square", "power:", "mixed:", "fit"),
         ),
     ] = ""
     accelerometer_bias: Annotated[
         float | None,
-        option(
+        rare_option(
             "STD",
             "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
             "(default: 0.1; inf when nothing is known of it).",
-            panel=MORE,
         ),
     ] = None
     instruments: Annotated[
         str,
-        option(
-            "NAMES",
-            "references, lags, or channels with commas between them.",
-            panel=MORE,
-            values=("references", "lags"),
+        rare_option(
+            "NAMES", "references, lags, or channels with commas between them.", values=("references", "lags")
         ),
     ] = ""
-    method: Annotated[
-        str, option("NAME", f"{', '.join(METHODS)}.", show_default=True, panel=MORE, values=METHODS)
-    ] = "reference_iv"
-    compare: Annotated[bool, flag("--compare", "List every method side by side.", panel=MORE)] = False
+    method: Annotated[str, rare_option("NAME", f"{', '.join(METHODS)}.", values=METHODS)] = "reference_iv"
+    compare: Annotated[bool, rare_flag("--compare", "List every method side by side.")] = False
     lag: Annotated[
         str,
         option(
@@ -80,75 +83,64 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     ] = ""
     lag_from: Annotated[
         str,
-        option(
-            "FIT.json", "Take it from another flight of this vehicle, identified with --json.", panel=MORE
-        ),
+        rare_option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
         Reads(),
     ] = ""
-    align: Annotated[
-        bool, flag("--align", "Take offset and scale out of sensors that disagree.", panel=MORE)
-    ] = False
+    align: Annotated[bool, rare_flag("--align", "Take offset and scale out of sensors that disagree.")] = (
+        False
+    )
     pool_friction: Annotated[
         str,
-        option(
+        rare_option(
             "WAY",
             "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
             "mean). auto takes them as common where they agree.",
-            show_default=True,
-            panel=MORE,
             values=("auto", "common", "separate"),
         ),
     ] = "auto"
     pool_anyway: Annotated[
-        bool, flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.", panel=MORE)
+        bool, rare_flag("--pool-anyway", "Pool flights whose parameters say that the vehicles differ.")
     ] = False
     terms: Annotated[
         list[str],
-        option(
+        rare_option(
             "NAME",
             "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
             "for several.",
             "--term",
-            panel=MORE,
             values=("quadratic-drag", "ground-effect", "voltage"),
         ),
     ] = msgspec.field(default_factory=list)
     rotor_radius: Annotated[
         float | None,
-        option(
-            "M",
-            "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii.",
-            panel=MORE,
+        rare_option(
+            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
         ),
     ] = None
     controller_rate: Annotated[
         float | None,
-        option(
+        rare_option(
             "HZ",
             "Rate of the controller that issues the commands, such as 400, where the log does not show it: "
             "the lag is known closer then.",
-            panel=MORE,
         ),
     ] = None
     order: Annotated[
         str,
-        option(
+        rare_option(
             "N",
             "Order of the response to commands: 1 without a lag, 2 with one, 3 with two in series; auto is "
             "2, and of turning 3 where the flight says so.",
-            show_default=True,
-            panel=MORE,
             values=("auto", "1", "2", "3"),
         ),
     ] = "auto"
     noise: Annotated[
         list[str],
-        option(
+        rare_option(
             "NAME=STD",
             "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
             "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,step:0.01. "
             "estimate reads all of them off the log. Several times for several channels.",
-            panel=MORE,
             values=("estimate",),
         ),
     ] = msgspec.field(default_factory=list)

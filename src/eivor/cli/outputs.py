@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import os
 import stat
@@ -13,6 +12,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import IntEnum
 from fnmatch import fnmatchcase
+from functools import partial, wraps
 from glob import escape
 from itertools import combinations
 from pathlib import Path
@@ -94,7 +94,6 @@ def option(
     metavar: str,
     about: str,
     *names: str,
-    show_default: bool = False,
     panel: str | None = None,
     values: Sequence[str] = (),
     values_of: str = "",
@@ -104,7 +103,7 @@ def option(
         *names,
         metavar=metavar,
         help=about,
-        show_default=show_default,
+        show_default=False,  # `ReadableCommand` shows those that say something
         rich_help_panel=panel,
         autocompletion=completion(values, values_of) if values or values_of else None,
     )
@@ -125,6 +124,10 @@ def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str
 def flag(name: str, about: str, panel: str | None = None) -> Any:
     """A switch."""
     return typer.Option(name, metavar="", help=about, rich_help_panel=panel)
+
+
+#: Those that few people need.
+rare_option, rare_flag = partial(option, panel=MORE), partial(flag, panel=MORE)
 
 
 def group(name: str, about: str) -> typer.Typer:
@@ -153,10 +156,9 @@ VehicleOption = Annotated[
 ]
 MachineOption = Annotated[
     str,
-    option(
+    rare_option(
         "FILE|NAME",
         "A machine in place of --model: a declaration, or a shipped one (eivor machine list).",
-        panel=MORE,
         values_of="eivor.motions.declaration:shipped_machines",
     ),
     Reads(),
@@ -331,7 +333,7 @@ class ExitCode(IntEnum):
 def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
     """Make a command that returns an exit code into one that leaves with it, whatever happens inside."""
 
-    @functools.wraps(command)
+    @wraps(command)
     def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
         raise typer.Exit(code=int(_outcome(command, *args, **kwargs)))
 
@@ -655,8 +657,10 @@ class ReadableCommand(TyperCommand):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         options = [item for item in self.params if isinstance(item, TyperOption) and not item.hidden]
-        if len(options) <= FIRST_OPTIONS:
-            for item in options:
+        for item in options:
+            is_value = not item.is_flag and not item.multiple
+            item.show_default = item.show_default or (is_value and item.default not in (None, ""))
+            if len(options) <= FIRST_OPTIONS:
                 item.rich_help_panel = None
 
     def invoke(self, ctx: Any) -> Any:

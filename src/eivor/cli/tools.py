@@ -19,7 +19,6 @@ from eivor import checks
 from eivor.cli import parsing
 from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords
 from eivor.cli.outputs import (
-    MORE,
     STANDARD_OUTPUT,
     ExitCode,
     JsonOption,
@@ -33,6 +32,7 @@ from eivor.cli.outputs import (
     group,
     guarded,
     option,
+    rare_option,
     show_table,
     step,
     with_options,
@@ -271,22 +271,14 @@ def plan(
             values_of="eivor.planning.plan:TARGETS",
         ),
     ] = "",
-    hover: Annotated[
-        float | None, option("SHARE", "Input at hover, of full input (0.5).", panel=MORE)
-    ] = None,
-    friction: Annotated[float | None, option("1/S", "A guess of the friction (0.3).", panel=MORE)] = None,
-    lag: Annotated[float | None, option("MS", "A guess of lag and delay together (50).", panel=MORE)] = None,
-    gusts: Annotated[
-        float | None, option("M/S", "Vertical gusts, standard deviation (0.3).", panel=MORE)
-    ] = None,
-    height: Annotated[str, option("LOW:HIGH", "Heights above take-off [m].", show_default=True)] = "3:8",
-    speed: Annotated[float, option("M/S", "Largest climb and sink rate.", show_default=True)] = 2.0,
-    acceleration: Annotated[
-        float, option("M/S2", "Largest acceleration of the setpoint.", show_default=True, panel=MORE)
-    ] = 3.0,
-    tilt: Annotated[
-        float, option("DEG", "Tilt beyond which the flight ends.", show_default=True, panel=MORE)
-    ] = 20.0,
+    hover: Annotated[float | None, rare_option("SHARE", "Input at hover, of full input (0.5).")] = None,
+    friction: Annotated[float | None, rare_option("1/S", "A guess of the friction (0.3).")] = None,
+    lag: Annotated[float | None, rare_option("MS", "A guess of lag and delay together (50).")] = None,
+    gusts: Annotated[float | None, rare_option("M/S", "Vertical gusts, standard deviation (0.3).")] = None,
+    height: Annotated[str, option("LOW:HIGH", "Heights above take-off [m].")] = "3:8",
+    speed: Annotated[float, option("M/S", "Largest climb and sink rate.")] = 2.0,
+    acceleration: Annotated[float, rare_option("M/S2", "Largest acceleration of the setpoint.")] = 3.0,
+    tilt: Annotated[float, rare_option("DEG", "Tilt beyond which the flight ends.")] = 20.0,
     limit: Annotated[
         list[str],
         option(
@@ -295,7 +287,7 @@ def plan(
             "references and inputs as in the log); several times for several.",
         ),
     ] = NO_TEXTS,
-    time: Annotated[float, option("S", "Length of the flight.", show_default=True)] = 60.0,
+    time: Annotated[float, option("S", "Length of the flight.")] = 60.0,
     shape: Annotated[
         str,
         option(
@@ -304,12 +296,12 @@ def plan(
             values_of="eivor.planning.vehicle:KINDS",
         ),
     ] = "",
-    seed: Annotated[int, option("N", "Of phases, step heights and wind.", show_default=True, panel=MORE)] = 0,
+    seed: Annotated[int, rare_option("N", "Of phases, step heights and wind.")] = 0,
     csv: Annotated[str, option("FILE", "Write the setpoints as a table."), Writes()] = "",
     mavsdk: Annotated[str, option("FILE.py", "Write a MAVSDK program that flies it."), Writes()] = "",
     qgc: Annotated[str, option("FILE.plan", "Write a QGroundControl plan; steps only."), Writes()] = "",
-    home: Annotated[str, option("LAT,LON", "Place of the QGroundControl plan [deg].", panel=MORE)] = "",
-    rotorpy: Annotated[str, option("FILE.py", "Write a trajectory of RotorPy.", panel=MORE), Writes()] = "",
+    home: Annotated[str, rare_option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
+    rotorpy: Annotated[str, rare_option("FILE.py", "Write a trajectory of RotorPy."), Writes()] = "",
     json: JsonOption = "",
 ) -> ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
@@ -471,7 +463,6 @@ def new_machine(
         option(
             "NAME",
             "The shipped machine to begin with.",
-            show_default=True,
             values_of="eivor.motions.declaration:shipped_machines",
         ),
     ] = "rover",

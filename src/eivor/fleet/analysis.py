@@ -126,20 +126,16 @@ def pooled(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     """The number that is pooled, and its variance: as `compared`, of a share its logit."""
     y, v = compared(across)
     left = across.largest - pl.col(f"{across.name}.value")
-    return (
-        pl.when(SHARE).then(y - left.log()).otherwise(y),
-        pl.when(SHARE).then(v * (across.largest / left) ** 2).otherwise(v),
-    )
+    logit = y - left.log(), v * (across.largest / left) ** 2
+    return pl.when(SHARE).then(logit[0]).otherwise(y), pl.when(SHARE).then(logit[1]).otherwise(v)
 
 
 def flight_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     """`low` and `high` that a flight identifies by itself, or by its standard error; within the bounds."""
-    reach = normal_quantile(0.95) * _error(across)
+    value, reach = pl.col(f"{across.name}.value"), normal_quantile(0.95) * _error(across)
     low, high = (
-        pl.coalesce(
-            pl.col(f"{across.name}.{end}").fill_nan(None), pl.col(f"{across.name}.value") + sign * reach
-        ).alias(end)
-        for end, sign in (("low", -1.0), ("high", 1.0))
+        pl.coalesce(pl.col(f"{across.name}.{end}").fill_nan(None), by_error).alias(end)
+        for end, by_error in (("low", value - reach), ("high", value + reach))
     )
     if across.logarithm:
         top = pl.when(SHARE).then(across.largest).otherwise(math.inf)
@@ -356,12 +352,12 @@ def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
     return (
         table.group_by("motion", "type", "vehicle")
         .agg(
-            pl.len().alias("logs"),
-            own_result.sum().alias("with_result"),
-            (pl.col("verdict") == "identified").sum().alias("identified"),
-            (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
-            pl.col("start").min().dt.date().alias("first"),
-            pl.col("start").max().dt.date().alias("last"),
+            logs=pl.len(),
+            with_result=own_result.sum(),
+            identified=(pl.col("verdict") == "identified").sum(),
+            hours=pl.col("duration_s").sum() / HOUR_S,
+            first=pl.col("start").min().dt.date(),
+            last=pl.col("start").max().dt.date(),
         )
         .sort("motion", "type", "vehicle", nulls_last=True)
     )
@@ -372,10 +368,9 @@ def _reasons(verdict: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _copies(table: pl.DataFrame) -> pl.DataFrame:
-    firsts = table.filter(pl.col("verdict") != fleet_table.COPY).select(
-        "motion", pl.col("sha256").alias("copy_of"), pl.col("name").alias("first")
-    )
-    copies = table.filter(pl.col("verdict") == fleet_table.COPY).select("motion", "name", "copy_of")
+    is_copy = pl.col("verdict") == fleet_table.COPY
+    firsts = table.filter(~is_copy).select("motion", copy_of="sha256", first="name")
+    copies = table.filter(is_copy).select("motion", "name", "copy_of")
     return copies.join(firsts, on=["motion", "copy_of"], how="left").select("motion", "name", "first")
 
 
@@ -518,10 +513,9 @@ class _Quantity:
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
-        why = omission_reason(across, rows.columns).alias("why")
-        marked = rows.with_columns(is_share(across)).with_columns(why)
+        marked = rows.with_columns(is_share(across)).with_columns(why=omission_reason(across, rows.columns))
         used = marked.filter(pl.col("why").is_null())
-        timed = used.filter(pl.col("start").is_not_null())
+        timed = used.drop_nulls("start")
         return cls(across, marked, used, timed, trend(timed, across) if timed.height else None)
 
     @property
@@ -530,9 +524,9 @@ class _Quantity:
 
     def omitted(self) -> pl.DataFrame:
         """How many flights say nothing of it, by reason."""
-        out = self.marked.filter(pl.col("why").is_not_null())
-        counts = out.group_by("why").agg(flights=pl.len()).sort("flights", "why", descending=[True, False])
-        return counts.select(self.name.alias("quantity"), pl.col("why").alias("reason"), "flights")
+        out = self.marked.drop_nulls("why").group_by(reason="why").agg(flights=pl.len())
+        counts = out.sort("flights", "reason", descending=[True, False])
+        return counts.select(self.name.alias("quantity"), "reason", "flights")
 
     def vehicles(self, tests: pl.DataFrame) -> pl.DataFrame:
         out = self.marked.group_by(VEHICLE).agg(pl.col("why").is_not_null().sum().alias("left_out"))

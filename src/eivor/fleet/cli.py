@@ -76,7 +76,7 @@ def run_command(
         outputs.option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
         outputs.Writes(outputs.FLEET_FILES),
     ],
-    model: outputs.ModelOption = DEFAULT_MODEL,
+    model: outputs.ModelOption = "",
     vehicle: outputs.VehicleOption = "",
     channel_map: Annotated[
         list[str],
@@ -99,10 +99,9 @@ def run_command(
     workers: outputs.WorkersOption = None,
     dask: Annotated[
         str,
-        outputs.option(
+        outputs.rare_option(
             "ADDRESS",
             "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
-            panel=outputs.MORE,
         ),
     ] = "",
     reports: Annotated[
@@ -110,19 +109,17 @@ def run_command(
     ] = False,
     log_time: Annotated[
         float,
-        outputs.option("S", "Longest time for one log, in seconds.", show_default=True, panel=outputs.MORE),
+        outputs.rare_option("S", "Longest time for one log, in seconds."),
     ] = 600.0,
-    log_memory: Annotated[
-        float, outputs.option("GB", "Most memory for one log, in GB.", show_default=True, panel=outputs.MORE)
-    ] = 4.0,
+    log_memory: Annotated[float, outputs.rare_option("GB", "Most memory for one log, in GB.")] = 4.0,
     **given: Any,
 ) -> outputs.ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    motions = named_motions(model, vehicle)
+    motions = named_motions(model or DEFAULT_MODEL, vehicle)
     options = FleetOptions(
-        motion=model,
+        motion=model or DEFAULT_MODEL,
         vehicle_file=vehicle,
         flight=flight_options(motions, **given),
         maps=given_maps(channel_map),

@@ -119,7 +119,7 @@ def _change(report: FleetReport, row: Row) -> str:
     if row["course"] == DRIFTS:
         effect = _effect(report, across, row, "change")
         return f"{who} drifts by {effect} over {row['hours']:.3g} flight hours."
-    when = f" ({row['step_start']:%Y-%m-%d})" if row["step_start"] is not None else ""
+    when = f" ({row['step_start']:%Y-%m-%d})" if row["step_start"] else ""
     first, last = int(row["step_flight_first"]), int(row["step_flight_last"])
     text = f"flight {first}" if first == last else f"flights {first} to {last}"
     return (
@@ -178,17 +178,15 @@ def report_covariates(report: FleetReport) -> list[str]:
             if pair not in used:
                 name = covariate.name.replace("_", " ")
                 (expected if pair in report.expected else missing).setdefault(name, []).append(words)
-    return [
-        *_at_most(selected, "slopes were estimated"),
-        *(
-            f"The flights do not identify how {_listed(words)} goes with {name}: what was expected "
-            "beforehand is allowed for, with its uncertainty."
-            for name, words in expected.items()
-        ),
-        *(
-            f"{name} is not known of enough flights: what looks like a change of {_listed(words)} may be it."
-            for name, words in missing.items()
-        ),
+    sentences = _at_most(selected, "slopes were estimated")
+    sentences += [
+        f"The flights do not identify how {_listed(words)} goes with {name}: what was expected "
+        "beforehand is allowed for, with its uncertainty."
+        for name, words in expected.items()
+    ]
+    return sentences + [
+        f"{name} is not known of enough flights: what looks like a change of {_listed(words)} may be it."
+        for name, words in missing.items()
     ]
 
 
@@ -216,17 +214,17 @@ def about_fleet(report: FleetReport) -> str:
     """How many logs, vehicles and types there are."""
     flights = report.flights
     known = flights.filter(~pl.col(SINGLE))
-    vehicles = known.select(VEHICLE).n_unique()
-    types = known.filter(pl.col("type") != UNKNOWN)["type"].n_unique()
-    counts = [_count(report.logs["logs"], "log")]
+    vehicles = _count(known.select(VEHICLE).n_unique(), "vehicle")
+    types = _count(known.filter(pl.col("type") != UNKNOWN)["type"].n_unique(), "type")
+    text = f"{report.motion.words.title}: {_count(report.logs['logs'], 'log')}"
     if copies := report.logs["copies"]:
-        counts.append("1 of them a copy" if copies == 1 else f"{copies} of them copies")
-    if report.logs["failed"]:
-        counts.append(f"{report.logs['failed']} without a result")
-    text = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
-    if flights.height > known.height:
-        text += f"; {_count(flights.height - known.height, 'log')} without a vehicle, each by itself"
-    return f"{report.motion.words.title}: {', '.join(counts)}; {text}"
+        text += ", 1 of them a copy" if copies == 1 else f", {copies} of them copies"
+    if failed := report.logs["failed"]:
+        text += f", {failed} without a result"
+    text += f"; {vehicles} of {types}"
+    if single := flights.height - known.height:
+        text += f"; {_count(single, 'log')} without a vehicle, each by itself"
+    return text
 
 
 def _count(number: int, what: str) -> str:

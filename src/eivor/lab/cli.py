@@ -80,7 +80,7 @@ PAPER_EXIT_CODES = (
 @guarded
 def paper(
     *,
-    runs: Annotated[int, option("N", "Runs of each example.", show_default=True)] = 100,
+    runs: Annotated[int, option("N", "Runs of each example.")] = 100,
     out: Annotated[
         str,
         option("FOLDER", "Write figures 2 to 8 of the nearest reading here, as SVG and PNG."),
@@ -96,7 +96,7 @@ def paper(
         ),
     ] = "",
     list_readings: Annotated[bool, flag("--list", "List the readings, what each says, and leave.")] = False,
-    workers: Annotated[int, option("N", "Processes; default: one for each core.")] = 0,
+    workers: Annotated[int | None, option("N", "Processes; default: one for each core.")] = None,
     json: JsonOption = "",
 ) -> ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
@@ -111,9 +111,9 @@ def paper(
     if list_readings:
         show_table(("reading", "what it says"), ((item.name, item.sentence) for item in chosen))
         return ExitCode.IDENTIFIED
-    if runs < 2 or workers < 0:
+    if runs < 2 or (workers or 0) < 0:
         expected = "two runs or more, and workers of zero or more"
-        raise UsageError(expected, f"--runs {runs} --workers {workers}", "The paper has 100 runs.")
+        raise UsageError(expected, f"--runs {runs} --workers {workers or 0}", "The paper has 100 runs.")
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     start_s, results = time.perf_counter(), []
@@ -189,12 +189,10 @@ def simulate(
     *,
     out: Annotated[
         str,
-        option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o", show_default=True),
+        option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o"),
         Writes(),
     ],
-    seed: Annotated[
-        int, option("N", "Of all randomness: the same gives the same log.", show_default=True)
-    ] = 0,
+    seed: Annotated[int, option("N", "Of all randomness: the same gives the same log.")] = 0,
     truth: Annotated[
         str, option("FILE.json", "Write the parameters and the noises that were added."), Writes()
     ] = "",
@@ -211,7 +209,7 @@ def simulate(
     ] = "",
     mass: Annotated[str, option("KG", "Its mass, where its vehicle file has none.")] = "",
     accept: Annotated[
-        str, option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.", show_default=True)
+        str, option("VERDICT", "Fly weak numbers of it too, or provisional ones as well.")
     ] = "identified",
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
