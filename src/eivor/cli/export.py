@@ -40,8 +40,8 @@ EXPORT_EXIT_CODES = (
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), betaflight (text), statespace (JSON), casadi "
     "(Python), matlab (.mat). Simulators need a mass and a vehicle: sih (PX4's, .params), rotorpy (Python), "
     "mujoco (MJCF), pybullet (Python), urdf, gazebo (SDF), px4-gazebo (XML), sitl (JSON), sitl-parameters "
-    "(.parm), drone-models (Python). The word all writes those that the result supports into a folder, with a "
-    "page."
+    "(.parm), drone-models (Python). The word all writes those that the result supports into a folder, with "
+    "a page."
 )
 
 

@@ -12,23 +12,9 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EstimationError, NotIdentifiedError, UsageError
+from eivor.exports import vehicle
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
-from eivor.exports.vehicle import (
-    BODY,
-    ELSEWHERE,
-    JOINT,
-    LEAST,
-    RIGID_BODY,
-    Columns,
-    ExportOfDraws,
-    VehicleDescription,
-    coefficients,
-    describe,
-    filled,
-    manoeuvre,
-    speed_comments,
-    turns,
-)
+from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.logs.channel_map import Expression
 from eivor.models.frequency_response import python_control
 from eivor.motions.machine import Machine, SolvedEquation
@@ -70,8 +56,8 @@ class StateSpace:
 
 def state_space(fitted: Fitted, supplied: Supplied, speed_m_s: float = 0.0) -> StateSpace:
     """State space of a result, about hover or flight along x."""
-    if fitted.model == RIGID_BODY:
-        return linearised(describe(fitted, supplied, "A state space", BODY), speed_m_s)
+    if fitted.model == vehicle.RIGID_BODY:
+        return linearised(vehicle.describe(fitted, supplied, "A state space", vehicle.BODY), speed_m_s)
     if speed_m_s:
         raise UsageError(
             "a result of the rigid body, for flight along x", f"one of {fitted.model}", "Leave the speed out."
@@ -152,9 +138,9 @@ def linearised(made: VehicleDescription, speed_m_s: float = 0.0) -> StateSpace:
     """Linear equations of the first vehicle about steady flight along x."""
     from scipy.optimize import root
 
-    c, count = coefficients(made), made.vehicle.count
-    hover = manoeuvre(made, 0.0)[0]
-    effect = np.linalg.pinv(turns(made)) * made.values["mass"][0] * GRAVITY / c.thrust_quadratic
+    c, count = vehicle.coefficients(made), made.vehicle.count
+    hover = vehicle.manoeuvre(made, 0.0)[0]
+    effect = np.linalg.pinv(vehicle.turns(made)) * made.values["mass"][0] * GRAVITY / c.thrust_quadratic
 
     def speeds(shares: Float[np.ndarray, " 4"]) -> Float[np.ndarray, " rotors"]:
         return np.sqrt(np.maximum(hover**2 + effect @ shares, 1e-12))
@@ -321,24 +307,26 @@ def _document(comments: Iterable[str], made: StateSpace, **parts: object) -> str
 
 
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
-    if fitted.model != RIGID_BODY:
+    if fitted.model != vehicle.RIGID_BODY:
         if fitted.machine is None:
             needed = (
                 [f"{axis}_{kind}" for axis in TURNING for kind in KINDS] if fitted.model == RATES else NEEDED
             )
             supplied.check_only((*needed, *LAGS), "statespace", body=False)
         return _lesser_document(fitted, state_space(fitted, supplied))
-    made = describe(fitted, supplied, "A state space", BODY)
+    made = vehicle.describe(fitted, supplied, "A state space", vehicle.BODY)
     hover, forward = linearised(made), linearised(made, FORWARD_M_S)
     parts = {"A": forward.A.tolist(), "B": forward.B.tolist(), "speed_m_s": FORWARD_M_S}
     remark = f"A and B are about hover; forward has those about flight along x at {FORWARD_M_S:g} m/s."
-    comments = (*made.comments, *speed_comments(made, "A state space"), remark)
+    comments = (*made.comments, *vehicle.speed_comments(made, "A state space"), remark)
     return Exported(_document(comments, hover, forward=parts), made.omitted, made.lost)
 
 
 def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
     """Of a motion that is no rigid body, with what is identified and not among its numbers."""
-    lacking = {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *ELSEWHERE}
+    lacking = (
+        {"input_gain", "thrust_gain"} if fitted.model == RATES else {"quadratic_drag", *vehicle.ELSEWHERE}
+    )
     lost = tuple(fitted.left_over("A state space", lacking))
     axes = [f"{axis}_effectiveness" for axis in TURNING if fitted.model == RATES]
     absent = [name for name in axes if name in fitted.quantities and name not in made.numbers]
@@ -348,8 +336,8 @@ def _lesser_document(fitted: Fitted, made: StateSpace) -> Exported:
 
 def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """A, B and delay of each draw about hover, of six axes also A and B about forward flight."""
-    if fitted.model == RIGID_BODY:
-        drawn = describe(fitted, supplied, "A state space", BODY, draws, seed)
+    if fitted.model == vehicle.RIGID_BODY:
+        drawn = vehicle.describe(fitted, supplied, "A state space", vehicle.BODY, draws, seed)
         each = [
             replace(drawn, values={name: column[[row]] for name, column in drawn.values.items()})
             for row in range(drawn.values["mass"].size)
@@ -370,7 +358,7 @@ def _state_space_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed:
             spaces.append(state_space(replace(fitted, quantities=quantities), supplied))
     made = _state_space_document(fitted, supplied)
     document = json.loads(made.text)
-    document["comments"].insert(0, one_line(JOINT))
+    document["comments"].insert(0, one_line(vehicle.JOINT))
     document["draws"] = {**_arrays(spaces), "delay_s": [item.delay_s for item in spaces], **further}
     return replace(made, text=json.dumps(document) + "\n")
 
@@ -381,10 +369,10 @@ def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
 
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
     """A function ``f(x, u)``, the derivative of the state."""
-    if fitted.model == RIGID_BODY:
-        made = describe(fitted, supplied, "CasADi", BODY)
-        comments = hash_comments((*made.comments, *speed_comments(made, "CasADi")))
-        return filled("casadi.txt", made, comments, c=asdict(coefficients(made)))
+    if fitted.model == vehicle.RIGID_BODY:
+        made = vehicle.describe(fitted, supplied, "CasADi", vehicle.BODY)
+        comments = hash_comments((*made.comments, *vehicle.speed_comments(made, "CasADi")))
+        return vehicle.filled("casadi.txt", made, comments, c=asdict(vehicle.coefficients(made)))
     if fitted.machine is not None:
         equations = _MachineEquations.of(fitted.machine, fitted, supplied, "CasADi")
         delay = equations.numbers.get("delay")
@@ -393,7 +381,7 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         remark = f"x: {', '.join(states)}; u: {', '.join(equations.inputs)}{late}."
         comments = hash_comments((*fitted.origin(equations.numbers), remark))
         sizes = len(states), len(equations.inputs)
-        return filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
+        return vehicle.filled("casadi.txt", None, comments, machine=equations.formulas(), sizes=sizes)
     fitted.check_vertical("CasADi")
     supplied.check_only((*NEEDED, *LAGS), "casadi", body=False)
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
@@ -410,13 +398,13 @@ def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
         case _:
             raise UsageError("an input map with a formula", f"'{fitted.map_name}'", "Give --input-map.")
     vertical = {"quadratic_drag": 0.0, "delay": 0.0, **numbers} | {
-        "actuator_lag": max(numbers.get("actuator_lag", 0.0), LEAST["actuator_lag"]),
+        "actuator_lag": max(numbers.get("actuator_lag", 0.0), vehicle.LEAST["actuator_lag"]),
         "curve": curve,
         "gravity": numbers["input_gain"] * float(fitted.input_map(np.array([numbers["hover_input"]]))[0]),
     }
-    lost = tuple(fitted.left_over("CasADi's function", ELSEWHERE))
+    lost = tuple(fitted.left_over("CasADi's function", vehicle.ELSEWHERE))
     comments = hash_comments((*fitted.origin(known), *lost))
-    return replace(filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
+    return replace(vehicle.filled("casadi.txt", None, comments, vertical=vertical), lost=lost)
 
 
 #: Longest name of a field in MATLAB.

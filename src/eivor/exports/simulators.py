@@ -10,42 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from eivor.exports import vehicle
 from eivor.exports.autopilots import ARDUPILOT, PX4, qgroundcontrol, single
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
-from eivor.exports.vehicle import (
-    BODY,
-    CENTRE,
-    DRAGS,
-    HEIGHT,
-    INERTIAS,
-    JOINT,
-    OTHER_THAN_X,
-    OTHER_THAN_Z,
-    QUADRATIC,
-    QUADRATIC_OTHER,
-    QUARTERS,
-    SQUARE,
-    TORQUES,
-    TURNING_OTHER,
-    Columns,
-    ExportOfDraws,
-    VehicleDescription,
-    alike,
-    by_quarters,
-    coefficients,
-    describe,
-    drag_centre,
-    exponent_at_hover,
-    filled,
-    first,
-    manoeuvre,
-    mapped_hover,
-    mean_distances,
-    places,
-    rotors_of,
-    speed_comments,
-    turned_by_rotors,
-)
+from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.motions.vertical.model import GRAVITY, share_of
 from eivor.signals.thrust_map import Mixed
 from eivor.tools import Float
@@ -54,16 +22,16 @@ from eivor.tools import Float
 GAZEBO_GRAVITY = PYBULLET_GRAVITY = 9.8
 ROTORPY_GRAVITY = ISAAC_LAB_GRAVITY = 9.81
 PER_MINUTE = 2.0 * math.pi / 60.0
-WITH_LARGEST = (*BODY, "largest_command")
+WITH_LARGEST = (*vehicle.BODY, "largest_command")
 
 
 def _described(
     fitted: Fitted, supplied: Supplied, target: str, gravity: float, needs: tuple[str, ...] = WITH_LARGEST
 ) -> tuple[VehicleDescription, dict[str, float], dict[str, float], tuple[str, ...]]:
     """A vehicle, numbers of its first row, those of its rotors, and comments."""
-    made = describe(fitted, supplied, target, needs)
-    comments = (*made.comments, *speed_comments(made, target, gravity))
-    return made, first(made.values), first(rotors_of(made, gravity)), comments
+    made = vehicle.describe(fitted, supplied, target, needs)
+    comments = (*made.comments, *vehicle.speed_comments(made, target, gravity))
+    return made, vehicle.first(made.values), vehicle.first(vehicle.rotors_of(made, gravity)), comments
 
 
 DRONE_MODELS_REMARKS = (
@@ -74,14 +42,14 @@ DRONE_MODELS_REMARKS = (
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
     """Parameters, and the dynamics with what the parameters cannot hold as a disturbance."""
-    made, value, rotor, comments = _described(fitted, supplied, "drone-models", GRAVITY, BODY)
+    made, value, rotor, comments = _described(fitted, supplied, "drone-models", GRAVITY, vehicle.BODY)
     rate, arm = 1.0 / value["actuator_lag"], value["arm_scale"] * made.vehicle.arm
-    at = places(made)[0]
+    at = vehicle.places(made)[0]
     rows = {
         "gravity_vec": [0.0, 0.0, -GRAVITY],
         "mass": value["mass"],
         "L": arm,
-        "J": np.diag([value[name] for name in INERTIAS]).tolist(),
+        "J": np.diag([value[name] for name in vehicle.INERTIAS]).tolist(),
         "rpm2thrust": [0.0, 0.0, rotor["thrust_constant"] * PER_MINUTE**2],
         "rpm2torque": [0.0, 0.0, rotor["torque_constant"] * PER_MINUTE**2],
         "rotor_dyn_coef": [rate, 0.0, rate, 0.0],
@@ -90,11 +58,13 @@ def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
             (0.0 - at[:, 0] / arm).tolist(),
             [float(spin) for spin in made.vehicle.spins],
         ],
-        "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in DRAGS]).tolist(),
+        "drag_matrix": np.diag([0.0 - value.get(name, 0.0) for name in vehicle.DRAGS]).tolist(),
         "prop_inertia": value.get("rotor_inertia", 0.0),
     }
     comments = (*comments, *DRONE_MODELS_REMARKS)
-    return filled("drone-models.txt", made, hash_comments(comments), rows=rows, c=asdict(coefficients(made)))
+    return vehicle.filled(
+        "drone-models.txt", made, hash_comments(comments), rows=rows, c=asdict(vehicle.coefficients(made))
+    )
 
 
 #: A rotor's share of the mass.
@@ -119,13 +89,13 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     if "rotor_inertia" in value:
         disc = SLOWDOWN * value["rotor_inertia"] * np.diag([0.5, 0.5, 1.0])
     # the body without its rotors, about its own centre of mass
-    height = value.get(HEIGHT, 0.0)
-    at = np.pad(places(made)[0], ((0, 0), (0, 1)), constant_values=height)
-    whole = np.array([*(value.get(name, 0.0) for name in CENTRE), -height])
+    height = value.get(vehicle.HEIGHT, 0.0)
+    at = np.pad(vehicle.places(made)[0], ((0, 0), (0, 1)), constant_values=height)
+    whole = np.array([*(value.get(name, 0.0) for name in vehicle.CENTRE), -height])
     centre = 0.0 - each * at.sum(axis=0) / rest
-    inertia = np.diag([value[name] for name in INERTIAS]) - rest * _of_point(centre)
+    inertia = np.diag([value[name] for name in vehicle.INERTIAS]) - rest * _of_point(centre)
     inertia -= sum(disc + each * _of_point(point) for point in at)
-    return filled(
+    return vehicle.filled(
         "gazebo.sdf",
         made,
         xml_comments((*comments, *GAZEBO_REMARKS, OUTPUTS.format(rotor["largest_speed"]))),
@@ -160,7 +130,7 @@ PX4_GAZEBO_REMARK = (
 def _px4_gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     """Elements to put into an existing model of PX4, whose geometry stays."""
     made, value, rotor, comments = _described(fitted, supplied, "A model of PX4", GAZEBO_GRAVITY)
-    inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in INERTIAS}}
+    inertial = {"mass": value["mass"], **{f"i{name[-2:]}": value[name] for name in vehicle.INERTIAS}}
     lines = xml_comments((*comments, PX4_GAZEBO_REMARK, OUTPUTS.format(rotor["largest_speed"])))
     for tag, rows in (("motor", _motor(value, rotor)), ("inertial", inertial)):
         inside = (f"  <{name}>{number}</{name}>" for name, number in rows.items())
@@ -195,11 +165,11 @@ ISAAC_LAB_CLAMPS = "Isaac Lab begins with a thrust_const of at least 1e-6, above
 def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """``events``, ``thruster`` and ``draws``, as plain dictionaries."""
     made, *_, comments = _described(fitted, supplied, "Isaac Lab", ISAAC_LAB_GRAVITY)
-    drawn = describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
-    values, rotors = drawn.values, rotors_of(drawn, ISAAC_LAB_GRAVITY)
+    drawn = vehicle.describe(fitted, supplied, "Isaac Lab", WITH_LARGEST, draws, seed)
+    values, rotors = drawn.values, vehicle.rotors_of(drawn, ISAAC_LAB_GRAVITY)
     columns = {
         "mass": values["mass"],
-        **{name: values[name] for name in INERTIAS},
+        **{name: values[name] for name in vehicle.INERTIAS},
         "thrust_const": rotors["thrust_constant"] * (2.0 * math.pi) ** 2,
         "thrust_max": rotors["thrust_constant"] * rotors["largest_speed"] ** 2,
         "time_constant": values["actuator_lag"],
@@ -208,14 +178,14 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     if "drag_z" in values:
         columns["linear_damping"] = values["drag_z"] / values["mass"]
     columns |= {
-        f"com_{axis}": values[name] for axis, name in zip("xy", CENTRE, strict=True) if name in values
+        f"com_{axis}": values[name] for axis, name in zip("xy", vehicle.CENTRE, strict=True) if name in values
     }
     if np.any(columns["thrust_const"] < ISAAC_LAB_LEAST_THRUST):
         comments = (*comments, ISAAC_LAB_CLAMPS)
-    return filled(
+    return vehicle.filled(
         "isaaclab.txt",
         made,
-        hash_comments((JOINT, *comments, *ISAAC_LAB_REMARKS)),
+        hash_comments((vehicle.JOINT, *comments, *ISAAC_LAB_REMARKS)),
         columns=columns,
         ranges={
             name: tuple(np.quantile(column, ISAAC_LAB_QUANTILES).tolist()) for name, column in columns.items()
@@ -235,35 +205,35 @@ THIN = 1e-6
 
 def _mujoco_vehicle(fitted: Fitted, supplied: Supplied) -> VehicleDescription:
     """With all that MuJoCo lacks: an ellipsoid drags along all axes or along none."""
-    made = describe(fitted, supplied, "MuJoCo", BODY)
-    if 0 < sum(name in made.values for name in QUADRATIC) < len(QUADRATIC):
-        return describe(fitted, supplied, "MuJoCo", BODY, also=(SQUARE,))
+    made = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY)
+    if 0 < sum(name in made.values for name in vehicle.QUADRATIC) < len(vehicle.QUADRATIC):
+        return vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, also=(vehicle.SQUARE,))
     return made
 
 
 def _mujoco_drags(made: VehicleDescription) -> list[Float[np.ndarray, " n"]]:
     """Drag along and about the axes; drag above the centre of mass also acts against turning."""
     values, zero = made.values, np.zeros_like(made.values["mass"])
-    torques = zip(TORQUES, turned_by_rotors(made), strict=True)
-    drags = [values.get(name, zero) for name in DRAGS] + [values.get(*pair) for pair in torques]
+    torques = zip(vehicle.TORQUES, vehicle.turned_by_rotors(made), strict=True)
+    drags = [values.get(name, zero) for name in vehicle.DRAGS] + [values.get(*pair) for pair in torques]
     along_x, along_y = drags[:2]
     for row, drag in ((3, along_y), (4, along_x)):
-        drags[row] = np.maximum(drags[row] - drag * values.get(HEIGHT, zero) ** 2, 0.0)
+        drags[row] = np.maximum(drags[row] - drag * values.get(vehicle.HEIGHT, zero) ** 2, 0.0)
     return drags
 
 
 def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
     """Numbers stand where MuJoCo's fields have them, so that draws may take their places."""
     made = _mujoco_vehicle(fitted, supplied)
-    value, rotor = first(made.values), first(rotors_of(made))
+    value, rotor = vehicle.first(made.values), vehicle.first(vehicle.rotors_of(made))
     limited = "largest_command" in value
     size, fluid = 0.5 * value["arm_scale"] * made.vehicle.arm, None
-    if all(name in value for name in QUADRATIC):
+    if all(name in value for name in vehicle.QUADRATIC):
         # the area that an ellipsoid has along an axis, times a coefficient, is the drag along it
-        drag = np.array([value[name] for name in QUADRATIC])
+        drag = np.array([value[name] for name in vehicle.QUADRATIC])
         unit = drag.prod() ** (1.0 / 3.0) / size**2
         fluid = (unit / (math.pi * THIN), (np.sqrt(drag.prod() / unit) / drag).tolist())
-    return filled(
+    return vehicle.filled(
         "mujoco.xml",
         made,
         xml_comments((*made.comments, *MUJOCO_REMARKS, *([] if limited else [NO_LIMIT]))),
@@ -282,25 +252,25 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
 def _mujoco_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
     """Controls count as in the model: one hovers the vehicle of the estimates, not that of a row."""
     made = _mujoco_vehicle(fitted, supplied)
-    drawn = describe(fitted, supplied, "MuJoCo", BODY, draws, seed)
+    drawn = vehicle.describe(fitted, supplied, "MuJoCo", vehicle.BODY, draws, seed)
     values = drawn.values
     zero = np.zeros_like(values["mass"])
-    middle = np.tile([*drag_centre(made), 0.0], (zero.size, 1, 1))
-    middle[:, 0, 2] = values.get(HEIGHT, zero)
+    middle = np.tile([*vehicle.drag_centre(made), 0.0], (zero.size, 1, 1))
+    middle[:, 0, 2] = values.get(vehicle.HEIGHT, zero)
     rotors = np.pad(np.multiply.outer(values["arm_scale"], made.vehicle.positions), ((0, 0), (0, 0), (0, 1)))
     fields: Mapping[str, Float[np.ndarray, "n ..."]] = {  # gears are of a rotor that spins clockwise
         "body_mass": values["mass"],
-        "body_inertia": np.stack([values[name] for name in INERTIAS], axis=1),
-        "body_ipos": np.stack([*(values.get(name, zero) for name in CENTRE), zero], axis=1),
+        "body_inertia": np.stack([values[name] for name in vehicle.INERTIAS], axis=1),
+        "body_ipos": np.stack([*(values.get(name, zero) for name in vehicle.CENTRE), zero], axis=1),
         "actuator_biasprm": 0.0 - np.stack(_mujoco_drags(drawn), axis=1),
-        "actuator_gainprm": values["thrust"] * mapped_hover(made),
+        "actuator_gainprm": values["thrust"] * vehicle.mapped_hover(made),
         "actuator_dynprm": values["actuator_lag"],
         "actuator_gear": values["torque_ratio"],
         "site_pos": np.concatenate([middle, rotors], axis=1),
     }
     document = {
         "schema": "eivor.draws.mujoco/1",
-        "comments": [one_line(line) for line in (JOINT, *made.comments, *MUJOCO_REMARKS)],
+        "comments": [one_line(line) for line in (vehicle.JOINT, *made.comments, *MUJOCO_REMARKS)],
         "fields": {name: column.tolist() for name, column in fields.items()},
     }
     return Exported(json.dumps(document) + "\n", made.omitted, made.lost)
@@ -315,13 +285,13 @@ PYBULLET_REMARKS = (
 
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     """A class that applies the forces, which PyBullet itself has none of."""
-    made, value, rotor, comments = _described(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, BODY)
-    return filled(
+    made, value, rotor, comments = _described(fitted, supplied, "PyBullet", PYBULLET_GRAVITY, vehicle.BODY)
+    return vehicle.filled(
         "pybullet.txt",
         made,
         hash_comments((*comments, *PYBULLET_REMARKS)),
-        c=asdict(coefficients(made)) | {"thrust_quadratic": rotor["thrust_constant"]},
-        hover=manoeuvre(made, 0.0)[0].tolist(),
+        c=asdict(vehicle.coefficients(made)) | {"thrust_quadratic": rotor["thrust_constant"]},
+        hover=vehicle.manoeuvre(made, 0.0)[0].tolist(),
         most=rotor["largest_speed"] if math.isfinite(rotor["largest_speed"]) else None,
         size=0.5 * value["arm_scale"] * made.vehicle.arm,
     )
@@ -339,8 +309,8 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
     """Without the lag of the rotors, which gym-pybullet-drones does not have."""
     needs = tuple(name for name in WITH_LARGEST if name != "actuator_lag")
     made, value, rotor, comments = _described(fitted, supplied, URDF, PYBULLET_GRAVITY, needs)
-    order = by_quarters(made.vehicle, URDF)
-    forward, sideways = mean_distances(made.vehicle)
+    order = vehicle.by_quarters(made.vehicle, URDF)
+    forward, sideways = vehicle.mean_distances(made.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
     size, weight = arm * made.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
     properties = {
@@ -355,44 +325,47 @@ def _urdf(fitted: Fitted, supplied: Supplied) -> Exported:
         "drag_coeff_z": rotor["drag_along"],
         "dw_coeff_3": 1.0,
     }
-    return filled(
+    return vehicle.filled(
         "gym.urdf",
         made,
         xml_comments((*comments, *URDF_REMARKS)),
         properties=properties,
         size=size,
-        positions=[(arm * forward * x, arm * sideways * y) for x, y in QUARTERS],
+        positions=[(arm * forward * x, arm * sideways * y) for x, y in vehicle.QUARTERS],
     )
 
 
 def _rotorpy(fitted: Fitted, supplied: Supplied, draws: Columns | None = None, seed: int = 0) -> Exported:
     """Draws are for ``BatchedMultirotorParams(vehicles, ...)``, or ``Multirotor(vehicle)`` each."""
     made, *_, comments = _described(fitted, supplied, "RotorPy", ROTORPY_GRAVITY)
-    values: dict[str, object] = {"row": first(_rotorpy_columns(made)), "positions": _high(made)[0].tolist()}
+    values: dict[str, object] = {
+        "row": vehicle.first(_rotorpy_columns(made)),
+        "positions": _high(made)[0].tolist(),
+    }
     if draws is not None:
-        drawn = describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
+        drawn = vehicle.describe(fitted, supplied, "RotorPy", WITH_LARGEST, draws, seed)
         columns = _rotorpy_columns(drawn)
         varying = {name: column for name, column in columns.items() if column.min() < column.max()}
-        comments = (JOINT, *comments)
+        comments = (vehicle.JOINT, *comments)
         values |= {"draws": varying, "places": _high(drawn).tolist()}
-    return filled("rotorpy.txt", made, hash_comments(comments), **values)
+    return vehicle.filled("rotorpy.txt", made, hash_comments(comments), **values)
 
 
 def _high(made: VehicleDescription) -> Float[np.ndarray, "n rotors 3"]:
     """Where the rotors are from the centre of mass, of each vehicle [m]."""
-    at = np.pad(places(made), ((0, 0), (0, 0), (0, 1)))
-    at[:, :, 2] += made.values.get(HEIGHT, np.zeros(1))[:, None]
+    at = np.pad(vehicle.places(made), ((0, 0), (0, 0), (0, 1)))
+    at[:, :, 2] += made.values.get(vehicle.HEIGHT, np.zeros(1))[:, None]
     return at
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
-    values, rotors = made.values, rotors_of(made, ROTORPY_GRAVITY)
+    values, rotors = made.values, vehicle.rotors_of(made, ROTORPY_GRAVITY)
     zero = np.zeros_like(values["mass"])
     return {
         "mass": values["mass"],
-        **{f"I{name[-2:]}": values[name] for name in INERTIAS},
+        **{f"I{name[-2:]}": values[name] for name in vehicle.INERTIAS},
         **dict.fromkeys(("Ixy", "Ixz", "Iyz"), zero),
-        **{f"c_D{name[-1]}": values.get(name, zero) for name in QUADRATIC},
+        **{f"c_D{name[-1]}": values.get(name, zero) for name in vehicle.QUADRATIC},
         "k_eta": rotors["thrust_constant"],
         "k_m": rotors["torque_constant"],
         "k_d": rotors["drag_across"],
@@ -414,10 +387,10 @@ SIH_REMARKS = (
 
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     """A file of QGroundControl for the simulation; not for the vehicle."""
-    made = describe(fitted, supplied, "SIH", WITH_LARGEST)
-    by_quarters(made.vehicle, "SIH")
-    value = first(made.values)
-    forward, sideways = mean_distances(made.vehicle)
+    made = vehicle.describe(fitted, supplied, "SIH", WITH_LARGEST)
+    vehicle.by_quarters(made.vehicle, "SIH")
+    value = vehicle.first(made.values)
+    forward, sideways = vehicle.mean_distances(made.vehicle)
     largest = value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
     values = {
         "SIH_MASS": value["mass"],
@@ -428,8 +401,8 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         "SIH_L_ROLL": value["arm_scale"] * sideways,
         "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
-        "SIH_KDV": alike(value, OTHER_THAN_Z),
-        "SIH_KDW": alike(value, TURNING_OTHER),
+        "SIH_KDV": vehicle.alike(value, vehicle.OTHER_THAN_Z),
+        "SIH_KDW": vehicle.alike(value, vehicle.TURNING_OTHER),
         "THR_MDL_FAC": 0.0,
     }
     hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
@@ -470,13 +443,13 @@ SITL_MOTORS = {-1: (1, (0, 2, 3, 1)), 1: (18, (1, 0, 2, 3))}
 
 def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription, int, dict[str, Any]]:
     """A frame of ArduPilot's simulator, as its sources read it: forward, right and down; with FRAME_TYPE."""
-    made = describe(fitted, supplied, "SITL", WITH_LARGEST)
-    quarters = by_quarters(made.vehicle, "SITL")
+    made = vehicle.describe(fitted, supplied, "SITL", WITH_LARGEST)
+    quarters = vehicle.by_quarters(made.vehicle, "SITL")
     frame_type, motors = SITL_MOTORS[made.vehicle.spins[quarters[0]]]
-    value, at, count = first(made.values), _high(made)[0], made.vehicle.count
+    value, at, count = vehicle.first(made.values), _high(made)[0], made.vehicle.count
     weight, diagonal = value["mass"] * GRAVITY, 2.0 * value["arm_scale"] * made.vehicle.arm
-    mapped, largest = float(mapped_hover(made)[0]), value["largest_command"]
-    exponent, signal = exponent_at_hover(made), made.thrust_map.inverse(mapped) / largest
+    mapped, largest = float(vehicle.mapped_hover(made)[0]), value["largest_command"]
+    exponent, signal = vehicle.exponent_at_hover(made), made.thrust_map.inverse(mapped) / largest
     share = min(max(share_of(exponent, signal), 0.0), 1.0)  # the same exponent at hover, and what is exact
     if isinstance(made.thrust_map, Mixed):
         share = made.thrust_map.share * largest / (1.0 + made.thrust_map.share * (largest - 1.0))
@@ -485,17 +458,20 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
     if not math.isclose(most, 1.0, rel_tol=1e-6):
         text = f"SITL has no such curve: it is as at hover, with {most:.3g} times the thrust at full command."
         made = replace(made, lost=(*made.lost, text), comments=(*made.comments, text))
-    hover = manoeuvre(made, 0.0)[0] / rotors_of(made)["hover_speed"]
-    linear, quadratic = alike(value, OTHER_THAN_X), alike(value, QUADRATIC_OTHER)
+    hover = vehicle.manoeuvre(made, 0.0)[0] / vehicle.rotors_of(made)["hover_speed"]
+    linear, quadratic = (
+        vehicle.alike(value, vehicle.OTHER_THAN_X),
+        vehicle.alike(value, vehicle.QUADRATIC_OTHER),
+    )
     disc = count * math.pi * (made.vehicle.rotor_radius or 0.25 * diagonal) ** 2
     push, tilted = weight * math.tan(SITL_TILT), linear * math.cos(SITL_TILT) ** 1.5
     steady = max(tilted + math.sqrt(tilted**2 + 4.0 * quadratic * push), 2.0 * push / SITL_FASTEST)
     of_rotors = linear / count * float(np.square(at[:, 1:]).sum())
-    damping = (alike(value, TURNING_OTHER) - of_rotors) / value["inertia_xx"]
+    damping = (vehicle.alike(value, vehicle.TURNING_OTHER) - of_rotors) / value["inertia_xx"]
     frame = SITL_TYPICAL | {
         "mass": value["mass"],
         "diagonal_size": diagonal,
-        "moment_inertia": [value[name] for name in INERTIAS],
+        "moment_inertia": [value[name] for name in vehicle.INERTIAS],
         "refSpd": 2.0 * push / steady,
         "refAngle": math.degrees(SITL_TILT),
         "propExpo": share,
@@ -524,7 +500,7 @@ def _sitl(fitted: Fitted, supplied: Supplied) -> Exported:
 def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     """What ArduPilot flies the frame with, and the ``SIM_`` parameters that are of the vehicle."""
     made, frame_type, frame = _sitl_frame(fitted, supplied)
-    most = float(rotors_of(made)["largest_speed"][0]) / (2.0 * math.pi)
+    most = float(vehicle.rotors_of(made)["largest_speed"][0]) / (2.0 * math.pi)
     rows = {
         "FRAME_CLASS": 1.0,
         "FRAME_TYPE": frame_type,
