@@ -8,12 +8,14 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import eivor as ev
 from coarse_search import coarse
 from eivor.inference.verdict import Reason, Verdict
 from eivor.report.flight_page import flight_page
+from validation import frequency_responses as simulated
 
 SITE = os.environ.get("EIVOR_SITE", "")
 #: How many equations there are, how many are drawn, and what KaTeX did not understand.
@@ -84,7 +86,7 @@ LOOKS = (Path(__file__).parent / "looks.js").read_text(encoding="utf-8")
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\u202e\u2066" + 10_000 * "W"
 PLOTTED = ".charts .shown"
 UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
-KINDS = ("fit", "pool", "refused", "hostile")
+KINDS = ("fit", "pool", "refused", "hostile", "turning")
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +106,12 @@ def pages(fit):
     reasons = (Reason(ev.Status.REFUSED, f"It says {HOSTILE}.", f"Do {HOSTILE}."),)
     flight = replace(fit.prepared[0], recording=replace(log, name=HOSTILE, format=HOSTILE))
     refused = replace(fit, fit=None, verdict=Verdict(ev.Status.REFUSED, reasons[:1]))
+    _, r, u, y = simulated.flights(2, "chirp", 2.0, 1, 0, 30.0)
+    columns = {"torque_setpoint_x": u[:, 0], "angular_rate_x": y[:, 0], "injected_torque_x": r[:, 0]}
+    sweep = ev.recording_from_columns({"time": simulated.STEP_S * np.arange(len(u)), **columns}, name="sweep")
     results = {
         "fit": fit,
+        "turning": ev.identify_flight(sweep, model="rates"),
         "pool": pool,
         "refused": replace(
             refused, verdict=Verdict(ev.Status.REFUSED, (Reason(ev.Status.REFUSED, "It is still."),))
@@ -172,6 +178,20 @@ def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     assert seconds(locator.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
     page.get_by_role("button", name="Show what is used").click()
     assert locator.text_content() == text_content
+
+
+@pytest.mark.thorough
+def test_responses_zoom_over_frequency(opened, pages):
+    page = opened(pages["turning"])
+    charts = page.locator(".charts[data-group=response-roll]")
+    charts.locator(".chart").first.focus()
+    page.keyboard.press("0")
+    low, high = (
+        float(end.removesuffix(" Hz")) for end in charts.locator(".shown").text_content().split(" to ")
+    )
+    page.keyboard.press("+")
+    ends = [float(end.removesuffix(" Hz")) for end in charts.locator(".shown").text_content().split(" to ")]
+    assert ends == pytest.approx([low**0.75 * high**0.25, low**0.25 * high**0.75], rel=0.01)
 
 
 def seconds(text):

@@ -226,7 +226,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Chart:
-    """Series over one time, to zoom into."""
+    """Series over one time, to zoom into; between two of the look "edge" is a band."""
 
     group: str
     unit: str
@@ -235,6 +235,7 @@ class Chart:
     over_s: tuple[float, float]
     view_s: tuple[float, float]
     omitted_s: tuple[tuple[float, float], ...]
+    over_frequency: bool = False  # Times are decadic logarithms of even steps of frequencies [Hz]
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,7 @@ def packed(chart: Chart, most: int) -> dict[str, object]:
     return {
         "group": chart.group,
         "unit": printable(chart.unit),
+        "hertz": chart.over_frequency,
         "over": list(chart.over_s),
         "view": list(chart.view_s),
         "leftOut": [list(pair) for pair in chart.omitted_s],
@@ -340,7 +341,7 @@ def _motion(
         "ahead": [("", () if prediction is None else _prediction_pictures(prediction))],
         "flights": [("", _forests(result, result.flights, whole))],
         "methods": [("", _forests(result, result.comparisons, {}))],
-        "flight": [*over_time, ("", of_fit), ("Frequency responses", response_pictures(result))],
+        "flight": [*over_time, ("", of_fit), *response_pictures(result)],
     }
     prefix = "" if alone else f"{result.motion.name}-"
     sections = []

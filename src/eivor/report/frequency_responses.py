@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -32,7 +31,20 @@ from eivor.motions.equation import DeclaredMotion
 from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
 from eivor.motions.table import motion_by_name
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
-from eivor.report.figure_panels import BLUE, DARK, GREY, RED, Picture, labelled, legend, mosaic, page
+from eivor.report.figure_panels import (
+    BLUE,
+    DARK,
+    GREY,
+    RED,
+    Chart,
+    Line,
+    Picture,
+    Pictures,
+    labelled,
+    legend,
+    mosaic,
+    page,
+)
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
 from eivor.tools import Bool, Complex, Float, printable
@@ -41,6 +53,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: Numbers over frequency.
+Values: TypeAlias = Float[np.ndarray, " f"]
 #: What a response can be of.
 VERTICAL = "vertical"
 _VERTICAL = motion_by_name(VERTICAL)
@@ -422,20 +436,28 @@ def _unwrapped(values: Complex[np.ndarray, " f"], mask: Any) -> Float[np.ndarray
     return np.asarray(np.rad2deg(phase))
 
 
+#: Looks of a response, of the direct estimate and of a model.
+LOOKS: Mapping[str, Mapping[str, Any]] = {
+    "measured": {"color": BLUE, "lw": 1.4},
+    "residual": {"ls": ":", "color": RED, "lw": 1.1},
+    "predicted": {"ls": "--", "color": DARK, "lw": 1.0},
+}
+
+
 def _lines(
     item: LogResponse,
-) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, dict[str, Any]]]:
+) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, str]]:
     """Responses to draw, where each is known, with words and look."""
     response, every = item.response, np.ones(item.response.frequency_hz.size, dtype=np.bool_)
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
-    lines = [(response.response, response.is_shown, name, {"color": BLUE, "lw": 1.4})]
+    lines = [(response.response, response.is_shown, name, "measured")]
     if not response.is_direct:
-        look = {"ls": ":", "color": RED, "lw": 1.1}
-        lines.append((response.direct, np.isfinite(response.direct), "direct, biased", look))
+        lines.append((response.direct, np.isfinite(response.direct), "direct, biased", "residual"))
     if item.models is not None:
         model = item.models.chosen
-        words, look = f"model of order {model.order}", {"ls": "--", "color": DARK, "lw": 1.0}
-        lines.append((model.response(response.frequency_hz), every, words, look))
+        lines.append(
+            (model.response(response.frequency_hz), every, f"model of order {model.order}", "predicted")
+        )
     return lines
 
 
@@ -448,7 +470,7 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
         low, high = np.where(mask[:, None], np.maximum(bands[0], 1e-12), np.nan).T
         axes.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
     for values, where, words, look in _lines(item):
-        axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **look)
+        axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **LOOKS[look])
     _over_frequency(axes, "magnitude", yscale="log")
     if mask.any():
         size = np.abs(response.response)[mask]
@@ -458,12 +480,12 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
 
 def _draw_phase(axes: Axes, item: LogResponse) -> None:
     response, f = item.response, item.response.frequency_hz
-    turn = _unwrapped(response.response, response.is_shown) - np.rad2deg(np.angle(response.response))
+    turn = _turn(response)
     for bands, alpha in ((response.simultaneous_bands, 0.12), (response.bands, 0.3)):
         early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
         axes.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
     for values, where, _, look in _lines(item):
-        axes.plot(f, _unwrapped(values, where), **look)
+        axes.plot(f, _unwrapped(values, where), **LOOKS[look])
     _over_frequency(axes, "phase [°]")
 
 
@@ -473,31 +495,67 @@ def _over_frequency(axes: Axes, words: str, **limits: Any) -> None:
     axes.grid(alpha=0.25, which="both")
 
 
-def response_pictures(result: FlightEstimate) -> Iterator[Picture]:
+def response_pictures(result: FlightEstimate) -> Iterator[Pictures]:
     """Magnitude, phase and coherences of the axes of turning whose responses the flights show."""
     flying = [flight for flight in result.prepared if flight.runs]
-    draws = {"magnitude": _draw_magnitude, "phase": _draw_phase, "coherences": _draw_coherences}
     for axis, path in TURNING.items() if isinstance(result.motion, Rates) and result.fit else ():
         try:
             item = response_of_axis(axis, path, flying, loops=False)
         except (EstimationError, MissingChannelError, TooFewSamplesError, UsageError):
             continue  # not logged, too short, or at several rates
-        if item.response.is_direct or not item.response.is_shown.any():
-            continue
-        words = f"{item.input} to {item.output}, on {item.reference}; {item.response.level:.0%} bands."
-        for what, draw in draws.items():
-            yield Picture(f"Response of {axis}: {what}", words, partial(draw, item=item))
+        if not item.response.is_direct and item.response.is_shown.any():
+            yield f"Response of {axis}", tuple(_response_charts(item))
+
+
+def _response_charts(item: LogResponse) -> Iterator[Picture]:
+    response, mask = item.response, item.response.is_shown
+    words = f"{item.input} to {item.output}, on {item.reference}; {response.level:.0%} bands."
+    x = np.log10(response.frequency_hz)
+    over, view = ((float(part[0]), float(part[-1])) for part in (x, x[mask]))
+
+    def picture(what: str, unit: str, lines: Iterable[tuple[str, str, Values]]) -> Picture:
+        drawn = tuple(Line(label, look, values) for label, look, values in lines)
+        chart = Chart(f"response-{item.axis}", unit, x, drawn, over, view, (), over_frequency=True)
+        return Picture(f"Response of {item.axis}: {what}{f' [{unit}]' if unit else ''}", words, chart)
+
+    def edges(band: Float[np.ndarray, "f 2"]) -> list[tuple[str, str, Values]]:
+        ends = np.where(mask[:, None], band, np.nan).T
+        return [
+            (f"{end} end of the band", "edge", values)
+            for end, values in zip(("low", "high"), ends, strict=True)
+        ]
+
+    lines, turn = _lines(item), _turn(response)
+    sizes = [(name, look, np.where(there, _decibels(of), np.nan)) for of, there, name, look in lines]
+    yield picture("magnitude", "dB", [*edges(_decibels(response.bands[0])), *sizes])
+    phases = [(name, look, _unwrapped(of, there)) for of, there, name, look in lines]
+    yield picture("phase", "°", [*edges(np.rad2deg(response.bands[1]) + turn[:, None]), *phases])
+    yield picture("coherence", "", _coherences(response))
+
+
+def _decibels(response: Any) -> Any:
+    return 20.0 * np.log10(np.maximum(np.abs(response), 1e-12))
+
+
+def _turn(response: FrequencyResponse) -> Values:
+    """Whole turns that phases without jumps are away from those of the bands [degrees]."""
+    return _unwrapped(response.response, response.is_shown) - np.rad2deg(np.angle(response.response))
 
 
 def _draw_coherences(axes: Axes, item: LogResponse) -> None:
     response, f = item.response, item.response.frequency_hz
-    axes.plot(f, response.direct_coherence, color=RED, lw=1.2, label="input, output")
-    if not response.is_direct:
-        partial_words = "input, output without the reference"
-        axes.plot(f, response.points.coherence, color=BLUE, lw=1.2, label="reference, input")
-        axes.plot(f, response.points.partial, color=GREY, lw=1.2, label=partial_words)
+    for words, look, values in _coherences(response):
+        axes.plot(f, values, label=words, **LOOKS[look])
     _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
     legend(axes, size=7, location="lower left")
+
+
+def _coherences(response: FrequencyResponse) -> list[tuple[str, str, Values]]:
+    lines = [("input, output", "residual", response.direct_coherence)]
+    if not response.is_direct:
+        lines.append(("reference, input", "measured", response.points.coherence))
+        lines.append(("input, output without the reference", "predicted", response.points.partial))
+    return lines
 
 
 def _draw_nichols(axes: Axes, item: LogResponse) -> None:

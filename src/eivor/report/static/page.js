@@ -8,6 +8,7 @@
     measured: { colour: "--measured", width: 1.2, dash: [] },
     predicted: { colour: "--predicted", width: 1.4, dash: [7, 3] },
     residual: { colour: "--residual", width: 1, dash: [] },
+    edge: { colour: "--hatch", width: 0.8, dash: [] },
   };
   const colour = (name) => getComputedStyle(root).getPropertyValue(name).trim();
   const charts = new Map();
@@ -34,6 +35,16 @@
       first += count;
     }
     return columns;
+  }
+
+  // A chart over frequency has decadic logarithms along x.
+  const named = (x, chart, digits) => (chart.hertz ? `${+(10 ** x).toPrecision(3)} Hz` : `${+x.toFixed(digits)} s`);
+  function frequencies(_, __, low, high) {
+    const ticks = [];
+    for (let decade = Math.floor(low); decade <= high; decade += 1) {
+      for (const digit of [1, 2, 5]) ticks.push(decade + Math.log10(digit));
+    }
+    return ticks.filter((tick) => tick >= low && tick <= high);
   }
 
   // -- drawing ---------------------------------------------------------------------------------------------
@@ -77,7 +88,7 @@
       cursor: { sync: { key: chart.group, scales: ["x", null] }, drag: { x: true, y: false }, points: { size: 6 } },
       scales: { x: { time: false, range: (_, low, high) => [low, high] } },
       axes: [
-        { ...axis, values: (_, ticks) => ticks.map((tick) => `${+tick.toFixed(6)} s`), size: 30, space: 64 },
+        { ...axis, values: (_, ticks) => ticks.map((tick) => named(tick, chart, 6)), size: 30, space: 64, ...(chart.hertz ? { splits: frequencies } : {}) },
         { ...axis, size: 58, space: 34 },
       ],
       series: [
@@ -87,6 +98,9 @@
           return { stroke: () => colour(look.colour), width: look.width, dash: look.dash, points: { show: false } };
         }),
       ],
+      bands: chart.lines.flatMap(({ look }, line, all) =>
+        look === "edge" && all[line + 1]?.look === "edge" ? [{ series: [line + 2, line + 1], fill: () => colour("--faint") }] : [],
+      ),
       hooks: { drawClear: [hatched(chart)], setScale: [followed(chart)], setCursor: [reported(box, chart)] },
     };
   }
@@ -113,13 +127,13 @@
         if (other.chart.group === chart.group && other.plot !== plot) other.plot.setScale("x", { min, max });
       }
       following = false;
-      showWindow(chart.group, min, max);
+      showWindow(chart, min, max);
     };
   }
 
-  function showWindow(group, min, max) {
+  function showWindow(chart, min, max) {
     for (const tools of document.querySelectorAll(".charts")) {
-      if (tools.dataset.group === group) tools.querySelector(".shown").textContent = `${min.toFixed(1)} s to ${max.toFixed(1)} s`;
+      if (tools.dataset.group === chart.group) tools.querySelector(".shown").textContent = `${named(min, chart, 1)} to ${named(max, chart, 1)}`;
     }
   }
 
