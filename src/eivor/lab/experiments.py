@@ -215,8 +215,6 @@ class DifferenceEquation(Experiment):
     def records(self, seed: int, numbers: Sequence[int]) -> Records | None:
         noise = declared_noise(self.noise, {}, dict.fromkeys(self.channels, np.empty(0)))
         white = [item for item in noise.values() if isinstance(item, WhiteNoise)]
-        if type(self).record is not DifferenceEquation.record:
-            return Experiment.records(self, seed, numbers)
         if self.noise_to_signal or len(white) < len(noise):
             return None
         is_builtin = type(self.excitation).__module__ == Excitation.__module__ and self.disturbance is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 
@@ -38,6 +38,7 @@ from eivor.simulation.vertical import (
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
+    together,
     vertical_recording,
 )
 from eivor.tools import Float
@@ -76,14 +77,11 @@ def fly(
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
     numbers = [(_regular_friction(item), item.input_gain, item.lag_s, 0.0) for item in vehicles]
-    gains = [asdict(item.follows) for item in vehicles]
     motion = simulate_vertical(
         VerticalVehicles(*np.array(numbers).T),
         environment,
         step_s=STEP_S,
-        controller=AltitudeController(
-            **{name: np.array([item[name] for item in gains]) for name in gains[0]}
-        ),
+        controller=together(AltitudeController, [item.follows for item in vehicles]),
     )
     return [
         ClosedLoopFlight(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias, TypeVar
 
@@ -269,20 +269,20 @@ def _surroundings(spec: VerticalFlightSpec) -> tuple[VerticalEnvironment, Sample
     return environment, np.cos(smooth + errors.attitude).prod(axis=1)
 
 
-def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequence[str]) -> Parts:
-    return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
+def together(kind: type[Parts], each: Sequence[object], names: Sequence[str] = ()) -> Parts:
+    """Fields of several flights, of their own names or others, as arrays whose last axis is the flight."""
+    fields = names or kind.__annotations__
+    return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in fields))
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[VerticalFlight]:
     each, tilts = zip(*map(_surroundings, specs), strict=True)
-    environment = _together(VerticalEnvironment, each, VerticalEnvironment.__slots__)
+    environment = together(VerticalEnvironment, each)
     motion = simulate_vertical(
-        _together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
+        together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
         environment,
         step_s=STEP_S,
-        controller=_together(
-            AltitudeController, [spec.controller for spec in specs], AltitudeController.__slots__
-        ),
+        controller=together(AltitudeController, [spec.controller for spec in specs]),
         gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
     )
     for number, (spec, met, tilt) in enumerate(zip(specs, each, tilts, strict=True)):

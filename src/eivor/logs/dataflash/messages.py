@@ -308,8 +308,6 @@ def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[n
     """Whether another message, or the end of the file, stands where each ends."""
     within = ends + HEAD_BYTES <= data.size
     index = np.where(within, ends, 0)
-    if data.size < HEAD_BYTES:
-        return ends == data.size
     head = (data[index] == HEAD[0]) & (data[index + 1] == HEAD[1]) & (lengths[data[index + 2]] > 0)
     return np.asarray((within & head) | (~within & (ends <= data.size)))
 

@@ -41,14 +41,14 @@ def is_px4(name: str, kind: str) -> bool:
 
 def px4_channels(raws: Sequence[ros.RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
     """Return the channels of PX4's topics, z down, and the kind of vehicle."""
-    matches = (_NAME.fullmatch(raw.name) for raw in raws)
-    _check_one_vehicle("topics", {match["vehicle"] for match in matches if match is not None})
+    matches = {raw.name: match for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
+    _check_one_vehicle("topics", {match["vehicle"] for match in matches.values()})
     layouts = _layouts(raws, findings)
     columns = [ros.as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
     sound = ros.of_one_clock([column for column in columns if column is not None], findings)
     if not sound:
         return {}, ""
-    topics = _chosen(sound, findings)
+    topics = _chosen(sound, matches, findings)
     channels = read_topics(topics, np.uint64(ros.start_ns(sound) // 1000), {}, findings)
     findings += unknown_filters(channels.values(), "A bag holds")
     return channels, vehicle_of(topics, {})
@@ -63,13 +63,13 @@ def _check_one_vehicle(what: str, places: set[str]) -> None:
         )
 
 
-def _chosen(sound: Sequence[ros.BagTopic], findings: list[Finding]) -> dict[str, Topic]:
+def _chosen(
+    sound: Sequence[ros.BagTopic], matches: Mapping[str, re.Match[str]], findings: list[Finding]
+) -> dict[str, Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
     by_name: dict[str, dict[str, list[Topic]]] = {}
     for item in sound:
-        match = _NAME.fullmatch(item.name)
-        if match is None:
-            continue
+        match = matches[item.name]
         topic = Topic(match["topic"], int(match["instance"] or 0), item.fields)
         by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
     return {
@@ -332,8 +332,13 @@ def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Record
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
         contents = ros.read_contents(files, is_known, findings, options.max_bytes)
-        channels, frame, vehicle = _known_channels(contents, findings)
-        looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES
+        of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
+        channels, vehicle = px4_channels(of_px4, findings) if of_px4 else ({}, "")
+        frame, looked = Frame.NED, LOOKED_FOR
+        if not channels:
+            others = [raw for raw in contents.topics.values() if not is_px4(raw.name, raw.kind)]
+            channels, vehicle = ros_channels(others, findings), ""
+            frame, looked = Frame.Z_UP, ROS_SOURCES
         if not channels:
             raise _nothing(path, contents, findings)
     return Recording(
@@ -346,16 +351,6 @@ def read_bag(path: Path, options: common.ReadOptions, log_format: str) -> Record
         findings=(*findings, *common.channel_findings(channels)),
         vehicle=vehicle,
     )
-
-
-def _known_channels(contents: ros.Contents, findings: list[Finding]) -> tuple[dict[str, Channel], Frame, str]:
-    of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
-    if of_px4:
-        channels, vehicle = px4_channels(of_px4, findings)
-        if channels:
-            return channels, Frame.NED, vehicle
-    others = [raw for raw in contents.topics.values() if not is_px4(raw.name, raw.kind)]
-    return ros_channels(others, findings), Frame.Z_UP, ""
 
 
 def _nothing(path: Path, contents: ros.Contents, findings: list[Finding]) -> EmptyLogError:
