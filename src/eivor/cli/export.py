@@ -155,7 +155,8 @@ def _destination(to: str, draws: int | None, file: str, output: str) -> str:
     if not to and to_file == outputs.STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if to == ALL and (to_file == outputs.STANDARD_OUTPUT or draws is not None):
-        raise UsageError("a folder for --to all, and no draws", "another", "Add the folder: --to all FOLDER.")
+        received = "standard output" if draws is None else f"--draws {draws}"
+        raise UsageError("a folder for --to all, and no draws", received, "Give --to all FOLDER.")
     return to_file
 
 

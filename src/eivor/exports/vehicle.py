@@ -470,7 +470,7 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
         raise UsageError(
             f"four rotors for {target}, one in each quarter, neighbours of opposite spins",
             f"rotors at {vehicle.positions} with spins {vehicle.spins}",
-            "Export to another simulator: mujoco, rotorpy and gazebo take rotors anywhere.",
+            "Export to another simulator: mujoco, rotorpy, pybullet and gazebo take rotors anywhere.",
         )
     return tuple(order)
 
