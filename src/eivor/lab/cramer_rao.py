@@ -35,18 +35,10 @@ def __dir__() -> list[str]:
 
 @dataclass(frozen=True)
 class CramerRaoBound:
-    """Least covariance of unbiased estimates of friction and gain.
+    """Least covariance of unbiased estimates of friction and gain."""
 
-    Parameters
-    ----------
-    covariance : ndarray, shape (2, 2)
-        Inverse of the information, averaged over records.
-    truth : mapping of str to float
-        True parameters, in the order of the covariance.
-    """
-
-    covariance: Float[np.ndarray, "2 2"]
-    truth: Mapping[str, float]
+    covariance: Float[np.ndarray, "2 2"]  # Inverse of the information, averaged over records
+    truth: Mapping[str, float]  # True parameters, in the order of the covariance
 
     @property
     def std_errors(self) -> dict[str, float]:

@@ -155,13 +155,6 @@ LARGEST_ORDER = 3.0
 class UnknownOrder:
     """An order that is estimated; the same name in several terms is one unknown.
 
-    Parameters
-    ----------
-    name : str
-        How results call it.
-    low, high : float
-        Between what it is looked for, within -3 and 3.
-
     Raises
     ------
     ParameterError
@@ -170,8 +163,8 @@ class UnknownOrder:
         When the name is no text or empty, or a number is none.
     """
 
-    name: str
-    low: float
+    name: str  # How results call it
+    low: float  # Between what it is looked for, within -3 and 3
     high: float
 
     def __post_init__(self) -> None:
@@ -224,13 +217,6 @@ def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
 class FractionalTerm:
     """One term of the equation: a channel behind an operator of some order, some samples ago.
 
-    Parameters
-    ----------
-    order : float or UnknownOrder
-        Of the difference, between -3 and 3; below zero it is a sum.
-    lag : int
-        Samples back, zero or more.
-
     Raises
     ------
     ParameterError
@@ -239,8 +225,8 @@ class FractionalTerm:
         When the lag is no whole number or negative, or the order is of another type.
     """
 
-    order: Order
-    lag: int = 0
+    order: Order  # Of the difference, between -3 and 3; below zero it is a sum
+    lag: int = 0  # Samples back, zero or more
 
     def __post_init__(self) -> None:
         checks.whole("lag", self.lag)
@@ -528,16 +514,6 @@ Parameters = Mapping[str, float]
 class FractionalDifferenceModel:
     """A fractional difference equation with noise on its output and its input.
 
-    Parameters
-    ----------
-    output, input : tuple of float, UnknownOrder or FractionalTerm
-        Terms of each side. The first of the output has the coefficient one and a known order; the others
-        have the parameters ``output_coefficient_2``, ..., the input's ``input_coefficient_1``, ...
-    operator : FractionalOperator
-        What an order means: `FractionalDifference` of samples (default), or `FractionalDerivative` by time.
-    output_channel, input_channel : str
-        Channels of the record. Default: ``output`` and ``input``.
-
     Raises
     ------
     ParameterError
@@ -547,10 +523,13 @@ class FractionalDifferenceModel:
         When an argument is of another type.
     """
 
+    # Terms of each side. The first of the output has the coefficient one and a known order; the others have
+    # the parameters `output_coefficient_2`, ..., the input's `input_coefficient_1`, ...
     output: tuple[float | UnknownOrder | FractionalTerm, ...]
     input: tuple[float | UnknownOrder | FractionalTerm, ...]
+    # What an order means: `FractionalDifference` of samples, or `FractionalDerivative` by time
     operator: FractionalOperator = field(default_factory=FractionalDifference)
-    output_channel: str = "output"
+    output_channel: str = "output"  # Channels of the record
     input_channel: str = "input"
 
     def __post_init__(self) -> None:

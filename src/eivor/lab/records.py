@@ -207,33 +207,6 @@ class Intersample(Enum):
 class Scenario:
     """What to simulate.
 
-    Parameters
-    ----------
-    viscous_friction, input_gain : float
-        K [1/s] and K_u [m/s^2 per unit of input].
-    rate_hz : float
-        Samples per second [Hz].
-    samples : int
-        Length of the record.
-    excitation : Excitation
-        The input in open loop, the reference under control.
-    noise : mapping of str to MeasurementNoise
-        Measurement noise of `velocity_z`, `acceleration_z` and `input`, and under altitude control of
-        `position_z`, in their units.
-    noise_to_signal : mapping of str to float
-        For channels named here the noise's std is this ratio times the standard deviation of the noise-free
-        channel over the record. The noise given is its shape, white when none is; its own std is replaced.
-    disturbance : Disturbance, optional
-        Of the equation of motion [m/s^2].
-    disturbance_to_signal : float, optional
-        Scales the disturbance to this share of the standard deviation of z''.
-    route : Route
-        Where the disturbance enters.
-    intersample : Intersample
-        Of the input.
-    control : Control
-        What makes the input: open loop, or a controller of velocity or altitude.
-
     Raises
     ------
     ParameterError
@@ -241,17 +214,22 @@ class Scenario:
         there. When the control loop is unstable, or a controller is to change its output between samples.
     """
 
-    viscous_friction: float
+    viscous_friction: float  # K [1/s] and K_u [m/s^2 per unit of input]
     input_gain: float
-    rate_hz: float = 5.0
-    samples: int = 4000
+    rate_hz: float = 5.0  # Samples per second [Hz]
+    samples: int = 4000  # Length of the record
+    # The input in open loop, the reference under control
     excitation: Excitation = field(default_factory=PaperInput)
+    # Of `velocity_z`, `acceleration_z`, `input`, and under altitude control of `position_z`, in their units
     noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
+    # For channels named here the noise's std is this ratio times the standard deviation of the noise-free
+    # channel over the record. The noise given is its shape, white when none is; its own std is replaced
     noise_to_signal: Mapping[str, float] = field(default_factory=dict)
-    disturbance: Disturbance | None = None
-    disturbance_to_signal: float | None = None
-    route: DisturbanceRoute = DisturbanceRoute.EQUATION
-    intersample: Intersample = Intersample.HOLD
+    disturbance: Disturbance | None = None  # Of the equation of motion [m/s^2]
+    disturbance_to_signal: float | None = None  # Scales it to this share of the standard deviation of z''
+    route: DisturbanceRoute = DisturbanceRoute.EQUATION  # Where the disturbance enters
+    intersample: Intersample = Intersample.HOLD  # Of the input
+    # What makes the input: open loop, or a controller of velocity or altitude
     control: Control = field(default_factory=OpenLoop)
 
     def __post_init__(self) -> None:
