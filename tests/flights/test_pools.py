@@ -151,7 +151,7 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
     def checks(p_value):
-        return replace(alike.fit.checks, agreement=OverIdentification(9.0, 3, p_value, None))
+        return replace(alike.fit.checks, agreement=OverIdentification(9.0, 3, p_value))
 
     assert agreement([checks(p) for p in (1e-9, 0.4, 0.6, 0.8)]).p_value == pytest.approx(0.8)
     assert agreement([checks(p) for p in (1e-9, 1e-8, 0.6)]).p_value == pytest.approx(1.5e-8)

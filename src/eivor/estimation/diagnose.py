@@ -291,7 +291,7 @@ class Diagnostics:
         """Hansen's J; None without instruments."""
         if self.instrumental and self.in_frequency:
             J, p_value = self.estimate.over_identification
-            return instruments.OverIdentification(J, max(self.estimate.degrees, 0), p_value, None)
+            return instruments.OverIdentification(J, max(self.estimate.degrees, 0), p_value)
         return instruments.robust_over_identification(self.record.products) if self.testable else None
 
     @cached_property

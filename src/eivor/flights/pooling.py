@@ -134,7 +134,7 @@ def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
         return None
     half, J = (len(known) + 1) // 2, sum(item.J for item in agreements)
     p_value = min(len(known) / half * known[half - 1], 1.0)
-    return OverIdentification(J, sum(item.degrees for item in agreements), p_value, None)
+    return OverIdentification(J, sum(item.degrees for item in agreements), p_value)
 
 
 def linear_names(pool: Pooled) -> tuple[str, ...]:

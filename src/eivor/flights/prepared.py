@@ -145,7 +145,7 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> tuple[SensorAg
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
     named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
     differences = {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named}
-    agreement = OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value, None)
+    agreement = OverIdentification(J, estimate.degrees, 1.0 if math.isnan(p_value) else p_value)
     return SensorAgreement(differences, agreement), chi_square_tail(wald, values.size)
 
 

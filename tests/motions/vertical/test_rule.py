@@ -44,7 +44,7 @@ def quantity(value, half_width):
 
 def strength(F=(50.0, 50.0, 50.0), p_value=0.5, lag_s=0.05, names=NAMES, **sets):
     searched = {"actuator_lag": (lag_s, 0.3)} if "actuator_lag" in names else {}
-    agreement = OverIdentification(18.0, 2, p_value, None)
+    agreement = OverIdentification(18.0, 2, p_value)
     known = {name: ev.ConfidenceSet(pieces) for name, pieces in sets.items()}
     first_stage = dict(zip(names, F, strict=True))
     return {"first_stage": first_stage, "agreement": agreement, "searched": searched, "robust": known}
@@ -80,7 +80,7 @@ UNKNOWN = QuantityEstimate(0.4, "1/s", 0.1, (-np.inf, np.inf))
 SIGN = {"scale": Difference(2.0 * (-1.01 - 1.0) / (-1.01 + 1.0), 1e-3)}
 STILL = {"scale": Difference(-2.05, 0.05)}
 UNIT = {"scale": Difference(2.0 * 99.0 / 101.0, 1e-3)}
-AGREE = OverIdentification(0.0, 1, 0.5, None)
+AGREE = OverIdentification(0.0, 1, 0.5)
 CONTRADICTED = LagPrior(ev.Prior(0.05, 0.001), quantity(0.09, 0.002))
 CONSTANT = {"instruments": Instruments(NoInstruments(), missing="a: constant", constant=True)}
 DIRECT = {"instruments": Instruments(NoInstruments())}
@@ -237,7 +237,7 @@ SUPPLY = OmittedTerms({"supply": Difference(-0.04, 0.01)})
 DRIFTING = OmittedTerms({"clock_drift": Difference(2e-4, 2e-5)}, clock_reach_s=30.0)
 SLEWED = OmittedTerms({"slew_limit": Difference(0.01, 0.001)})
 SWINGING = Periodicity((), (Swing("vertical acceleration", "m/s²", 5.0, 0.2, 1e-4),), "s", 0.01)
-APART = SensorAgreement({}, OverIdentification(8.0, 2, 0.001, None))
+APART = SensorAgreement({}, OverIdentification(8.0, 2, 0.001))
 
 
 def drift(change):

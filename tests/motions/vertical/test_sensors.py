@@ -206,7 +206,7 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     assert list(agreement(changed(leaning, "velocity_x")).differences) == ["offset", "scale"]
 
 
-AGREE = OverIdentification(0.0, 1, 0.5, None)
+AGREE = OverIdentification(0.0, 1, 0.5)
 
 
 @pytest.mark.thorough

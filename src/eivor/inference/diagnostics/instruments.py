@@ -43,7 +43,6 @@ class Endogeneity(Diagnostic):
     durbin_p_value: float
     wu: float
     wu_p_value: float
-    averages: int  # Cosine averages of the long-run covariance
 
     def notable(self, bias: float) -> bool:
         """Whether a bias of least squares, in standard errors of the estimate, is worth a word."""
@@ -125,7 +124,6 @@ def endogeneity(
         chi_square_tail(durbin, degrees),
         wu,
         float(scipy.special.fdtrc(degrees, freedom, wu)),
-        B,
     )
 
 
@@ -136,7 +134,6 @@ class OverIdentification(Diagnostic):
     J: float
     degrees: float  # Equations that are left over; unknowns that are determined in part count in part
     p_value: float
-    averages: int | None
 
     @property
     def outcome(self) -> str:
@@ -171,11 +168,11 @@ def hansen_j(
     free = np.linalg.qr(scale[:, None] * sensitivity, mode="complete")[0][:, unknowns:]
     degrees = free.shape[1]
     if not degrees:
-        return OverIdentification(0.0, 0, 1.0, averages)
+        return OverIdentification(0.0, 0, 1.0)
     left = free.T @ (scale * equations)
     S = free.T @ (np.outer(scale, scale) * covariance) @ free
     J = count * quadratic_form(left, S)
-    return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages), averages)
+    return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages))
 
 
 def robust_over_identification(products: EquationProducts) -> OverIdentification:
@@ -209,7 +206,6 @@ class FirstStageTest(Diagnostic):
     cragg_donald: float  # Smallest eigenvalue for white errors
     smallest_eigenvalue: float
     smallest_critical: float
-    averages: int  # Cosine averages of the long-run covariance
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
         for j, name in enumerate(of.names):
@@ -259,7 +255,7 @@ def strength(
     rank, count = a.shape
     if rank < count:  # some combination of the columns is not moved at all
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
-        return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"), 0)
+        return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"))
     B = joint_averages(rank, products.counts.size)
     scores = T.T @ (products.cross * scale - products.instruments @ (T @ a))
     scores = scores - products.counts[:, None, None] * shared
@@ -278,7 +274,6 @@ def strength(
         result[:, 3],
         least_squares / two_stage,
         *_smallest(a, residual, L, endogenous, sizes),
-        B,
     )
 
 
