@@ -494,9 +494,9 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         scores += combined
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
-    prior = np.sqrt(unit * count) * pseudo if known.size else None
+    prior = np.sqrt(unit * count) * pseudo
     rows = partial(made_ahead, in_coordinates)
-    return EstimatingEquation(root, count * R, round(count), lambda: rows(tested()), prior)
+    return EstimatingEquation(root, count * R, round(count), lambda: rows(tested()), prior.T @ prior)
 
 
 def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
@@ -521,9 +521,8 @@ def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
             psi = over_root(block.regressors + more, root)
             yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
-    return EstimatingEquation(
-        root, slope, round(estimate.count), rows, unit * over_root(known, root) if known.size else None
-    )
+    prior = unit * over_root(known, root) if known.size else known
+    return EstimatingEquation(root, slope, round(estimate.count), rows, prior.T @ prior)
 
 
 def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:

@@ -31,18 +31,14 @@ class EstimatingEquation:
     slope: Float[np.ndarray, "n n"]
     sample_count: int  # Number of scores
     blocks: Callable[[], Iterable[EquationRows]]
-    prior_scores: Float[np.ndarray, "k n"] | None = None
+    #: What is known beforehand adds so much to the covariance of the sum of scores.
+    prior_covariance: Float[np.ndarray, "n n"] | float = 0.0
     move: Float[np.ndarray, " n"] | None = None
 
     @property
     def unknowns(self) -> int:
         """Length of the joint vector, n."""
         return self.root.shape[0]
-
-    @property
-    def prior_covariance(self) -> Float[np.ndarray, "n n"] | float:
-        """What is known beforehand adds to the covariance of the sum of scores: nothing without a prior."""
-        return 0.0 if self.prior_scores is None else self.prior_scores.T @ self.prior_scores
 
     @property
     def sensitivity(self) -> Float[np.ndarray, "n n"]:
