@@ -62,7 +62,7 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
             raise refused[0]
         return values
 
-    return minimised(problem.nuisances, solution, objectives, coarse=True).nuisances
+    return minimised(problem.nuisances, solution, objectives, coarse=True)[0]
 
 
 def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
@@ -344,15 +344,15 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
         weights = method.row_weighting.first_pass(problem)
-    minimum = _minimum(method, problem, weights, None if start is None else start.nuisances)
+    at, solution, profiles = _minimum(method, problem, weights, None if start is None else start.nuisances)
     while weights.renewals:
-        weights = weights.renewed(minimum.solution.theta, minimum.nuisances)
-        minimum = _minimum(method, problem, weights, minimum.nuisances)
-    solved = method.solve(weights.rows(minimum.nuisances))
+        weights = weights.renewed(solution.theta, at)
+        at, solution, profiles = _minimum(method, problem, weights, at)
+    solved = method.solve(weights.rows(at))
     searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
-    columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in searched]
-    misfits, known = known_misfits(problem.nuisances, minimum.nuisances)
-    criterion = weights.criterion(solved.theta, minimum.nuisances)
+    columns = [slope(weights, nuisance, at, solution.theta) for nuisance in searched]
+    misfits, known = known_misfits(problem.nuisances, at)
+    criterion = weights.criterion(solved.theta, at)
     return replace(
         solved,
         joint_parameters=(*solved.joint_parameters, *(nuisance.parameter for nuisance in searched)),
@@ -360,8 +360,8 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
         known=known,
         misfits=misfits,
-        nuisances=minimum.nuisances,
-        profiles=minimum.profiles,
+        nuisances=at,
+        profiles=profiles,
         covariance_estimator=FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT,
         flight_criterion=None if criterion is None else criterion + sum(misfits),
     )

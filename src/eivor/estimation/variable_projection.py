@@ -93,13 +93,8 @@ class NuisanceProfile:
     objective: Float[np.ndarray, " values"]
 
 
-@dataclass(frozen=True)
-class Minimum:
-    """What a search determined."""
-
-    nuisances: dict[str, float]  # Every nuisance's value
-    solution: Solution  # Linear parameters there
-    profiles: tuple[NuisanceProfile, ...]
+#: What a search determined: every nuisance's value, the linear parameters there, and the profiles.
+Minimum = tuple[dict[str, float], Solution, tuple[NuisanceProfile, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +158,7 @@ def minimised(
         # In units of the best fit to the data alone, and then of where that has led.
         scale = unit(at(from_grid(unit(at(points[int(np.argmin(left))])))[0].point))
     best, objective = from_grid(scale)
-    return Minimum(at(best.point), best.solution, profiles_of(unknown, grids, objective))
+    return at(best.point), best.solution, profiles_of(unknown, grids, objective)
 
 
 def _lowest(table: Float[np.ndarray, "*grid"], count: int) -> list[int]:
