@@ -330,8 +330,8 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
-def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
-    """Make a command that returns an exit code into one that leaves with it, whatever happens inside."""
+def guarded(command: Callable[P, ExitCode | None]) -> Callable[P, None]:
+    """Make a command that returns an exit code, or none, into one that leaves, whatever happens inside."""
 
     @wraps(command)
     def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -342,9 +342,9 @@ def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
     return leaving
 
 
-def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) -> ExitCode:
+def _outcome(command: Callable[P, ExitCode | None], *args: P.args, **kwargs: P.kwargs) -> ExitCode:
     try:
-        return command(*args, **kwargs)
+        return command(*args, **kwargs) or ExitCode.IDENTIFIED
     except EivorError as error:
         return reported(error)
     except KeyboardInterrupt:
@@ -672,3 +672,11 @@ class ReadableCommand(TyperCommand):
         except EivorError as error:
             raise Exit(int(reported(error))) from None
         return super().invoke(ctx)
+
+
+def command(
+    app: typer.Typer, epilog: str, name: str | None = None, about: str | None = None
+) -> Callable[[Callable[P, ExitCode | None]], Callable[P, None]]:
+    """Make a function a command of a group, with its exit codes below its help."""
+    added = app.command(name, cls=ReadableCommand, epilog=epilog, help=about)
+    return lambda function: added(guarded(function))

@@ -22,9 +22,9 @@ from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
     JsonOption,
-    ReadableCommand,
     Reads,
     Writes,
+    command,
     complain,
     completion,
     deliver_result,
@@ -138,21 +138,18 @@ example = group("example", "The example flight that comes with Eivor, and public
 NO_FAILURE = "[bold]Exit codes[/bold]: 0 done; 2 wrong usage."
 
 
-@example.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
-@guarded
-def list_logs() -> ExitCode:
+@command(example, NO_FAILURE, "list")
+def list_logs() -> None:
     """List the public real logs that can be fetched."""
     logs = public_logs().values()
     show_table(("name", "what it is", "licence"), ((log.name, log.about, log.licence) for log in logs))
-    return ExitCode.IDENTIFIED
 
 
-@example.command(
-    cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that "
-    "cannot be written; 2 wrong usage.",
+@command(
+    example,
+    "[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that cannot be "
+    "written; 2 wrong usage.",
 )
-@guarded
 def fetch(
     name: Annotated[
         str,
@@ -162,7 +159,7 @@ def fetch(
             autocompletion=completion(values_of="eivor.cli.tools:public_logs"),
         ),
     ],
-) -> ExitCode:
+) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.
 
     The folder is the user's cache; EIVOR_CACHE names another one.
@@ -179,16 +176,13 @@ def fetch(
     with step(f"Downloading {log.file_name}"):
         path = fetched(log, folder=folder)
     write(f"{path}\n")
-    return ExitCode.IDENTIFIED
 
 
-@example.command(cls=ReadableCommand, epilog=NO_FAILURE)
-@guarded
-def path() -> ExitCode:
+@command(example, NO_FAILURE)
+def path() -> None:
     """Print where the bundled example flight is."""
     with resources.as_file(resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT)) as file:
         write(f"{file}\n")
-    return ExitCode.IDENTIFIED
 
 
 INSPECT_EXIT_CODES = (
@@ -219,7 +213,7 @@ def inspect(
     machine: str,
     channel_map: str,
     **given: Any,
-) -> ExitCode:
+) -> None:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
     model = model or ("" if machine else DEFAULT_MODEL)
     (motion,) = motions = parsing.named_motions(model, vehicle, machine)
@@ -236,7 +230,6 @@ def inspect(
         lambda: json_text(inspection.inspection_json(alone) if alone else inspection.pooled_json(pooled)),
         json,
     )
-    return ExitCode.IDENTIFIED
 
 
 PLAN_EXIT_CODES = (
@@ -385,30 +378,23 @@ def _shipped_group(
         autocompletion=completion(values_of=names),
     )
 
-    @app.command(
-        "list", cls=ReadableCommand, help=f"List the {what}s that come with Eivor.", epilog=NO_FAILURE
-    )
-    @guarded
-    def list_shipped() -> ExitCode:
+    @command(app, NO_FAILURE, "list", f"List the {what}s that come with Eivor.")
+    def list_shipped() -> None:
         show_table(titles, rows())
-        return ExitCode.IDENTIFIED
 
-    @app.command(
-        cls=ReadableCommand,
-        help=f"Check a {what}'s file, and print it.",
-        epilog=f"[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a {what} that is not known, or a file "
-        "with something wrong in it.",
+    failures = f"2 wrong usage; 1 a {what} that is not known, or a file with something wrong in it."
+
+    @command(
+        app, f"[bold]Exit codes[/bold]: 0 done; {failures}", about=f"Check a {what}'s file, and print it."
     )
-    @guarded
-    def show(file: Annotated[str, Reads()] = name_or_file) -> ExitCode:
+    def show(file: Annotated[str, Reads()] = name_or_file) -> None:
         load(file)
         write(text(file))
-        return ExitCode.IDENTIFIED
 
     return app
 
 
-def _begun(what: str, text: str, file: str) -> ExitCode:
+def _begun(what: str, text: str, file: str) -> None:
     """Write a file to begin with, which must not exist."""
     is_file = file != STANDARD_OUTPUT
     if is_file and Path(file).suffix != ENDING:
@@ -419,7 +405,6 @@ def _begun(what: str, text: str, file: str) -> ExitCode:
     write_out(text, file)
     if is_file:
         write(f"{file}: fill in what you know\n")
-    return ExitCode.IDENTIFIED
 
 
 vehicle = _shipped_group(
@@ -433,11 +418,10 @@ vehicle = _shipped_group(
 )
 
 
-@vehicle.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
-@guarded
-def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> ExitCode:
+@command(vehicle, NEW_EXIT_CODES, "new")
+def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> None:
     """Write a vehicle file to begin with: every key, with what it means."""
-    return _begun("a vehicle", vehicle_template(), file)
+    _begun("a vehicle", vehicle_template(), file)
 
 
 machine = _shipped_group(
@@ -453,8 +437,7 @@ machine = _shipped_group(
 )
 
 
-@machine.command("new", cls=ReadableCommand, epilog=NEW_EXIT_CODES)
-@guarded
+@command(machine, NEW_EXIT_CODES, "new")
 def new_machine(
     file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT,
     *,
@@ -466,7 +449,7 @@ def new_machine(
             values_of="eivor.motions.declaration:shipped_machines",
         ),
     ] = "rover",
-) -> ExitCode:
+) -> None:
     """Write a machine's file to begin with: a shipped one, to be changed."""
     checks.index_of("a machine", like, shipped_machines())
-    return _begun("a machine", machine_text(like), file)
+    _begun("a machine", machine_text(like), file)

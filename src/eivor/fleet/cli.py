@@ -50,15 +50,14 @@ FleetArgument = Annotated[
 ]
 
 
-@app.command(
-    "run",
-    cls=outputs.ReadableCommand,
+@outputs.command(
+    app,
+    name="run",
     epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified. 2 wrong "
     "usage, such as a folder that was begun with other options. 1 no logs, a folder that cannot be read or "
     "written, one on which another run works, or a cluster that was lost. 130 interrupted. Rows that were "
     "written are kept: the same command goes on.",
 )
-@outputs.guarded
 @outputs.with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
     logs: Annotated[
@@ -170,12 +169,11 @@ def _report(done: FleetRun, out: str) -> RenderableType:
     )
 
 
-@app.command(
-    cls=outputs.ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage, such as a query that does not exist; 1 a fleet "
+@outputs.command(
+    app,
+    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage, such as a query that does not exist; 1 a fleet "
     "that cannot be read, or a file that cannot be written.",
 )
-@outputs.guarded
 def query(
     fleet: FleetArgument,
     what: Annotated[
@@ -190,38 +188,34 @@ def query(
     csv: Annotated[
         str, outputs.option("FILE", "Write the answer as CSV; - for standard output."), outputs.Writes()
     ] = "",
-) -> outputs.ExitCode:
+) -> None:
     """Ask a fleet's table what is asked most often."""
     answer = answer_of(read_flights(path_of(fleet)), what)
     if csv != outputs.STANDARD_OUTPUT:
         outputs.show(_table(answer))
     if csv:
         outputs.write_out(answer.write_csv(), csv)
-    return outputs.ExitCode.IDENTIFIED
 
 
-@app.command(
-    cls=outputs.ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read or written, or on "
+@outputs.command(
+    app,
+    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read or written, or on "
     "which a run works.",
 )
-@outputs.guarded
-def compact(fleet: FleetArgument) -> outputs.ExitCode:
+def compact(fleet: FleetArgument) -> None:
     """Put a fleet's rows into few files with the same columns, as every run does at its end."""
     with outputs.step("Putting rows together"):
         rows, files = compact_fleet(path_of(fleet))
     outputs.show(Text(f"{rows} rows in {files} {'file' if files == 1 else 'files'}"))
-    return outputs.ExitCode.IDENTIFIED
 
 
-@app.command(
-    cls=outputs.ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read, or a file that "
+@outputs.command(
+    app,
+    "[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read, or a file that "
     "cannot be written (what was found is printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.fleet_report/1): every vehicle and type with what is pooled, what "
     "changes, and what was left out.",
 )
-@outputs.guarded
 def report(
     fleet: FleetArgument,
     *,
@@ -238,7 +232,7 @@ def report(
     html: Annotated[
         str, outputs.option("FILE", "Write one page that opens anywhere, FILE.html."), outputs.Writes()
     ] = "",
-) -> outputs.ExitCode:
+) -> None:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
     with outputs.step("Pooling"):
@@ -254,7 +248,6 @@ def report(
         json,
         *([write_page] if html else []),
     )
-    return outputs.ExitCode.IDENTIFIED
 
 
 def _table(answer: pl.DataFrame) -> Table:

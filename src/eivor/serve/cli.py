@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from eivor.cli.outputs import ExitCode, WorkersOption, guarded, write
+from eivor.cli.outputs import WorkersOption, guarded, write
 from eivor.errors import InputError, UsageError
 from eivor.process_pool import Limits
 from eivor.serve.app import ServeOptions, Server
@@ -41,7 +41,7 @@ def serve(
     memory: Annotated[float, typer.Option(metavar="GB", help="Memory that a log may take.")] = 4.0,
     time: Annotated[float, typer.Option(metavar="S", help="Time that a log may take.")] = 600.0,
     largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
-) -> ExitCode:
+) -> None:
     """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
     options = _options(port, workers, memory, time, largest)
     with _stop_requests() as stop:
@@ -61,7 +61,6 @@ def serve(
                 pause(LOOK_S)
         finally:
             server.close()
-    return ExitCode.IDENTIFIED
 
 
 def _options(port: int, workers: int | None, memory: float, time: float, largest: float) -> ServeOptions:
