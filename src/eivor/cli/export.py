@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from eivor.atomic_file import write_atomically
 from eivor.cli import outputs
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
@@ -55,11 +54,7 @@ def _no_example(wanted: bool) -> bool:
 @outputs.guarded
 def export(
     fit: outputs.FitArgument,
-    file: Annotated[
-        str,
-        typer.Argument(metavar="FILE", help="Where to, as -o.", show_default=False),
-        outputs.Writes(FOLDER_FILES),
-    ] = "",
+    file: Annotated[str, outputs.argument("FILE", "Where to, as -o."), outputs.Writes(FOLDER_FILES)] = "",
     *,
     to: Annotated[
         str, outputs.option("TARGET", "What for: see Targets below.", values=(*TARGETS, *RANDOMISATIONS, ALL))
@@ -177,13 +172,10 @@ def _every_target(
         except (NotIdentifiedError, UsageError) as error:
             sections.append((target, "", (str(error),)))
             continue
-        with outputs.writing(folder / file):
-            write_atomically(folder / file, made.text)
+        outputs.write_out(made.text, str(folder / file))
         outputs.write(f"{folder / file}: {EVERY[target]}\n")
         sections.append((target, file, (*made.omitted, *made.lost)))
-    page = "\n".join(_page(result, sections))
-    with outputs.writing(folder / PAGE):
-        write_atomically(folder / PAGE, page.encode())
+    outputs.write_out("\n".join(_page(result, sections)), str(folder / PAGE))
     if any(file for _, file, _ in sections):
         return tuple(dict.fromkeys(note for _, file, notes in sections if file for note in notes))
     raise NotIdentifiedError(
@@ -209,8 +201,7 @@ def _draw_vehicles(
     table = draws_table(result, count, seed, supplied.mass, accept)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
-    with outputs.writing(path):
-        write_atomically(path, buffer.getvalue())
+    outputs.write_out(buffer.getvalue(), str(path))
     absent = [name for name in result.names if name not in table.columns]
     columns = ((name, result.quantities[name].verdict) for name in table.columns if name in result.quantities)
     marked = tuple(

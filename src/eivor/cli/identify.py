@@ -7,8 +7,6 @@ from functools import wraps
 from pkgutil import resolve_name
 from typing import Annotated, Any
 
-import typer
-
 from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
     RESIDUAL_FILES,
@@ -19,6 +17,7 @@ from eivor.cli.outputs import (
     P,
     Reads,
     Writes,
+    argument,
     guarded,
     log_paths,
     option,
@@ -126,11 +125,7 @@ TRACK_OPTIONS = (
 def track(
     log: Annotated[
         str,
-        typer.Argument(
-            metavar="LOG",
-            help="One log, as of eivor identify; LOG@START:END takes a window.",
-            show_default=False,
-        ),
+        argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."),
         Reads(log_paths),
     ] = "",
     *,
@@ -183,7 +178,7 @@ def validate(
     fit: FitArgument,
     log: Annotated[
         str,
-        typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),
+        argument("LOG", "Another flight of the same vehicle; LOG@START:END for a part."),
         Reads(log_paths),
     ],
     *,

@@ -6,13 +6,13 @@ import math
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
-import typer
 
 from eivor.cli.outputs import (
     MachineOption,
     ModelOption,
     Reads,
     VehicleOption,
+    argument,
     flag,
     log_paths,
     option,
@@ -151,12 +151,11 @@ class LogWords(msgspec.Struct, kw_only=True):
 
     logs: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="LOG",
-            help="PX4 ULog or ulog2csv folder, ArduPilot DataFlash, Betaflight and INAV blackbox, Crazyflie "
+        argument(
+            "LOG",
+            "PX4 ULog or ulog2csv folder, ArduPilot DataFlash, Betaflight and INAV blackbox, Crazyflie "
             "microSD, ROS 1 bag, ROS 2 bag, MCAP, CSV, Parquet, MATLAB or HDF5; - is standard input. Several "
             "are pooled as flights of one vehicle. LOG@START:END takes a window of one log.",
-            show_default=False,
         ),
         Reads(log_paths),
     ] = None

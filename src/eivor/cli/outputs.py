@@ -109,6 +109,12 @@ def option(
     )
 
 
+def argument(metavar: str, about: str, values_of: str = "") -> Any:
+    """What is typed without a name; its help does not show what it is by default."""
+    complete = completion(values_of=values_of) if values_of else None
+    return typer.Argument(metavar=metavar, help=about, show_default=False, autocompletion=complete)
+
+
 def completion(values: Sequence[str] = (), values_of: str = "") -> Callable[[str], list[str]]:
     """Words that a shell completes, also after a comma: these, and those of a name that is loaded then."""
 
@@ -163,9 +169,7 @@ MachineOption = Annotated[
     ),
     Reads(),
 ]
-FitArgument = Annotated[
-    Path, typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."), Reads()
-]
+FitArgument = Annotated[Path, argument("FIT.json", "A result: eivor identify LOG --json FIT.json."), Reads()]
 FitModelOption = Annotated[
     str,
     option(

@@ -24,9 +24,9 @@ from eivor.cli.outputs import (
     JsonOption,
     Reads,
     Writes,
+    argument,
     command,
     complain,
-    completion,
     deliver_result,
     flag,
     group,
@@ -153,11 +153,7 @@ def list_logs() -> None:
 def fetch(
     name: Annotated[
         str,
-        typer.Argument(
-            metavar="NAME",
-            help="A name out of eivor example list.",
-            autocompletion=completion(values_of="eivor.cli.tools:public_logs"),
-        ),
+        argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs"),
     ],
 ) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.
@@ -245,11 +241,10 @@ PLAN_EXIT_CODES = (
 def plan(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="[FIT.json|VEHICLE.toml]",
-            help="A result (eivor identify LOG --json FIT.json), refused ones included, or a vehicle's rough "
+        argument(
+            "[FIT.json|VEHICLE.toml]",
+            "A result (eivor identify LOG --json FIT.json), refused ones included, or a vehicle's rough "
             "numbers. Without it the options below.",
-            show_default=False,
         ),
         Reads(),
     ] = "",
@@ -352,9 +347,7 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else rough_vehicle(**given)
 
 
-NEW_FILE = typer.Argument(
-    metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
-)
+NEW_FILE = argument("[FILE.toml]", "Where to; without it, it is printed.")
 NEW_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that cannot be "
     "written."
@@ -372,11 +365,7 @@ def _shipped_group(
 ) -> typer.Typer:
     """Group of the commands that list and show what comes with Eivor, or is in a file."""
     app = group(what, about)
-    name_or_file = typer.Argument(
-        metavar="NAME|FILE.toml",
-        help="A name out of the list, or a file.",
-        autocompletion=completion(values_of=names),
-    )
+    name_or_file = argument("NAME|FILE.toml", "A name out of the list, or a file.", names)
 
     @command(app, NO_FAILURE, "list", f"List the {what}s that come with Eivor.")
     def list_shipped() -> None:

@@ -45,7 +45,7 @@ app = outputs.group(
 
 FleetArgument = Annotated[
     str,
-    typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."),
+    outputs.argument("FLEET", "Folder of eivor fleet run."),
     outputs.Reads(outputs.fleet_paths),
 ]
 
@@ -62,9 +62,9 @@ FleetArgument = Annotated[
 def run_command(
     logs: Annotated[
         str,
-        typer.Argument(
-            metavar="FOLDER|GLOB|LIST",
-            help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
+        outputs.argument(
+            "FOLDER|GLOB|LIST",
+            "A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
             "line, a .csv with a column 'path'. Or an address such as s3://bucket/logs.",
         ),
         outputs.Reads(),
