@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -129,7 +130,7 @@ def paper(
         lambda: _paper_report(results, [*groups.values()] if named else [nearest_group], whole=bool(named)),
         lambda: json_text(paper_document(results, seconds=seconds)),
         json,
-        *_drawing(Path(out), lambda: paper_figures(nearest_group), wanted=bool(out)),
+        *([partial(_draw, Path(out), lambda: paper_figures(nearest_group))] if out else []),
     )
     return ExitCode.IDENTIFIED
 
@@ -142,17 +143,9 @@ def _paper_report(
     return Group(*parts, *overview_report(results), *more)
 
 
-def _drawing(
-    folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]], *, wanted: bool
-) -> Iterator[Callable[[], None]]:
-    """Drawing of figures into a folder, where they are wanted."""
-
-    def draw() -> None:
-        with step("Drawing the figures"), writing(folder):
-            write_figures(figures(), folder)
-
-    if wanted:
-        yield draw
+def _draw(folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]]) -> None:
+    with step("Drawing the figures"), writing(folder):
+        write_figures(figures(), folder)
 
 
 def _folder(text: str) -> Path:
@@ -350,7 +343,7 @@ def study(
         lambda: _report(result, results),
         lambda: json_text(_document(result, results)),
         json,
-        *_drawing(result.folder, lambda: study_figures(result), wanted=figures),
+        *([partial(_draw, result.folder, lambda: study_figures(result))] if figures else []),
     )
     return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
 

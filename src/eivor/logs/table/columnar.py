@@ -10,13 +10,14 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from eivor.atomic_file import atomic_write
@@ -485,15 +486,12 @@ def _check_csv(recording: Recording, on_own: Sequence[str]) -> None:
         raise UsageError(expected, f"one that would lose {', '.join(losses)}", "Write .parquet instead.")
 
 
-#: What metadata hold of a log's origin, of a channel and of its quality, and the type of each.
-_ORIGIN = ("board", "airframe", "firmware")
+#: What metadata hold of a channel and of its quality, and the type of each.
 _CHANNEL: Mapping[str, type] = {"source": str, "held": bool, "estimated": bool, "delay_s": float}
 _QUALITY = ("overflowed", "saturated")
 
 
 def _metadata(recording: Recording, on_own: Sequence[str]) -> str:
-    origin = recording.origin
-    start = None if origin.start is None else origin.start.isoformat()
     channels = {
         channel.name: {
             **{name: getattr(channel, name) for name in _CHANNEL},
@@ -508,10 +506,10 @@ def _metadata(recording: Recording, on_own: Sequence[str]) -> str:
         "frame": recording.frame.name,
         "input_map": recording.input_map,
         "parameters": dict(recording.parameters),
-        "origin": {**{name: getattr(origin, name) for name in _ORIGIN}, "start": start},
+        "origin": asdict(recording.origin),
         "channels": channels,
     }
-    return json.dumps(content)
+    return json.dumps(content, default=datetime.isoformat)
 
 
 def restore(recording: Recording, metadata: str) -> Recording:
@@ -530,10 +528,7 @@ def restore(recording: Recording, metadata: str) -> Recording:
             },
         }
         if "origin" in content:
-            origin = {name: _typed(content["origin"][name], str) for name in _ORIGIN}
-            start = content["origin"]["start"]
-            start = None if start is None else datetime.fromisoformat(_typed(start, str))
-            changes["origin"] = LogOrigin(**origin, start=start)
+            changes["origin"] = msgspec.convert(content["origin"], LogOrigin)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         sentence = "The file's metadata are not understood; the table is read without them."
         return replace(recording, findings=(*recording.findings, Finding("metadata", sentence)))
