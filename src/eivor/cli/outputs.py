@@ -226,12 +226,11 @@ def show(report: RenderableType) -> None:
 
 def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
     """Print a table; the first column is a name."""
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for title in titles:
-        table.add_column(title, overflow="fold")
+    columns = (Column(title, overflow="fold") for title in titles)
+    table = Table(*columns, box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for name, *more in rows:
         table.add_row(Text(name, style="bold"), *map(Text, more))
     show(table)

@@ -152,20 +152,14 @@ def identified(
         known = {"references", "lags", *recording.channels}
         absent = ", ".join(f"'{name}'" for name in options.instruments if not family_members(name, known))
         if absent:
-            expected = f"channels of {recording.name} as instruments"
-            remedy = did_you_mean(
-                absent.strip("'"), known, "Name some that eivor inspect lists, or references, or lags."
-            )
-            raise UsageError(expected, absent, remedy)
+            remedy = "Name some that eivor inspect lists, or references, or lags."
+            remedy = did_you_mean(absent.strip("'"), known, remedy)
+            raise UsageError(f"channels of {recording.name} as instruments", absent, remedy)
     try:
         return identify_log(recordings, options, windows=windows, models=motions, progress=progress)
     except MissingChannelError as error:
-        advice = [
-            sentence
-            for recording in recordings
-            for channel in missing_channels(recording, motions[0])
-            for sentence in logging_advice_for(recording, channel)
-        ]
+        missing = ((log, channel) for log in recordings for channel in missing_channels(log, motions[0]))
+        advice = (sentence for log, channel in missing for sentence in logging_advice_for(log, channel))
         remedy = " ".join((error.remedy, *dict.fromkeys(advice)))
         raise MissingChannelError(error.expected, error.received, remedy) from error
 
@@ -282,10 +276,9 @@ def _declared(name: str, values: list[str]) -> Declared:
 
 def _number(name: str, text: str, what: str) -> tuple[float, str]:
     matched = _NUMBER.fullmatch(text)
-    value = float(matched.group(1)) if matched else math.nan
-    if matched is None or not 0.0 <= value < math.inf:
+    if matched is None or not 0.0 <= float(matched[1]) < math.inf:
         raise UsageError(f"a {what} of zero or more for {name}", f"'{text}'", _REMEDY)
-    return value, matched.group(2).strip()
+    return float(matched[1]), matched[2].strip()
 
 
 def _size(name: str, text: str, what: str) -> float:
@@ -312,12 +305,12 @@ Motions = Sequence[Motion[Any]]
 
 def named_motions(name: str, vehicle: str = "", machine: str = "") -> tuple[Motion[Any], ...]:
     """Return the motion of a name or a machine, else the usual ones, of a vehicle where one is given."""
-    if machine and (name or vehicle):
+    if not machine:
+        return motions_of((name,) if name else (), vehicle)
+    if name or vehicle:
         other = f"--vehicle {vehicle}" if vehicle else f"--model {name}"
         raise UsageError("--machine alone", f"--machine {machine} with {other}", "Leave out one of them.")
-    if machine:
-        return (load_machine(machine),)
-    return motions_of((name,) if name else (), vehicle)
+    return (load_machine(machine),)
 
 
 def parse_needs(text: str, motions: Motions) -> tuple[str, ...]:
@@ -449,7 +442,7 @@ def channel_limits(texts: list[str]) -> dict[str, tuple[float, ...]]:
     for text in texts:
         name, _, numbers = text.partition("=")
         try:
-            results[name.strip()] = tuple(float(number) for number in numbers.split(":"))
+            results[name.strip()] = tuple(map(float, numbers.split(":")))
         except ValueError:
             remedy = "Such as reference_heading=0.5."
             raise UsageError("a limit NAME=SIZE[:RATE[:ACCELERATION]]", f"'{text}'", remedy) from None

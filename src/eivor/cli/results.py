@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,15 +31,15 @@ from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
 
 
-def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
+def figure_part(path: Path | None, make: Callable[[], Any]) -> Callable[[], None]:
     """Drawing of a figure, where one is wanted."""
 
-    def draw(path: Path) -> None:
-        with outputs.step(f"Drawing {path.name}"), outputs.writing(path):
-            save_figure(make(), path)
+    def draw() -> None:
+        if path is not None:
+            with outputs.step(f"Drawing {path.name}"), outputs.writing(path):
+                save_figure(make(), path)
 
-    if path is not None:
-        yield partial(draw, path)
+    return draw
 
 
 def write_page(result: LogEstimate, position: str) -> None:
@@ -67,7 +67,7 @@ def identify(
         lambda: on_terminal(*log_documents(result, card=card)),
         result.to_json,
         json,
-        *figure_parts(picture, lambda: flight_figure(result.drawn)),
+        figure_part(picture, lambda: flight_figure(result.drawn)),
         *([partial(write_page, result, html)] if html else []),
         *([partial(write_residuals, result, Path(residuals))] if residuals else []),
     )
@@ -81,10 +81,9 @@ def report(*, needs: str, out: str, **given: Any) -> outputs.ExitCode:
     result, needed = result_of(given, needs)
     write_page(result, out)
     if out != outputs.STANDARD_OUTPUT:
-        size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
-        where = Section("", (Facts((("page", f"{out} ({size})"),)),))
-        first, *_ = log_documents(result)
-        outputs.show(on_terminal(replace(first, sections=(where,))))
+        facts = Facts((("page", f"{out} ({Path(out).stat().st_size / 1e6:.2f} MB)"),))
+        card = replace(log_documents(result)[0], sections=(Section("", (facts,)),))
+        outputs.show(on_terminal(card))
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 
 
@@ -116,7 +115,7 @@ def track(
         lambda: on_terminal(track_document(tracked)),
         lambda: json_text(track_json(tracked)),
         json,
-        *figure_parts(picture, lambda: track_figure(tracked)),
+        figure_part(picture, lambda: track_figure(tracked)),
     )
     return outputs.ExitCode.IDENTIFIED if tracked.precise_moments else outputs.ExitCode.NOT_IDENTIFIED
 
@@ -149,7 +148,7 @@ def validate(
         lambda: on_terminal(validation_document(validation)),
         validation.to_json,
         json,
-        *figure_parts(picture, validation.plot),
+        figure_part(picture, validation.plot),
     )
     return outputs.ExitCode.IDENTIFIED if validation.agrees else outputs.ExitCode.NOT_IDENTIFIED
 
@@ -177,7 +176,7 @@ def frequency_response(
         lambda: on_terminal(*map(frequency_responses.response_document, results)),
         lambda: json_text(frequency_responses.responses_json(results)),
         json,
-        *figure_parts(picture, lambda: frequency_responses.response_figure(results)),
+        figure_part(picture, lambda: frequency_responses.response_figure(results)),
     )
     any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)
     return outputs.ExitCode.IDENTIFIED if any_shown else outputs.ExitCode.NOT_IDENTIFIED

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Group, RenderableType
+from rich.console import Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -256,14 +256,10 @@ def _table(answer: pl.DataFrame) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     cells = [[printable(_cell(value)) for value in column] for column in answer]
     for name, kind, texts in zip(answer.columns, answer.dtypes, cells, strict=True):
-        is_number = kind.is_numeric()
         is_word = all(len(text) <= LONGEST_WORD and " " not in text for text in texts)
-        table.add_column(
-            name.replace("_", " "),
-            justify="right" if is_number else "left",
-            no_wrap=is_number or kind.is_temporal() or is_word,
-            overflow="fold",
-        )
+        whole = is_word or kind.is_numeric() or kind.is_temporal()
+        side: JustifyMethod = "right" if kind.is_numeric() else "left"
+        table.add_column(name.replace("_", " "), justify=side, no_wrap=whole, overflow="fold")
     for row in zip(*cells, strict=True):
         table.add_row(*map(Text, row))
     return table

@@ -81,12 +81,10 @@ def card_entries(results: Sequence[FlightEstimate]) -> list[CardEntry]:
     """Quantities of every motion that the card has; those of one name have the motion's beside it."""
     entries = [entry for result in results for entry in _entries(result)]
     named = Counter(entry.row.wording.words for entry in entries)
-    return [
-        replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
-        if named[entry.row.wording.words] > 1 and entry.change is None
-        else entry
-        for entry in entries
-    ]
+    for index, entry in enumerate(entries):
+        if named[entry.row.wording.words] > 1 and entry.change is None:
+            entries[index] = replace(entry, words=f"{entry.words} ({entry.result.motion.name})")
+    return entries
 
 
 def quantities_with_number(result: FlightEstimate) -> frozenset[str]:

@@ -150,11 +150,8 @@ def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
 
 
 def _instruments(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
-    strengths = [
-        f"{F:.0f} for {result.motion.quantities[name].symbol}"
-        for name, F in fit.checks.first_stage.items()
-        if isfinite(F)
-    ]
+    strongest = {name: F for name, F in fit.checks.first_stage.items() if isfinite(F)}
+    strengths = [f"{F:.0f} for {result.motion.quantities[name].symbol}" for name, F in strongest.items()]
     if strengths:
         yield "instruments", f"first-stage F {', '.join(strengths)} ({STRONG_FIRST_STAGE:.0f} is needed)"
     agreement = fit.checks.agreement

@@ -42,13 +42,9 @@ def template(name: str) -> Template:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     folder = resources.files("eivor.report").joinpath("templates")
-    environment = Environment(
-        loader=FunctionLoader(
-            lambda file: re.sub(r"\s*\n\s*", "", folder.joinpath(file).read_text(encoding="utf-8"))
-        ),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_visible,
+    environment = Environment(autoescape=True, undefined=StrictUndefined, finalize=_visible)
+    environment.loader = FunctionLoader(
+        lambda file: re.sub(r"\s*\n\s*", "", folder.joinpath(file).read_text(encoding="utf-8"))
     )
     environment.filters |= {
         "kind": lambda part: type(part).__name__,
@@ -99,18 +95,11 @@ class Sources:
     def policy(self) -> str:
         """Content security policy of a page with this style and this script in it, and nothing besides."""
         every = (self, *self.framed)
-        return "; ".join(
-            (
-                "default-src 'none'",
-                f"script-src {' '.join(_hash(item.script) for item in every)}",
-                f"style-src {' '.join(_hash(item.style) for item in every)}",
-                "img-src data:",
-                *self.directives,
-                "base-uri 'none'",
-                "form-action 'none'",
-                "require-trusted-types-for 'script'",
-            )
-        )
+        scripts = " ".join(_hash(item.script) for item in every)
+        styles = " ".join(_hash(item.style) for item in every)
+        own = "default-src 'none'", f"script-src {scripts}", f"style-src {styles}", "img-src data:"
+        never = "base-uri 'none'", "form-action 'none'", "require-trusted-types-for 'script'"
+        return "; ".join((*own, *self.directives, *never))
 
 
 def report_sources() -> Sources:

@@ -135,12 +135,11 @@ def pooled_inspection(
     )
     if len(logs) == 1:
         return PooledInspection(logs[0].result, logs[0].obstacle, logs)
+    parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
     try:
-        parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
-        result = identify_flight(recordings, options, windows=parts, model=motion)
+        return PooledInspection(identify_flight(recordings, options, windows=parts, model=motion), None, logs)
     except EivorError as error:
         return PooledInspection(None, error, logs)
-    return PooledInspection(result, None, logs)
 
 
 def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:

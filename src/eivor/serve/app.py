@@ -289,11 +289,11 @@ class Gate:
         if host.lower() not in self._hosts:
             wrong, expected = HTTPStatus.MISDIRECTED_REQUEST, f"the host {self._hosts[0]}"
             raise RefusedError(wrong, expected, f"'{host[:100]}'", _REOPEN)
+        site, itself = headers.get("sec-fetch-site", "none"), "a request of the page itself"
         if origin is not None and origin.lower() not in {f"http://{_host}" for _host in self._hosts}:
-            raise _forbidden("a request of the page itself", f"one of '{origin[:100]}'")
-        site = headers.get("sec-fetch-site", "none")
+            raise _forbidden(itself, f"one of '{origin[:100]}'")
         if site not in ("same-origin", "none"):
-            raise _forbidden("a request of the page itself", f"one that is {site[:100]}")
+            raise _forbidden(itself, f"one that is {site[:100]}")
         token = headers.get(TOKEN, "")
         if request.scope["path"] == "/" and request.method == "GET":
             token = token or _fields(request).get("token", "")

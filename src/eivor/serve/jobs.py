@@ -126,12 +126,8 @@ class Workers:
             if isinstance(outcome, dict):
                 return outcome
             self._choices = self._first_task()
-        raise RefusedError(
-            HTTPStatus.SERVICE_UNAVAILABLE,
-            "a worker process that begins",
-            "none",
-            "Stop `eivor serve` and start it again.",
-        )
+        remedy = "Stop `eivor serve` and start it again."
+        raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "a worker process that begins", "none", remedy)
 
     def pids(self) -> list[int]:
         """Processes that wait for work."""
@@ -146,8 +142,8 @@ class Workers:
             begin = rested and not self._free
         for process, _ in rested:
             process.close()
-        if begin:
-            with suppress(RefusedError):
+        with suppress(RefusedError):
+            if begin:
                 self._first_task()
 
     def close(self) -> None:
@@ -264,15 +260,10 @@ class Job:
 
     def result_folder(self) -> Path:
         """Folder with its result."""
-        with self._change:
-            last = self._events[-1]
+        last = self._events[-1]
         if "done" not in last:
-            raise RefusedError(
-                HTTPStatus.CONFLICT,
-                "a job with a result",
-                "one that is not done" if "stage" in last else "one that has none",
-                "See its events.",
-            )
+            received = "one that is not done" if "stage" in last else "one that has none"
+            raise RefusedError(HTTPStatus.CONFLICT, "a job with a result", received, "See its events.")
         return self.folder
 
     def report(self) -> Path:
@@ -459,8 +450,8 @@ class KeptLogs:
         """Delete the logs that nobody has used for so long, or works on."""
         with self._lock:
             oldest = self._clock() - age_s
-            for log in [name for name, (_, used_at) in self._entries.items() if used_at < oldest]:
-                if log not in in_use:
+            for log, (_, used_at) in list(self._entries.items()):
+                if used_at < oldest and log not in in_use:
                     self._forget(log)
 
     def _forget(self, log: str) -> int:
@@ -493,5 +484,4 @@ def _delete(path: Path) -> None:
 def shown_name(header: str) -> str:
     """Name of a log out of its header: percent-encoded, without folders."""
     name = unquote(header, errors="replace").replace("\\", "/").rpartition("/")[2]
-    name = name.replace("\0", "").strip()[:LONGEST_NAME]
-    return name or "log"
+    return name.replace("\0", "").strip()[:LONGEST_NAME] or "log"
