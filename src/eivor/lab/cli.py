@@ -44,17 +44,7 @@ from eivor.errors import InputError, ParameterError, UsageError
 from eivor.exports.fitted import accepted_verdicts
 from eivor.exports.vehicle import BODY, SECOND_STAGE, describe, simulated_vehicle
 from eivor.exports.vehicle import RIGID_BODY as RIGID_BODY_MODEL
-from eivor.lab.figures import (
-    by_reading,
-    figure_files,
-    nearest,
-    overview_report,
-    paper_document,
-    paper_figures,
-    reading_report,
-    study_figures,
-    write_figures,
-)
+from eivor.lab import figures as drawings
 from eivor.lab.paper import PaperResult, named_readings, run_paper
 from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import SIMULATED, Simulated, shipped_file, study_from_table
@@ -115,7 +105,7 @@ def paper(
     if runs < 2 or (workers or 0) < 0:
         expected = "two runs or more, and workers of zero or more"
         raise UsageError(expected, f"--runs {runs} --workers {workers or 0}", "The paper has 100 runs.")
-    for path in figure_files(_folder(out)) if out else ():
+    for path in drawings.figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     start_s, results = time.perf_counter(), []
     with progress_bar("examples") as progress:
@@ -124,13 +114,13 @@ def paper(
             progress(len(results), 2 * len(chosen))
     seconds = time.perf_counter() - start_s
 
-    groups = by_reading(results)
-    nearest_group = groups[nearest(results)]
+    groups = drawings.by_reading(results)
+    nearest_group = groups[drawings.nearest(results)]
     deliver_result(
         lambda: _paper_report(results, [*groups.values()] if named else [nearest_group], whole=bool(named)),
-        lambda: json_text(paper_document(results, seconds=seconds)),
+        lambda: json_text(drawings.paper_document(results, seconds=seconds)),
         json,
-        *([partial(_draw, Path(out), lambda: paper_figures(nearest_group))] if out else []),
+        *([partial(_draw, Path(out), lambda: drawings.paper_figures(nearest_group))] if out else []),
     )
     return ExitCode.IDENTIFIED
 
@@ -138,14 +128,14 @@ def paper(
 def _paper_report(
     results: Sequence[PaperResult], groups: Sequence[Sequence[PaperResult]], *, whole: bool
 ) -> RenderableType:
-    parts = (part for group in groups for part in reading_report(group))
+    parts = (part for group in groups for part in drawings.reading_report(group))
     more = [] if whole else [Text(f"Every reading's tables: eivor paper --readings {ALL}")]
-    return Group(*parts, *overview_report(results), *more)
+    return Group(*parts, *drawings.overview_report(results), *more)
 
 
 def _draw(folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]]) -> None:
     with step("Drawing the figures"), writing(folder):
-        write_figures(figures(), folder)
+        drawings.write_figures(figures(), folder)
 
 
 def _folder(text: str) -> Path:
@@ -343,7 +333,7 @@ def study(
         lambda: _report(result, results),
         lambda: json_text(_document(result, results)),
         json,
-        *([partial(_draw, result.folder, lambda: study_figures(result))] if figures else []),
+        *([partial(_draw, result.folder, lambda: drawings.study_figures(result))] if figures else []),
     )
     return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
 
