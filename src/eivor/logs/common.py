@@ -23,7 +23,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from eivor.errors import InputError, LogTooLargeError
-from eivor.signals.channels import CanonicalChannel, CurveSide, held_by_default, unit_of
+from eivor.signals.channels import CanonicalChannel, held_by_default, unit_of
 from eivor.signals.filters import on_lines
 from eivor.signals.recording import (
     GRAVITY,
@@ -486,27 +486,11 @@ def held_at(
 
 
 def logged_channel(
-    name: str,
-    time_s: Float[np.ndarray, " n"],
-    values: Float[np.ndarray, " n"],
-    source: str,
-    *,
-    estimated: bool | None = None,
-    delay_s: float = 0.0,
-    curve_side: CurveSide = CurveSide.UNKNOWN,
+    name: str, time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], source: str, **more: Any
 ) -> Channel:
-    """Channel with the unit of its name, held where its name is that of what is held."""
-    return clean_channel(
-        name,
-        time_s,
-        values,
-        unit_of(name),
-        source=source,
-        held=held_by_default(name),
-        estimated=estimated,
-        delay_s=delay_s,
-        curve_side=curve_side,
-    )
+    """Channel with the unit of its name, held where its name is that of what is held; see `clean_channel`."""
+    unit, held = unit_of(name), held_by_default(name)
+    return clean_channel(name, time_s, values, unit, source=source, held=held, **more)
 
 
 #: A column has a clock of its own where at least this share of the steps between its values skips rows. What
