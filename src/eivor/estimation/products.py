@@ -102,16 +102,33 @@ def _folded(
     values = [np.ascontiguousarray(problem.slice_of(column, first, last)) for column in columns]
     edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
     p, m = len(psi), len(columns)
+    # a column that is one of the lags has its products among theirs
+    lags = [_lag_of(column, psi) for column in columns]
+    strangers = [number for number, lag in enumerate(lags) if lag is None]
+    series, others = problem.signals.channel(psi[0].channel), [values[number] for number in strangers]
+    lagged = _lag_products(series, psi, others, edges, last)
     sums = np.empty((blocks, p + m, p + m))
-    sums[:, :p] = _lag_products(problem.signals.channel(psi[0].channel), psi, values, edges, last)
+    sums[:, :p, :p] = lagged[:, :, :p]
+    places = [p + strangers.index(number) if lag is None else lag for number, lag in enumerate(lags)]
+    sums[:, :p, p:] = lagged[:, :, places]
     sums[:, p:, :p] = sums[:, :p, p:].transpose(0, 2, 1)
     edges[-1] = last
     ends = list(pairwise((edges - first).tolist()))
     for i, j in combinations_with_replacement(range(m), 2):
-        squares = [values[i][start:stop] @ values[j][start:stop] for start, stop in ends]
+        lag, other = (lags[i], j) if lags[i] is not None else (lags[j], i)
+        if lag is None:
+            squares = np.array([values[i][start:stop] @ values[j][start:stop] for start, stop in ends])
+        else:
+            squares = sums[:, lag, p + other]
         sums[:, p + i, p + j] = sums[:, p + j, p + i] = squares
     gains = np.array([psi[0].gain] * p + [column.gain for column in columns])
     return Products(np.diff(edges).astype(np.float64), sums * np.outer(gains, gains), p)
+
+
+def _lag_of(column: Column, lags: Sequence[Column]) -> int | None:
+    """Which of successive lags of one channel a column is, but for its gain."""
+    equal = column.channel == lags[0].channel and not column.gain_channel
+    return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
 
 
 def _lag_products(
