@@ -42,10 +42,8 @@ SAME = 1e-3
 
 def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
     """Name the columns that the log declares to be in another unit than they are read in."""
-    letters = _letters(tables)
-    named = {
-        int(letter): LABELS.get(label, label) for letter, label in rows_of(tables, "UNIT", "Id", "Label")
-    }
+    letters, labels = _letters(tables), rows_of(tables, "UNIT", "Id", "Label")
+    named = {int(letter): LABELS.get(label, label) for letter, label in labels}
     units = {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
     multipliers = {
         chr(int(letter)): value
@@ -64,16 +62,13 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
         coded = table.layout.fields[source.column].factor
         multiplier = coded if coded != 1.0 else multipliers.get(of_multiplier)
         read = abs(source.factor_in(table)) * coded
+        label = source.label.removeprefix("-")
         if declared[0] != unit:
-            doubts[source.label.removeprefix("-")] = f"in {declared[0] or 'no unit'}, read in {unit}"
+            doubts[label] = f"{label} in {declared[0] or 'no unit'}, read in {unit}"
         elif multiplier is not None and abs(multiplier * declared[1] / read - 1.0) > SAME:
-            doubts[source.label.removeprefix("-")] = (
-                f"as {multiplier * declared[1]:.4g} {unit}, read as {read:.4g}"
-            )
+            doubts[label] = f"{label} as {multiplier * declared[1]:.4g} {unit}, read as {read:.4g}"
     sentence = "The log declares other units than are read (one stored): {}."
-    return noted(
-        "declared_units", sentence, "; ".join(f"{column} {doubt}" for column, doubt in doubts.items())
-    )
+    return noted("declared_units", sentence, "; ".join(doubts.values()))
 
 
 def _columns_read() -> Iterator[tuple[ardupilot.MessageSource, str]]:

@@ -159,11 +159,9 @@ def choose_estimator(
     if not logged:
         return
     estimator = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
-    chosen = _TYPES.get(estimator, logged[0])
-    chosen = chosen if chosen in logged else logged[0]
-    for name in logged:
-        if name != chosen:
-            del tables[name]
+    chosen = next((name for name in logged if name == _TYPES.get(estimator)), logged[0])
+    for name in set(logged) - {chosen}:
+        del tables[name]
     core = _core(tables, chosen, findings)
     table = tables[chosen]
     if table.has("C"):

@@ -209,11 +209,8 @@ class UlogContent:
                 take = self._take_definition if in_definitions else self._take_other
                 self.rejected_messages += not take(kind, payload)
             start = end
-
-    @property
-    def nameless_messages(self) -> int:
-        """Messages of topics whose subscription is not there."""
-        return sum(count for number, count in self._others.items() if number not in self._subscribed)
+        nameless = self._others.keys() - self._subscribed  # Of topics whose subscription is not there
+        self.nameless_messages = sum(self._others[number] for number in nameless)
 
     def _messages(self, start: int, end: int) -> Iterator[tuple[int, bytes]]:
         """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
