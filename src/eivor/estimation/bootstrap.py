@@ -153,6 +153,7 @@ class CrossPieces:
     """Cross-products of the instruments with [Phi y], of pieces of a record."""
 
     products: Products  # [psi phi y]
+    equations: Float[np.ndarray, "K p n_plus_1"]  # Psi [phi' y] among them, side by side in memory
     noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
@@ -163,7 +164,7 @@ class CrossPieces:
     ) -> Float[np.ndarray, "k n"]:
         """Of A'W (psi e + C theta - c)."""
         away = np.append(-solved.theta, 1.0)
-        products = self.products.equations[pieces] @ away
+        products = self.equations[pieces] @ away
         if self.noise is not None:
             products = products - self.products.counts[pieces, None] * (self.noise @ away)
         return products @ equation_map(solved).T / count
@@ -233,8 +234,8 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
         of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
         return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
     psi = method.assembler.test_functions(rows)
-    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds)
-    return CrossPieces(_pieces(of_atoms, plan), whole.noise)
+    pieces = _pieces(products_of_rows(psi, Phi, y, edges=plan.bounds), plan)
+    return CrossPieces(pieces, np.ascontiguousarray(pieces.equations), whole.noise)
 
 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:

@@ -85,7 +85,7 @@ class Products:
 
     def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
         """One block, with the rows of the blocks that were drawn, each as often as it was."""
-        return replace(self, counts=self.counts[blocks], sums=self.sums[blocks]).total
+        return self.weighted(np.bincount(blocks, minlength=self.counts.size).astype(np.float64))
 
     def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:
         """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says."""
