@@ -42,34 +42,28 @@ RATE_BITS, NO_THRUST, NO_ATTITUDE = {"x": 1, "y": 2, "z": 4}, 64, 128
 #: The frame of setpoints in the world.
 LOCAL_FRAME = 1
 ON_GROUND, UNKNOWN_STATE = 1, 0
-#: Parts of a turn's quaternion in the order of `eivor.signals.channels`.
-_PARTS = "wxyz"
+#: Fields of quaternions, in the order of `eivor.signals.channels`, and of the velocity in the body's axes.
+_TURN = tuple(f"orientation.{part}" for part in "wxyz")
+_POSE = tuple(f"pose.pose.{name}" for name in _TURN)
+_MOVED = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
+_RATES = tuple(f"body_rate.{axis}" for axis in RATE_BITS)
 
 
 def with_derived(kind: str, fields: Fields) -> dict[str, np.ndarray]:
     """Return the columns of a topic with those that are worked out of them."""
-    return {**fields, **(_MAKERS[kind](fields) if kind in _MAKERS else {})}
+    needed, made = _MAKERS.get(kind, ((), dict))
+    return {**fields, **(made(fields) if all(name in fields for name in needed) else {})}
 
 
 def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, " n"]:
     return np.where(out_of_force, np.nan, values.astype(np.float64))
 
 
-def _mask(fields: Fields) -> np.ndarray | None:
-    """What a setpoint leaves free, in bits; None where another definition has something else there."""
-    mask = fields.get("type_mask")
-    return mask if mask is not None and mask.dtype.kind in "iu" else None
-
-
 def _odometry(fields: Fields) -> Fields:
     """The velocity of an odometry message, which is in the body's axes, in those of the world."""
-    names = [f"pose.pose.orientation.{part}" for part in _PARTS]
-    moved = [f"twist.twist.linear.{axis}" for axis in "xyz"]
-    if not all(name in fields for name in (*names, *moved)):
-        return {}
-    w, *turn = (fields[name].astype(np.float64) for name in names)
+    w, *turn = (fields[name].astype(np.float64) for name in _POSE)
     axis = np.stack(turn)
-    body = np.stack([fields[name].astype(np.float64) for name in moved])
+    body = np.stack([fields[name].astype(np.float64) for name in _MOVED])
     norm = w**2 + np.sum(axis**2, axis=0)
     with np.errstate(all="ignore"):
         once = np.cross(axis, body, axis=0)
@@ -79,49 +73,41 @@ def _odometry(fields: Fields) -> Fields:
 
 def _imu(fields: Fields) -> Fields:
     """Orientation, not a number where the driver says that it has none."""
-    covariance = fields.get("orientation_covariance[0]")
-    names = [f"orientation.{part}" for part in _PARTS]
-    if covariance is None or not all(name in fields for name in names):
-        return {}
-    absent = (covariance == -1.0) | (sum(np.abs(fields[name]) for name in names) == 0.0)
-    return {name: _masked(fields[name], absent) for name in names}
+    absent = fields["orientation_covariance[0]"] == -1.0
+    absent |= sum(np.abs(fields[name]) for name in _TURN) == 0.0
+    return {name: _masked(fields[name], absent) for name in _TURN}
 
 
 def _position_target(fields: Fields) -> Fields:
-    mask, frame = _mask(fields), fields.get("coordinate_frame")
-    if mask is None or frame is None:
+    mask = fields["type_mask"]
+    if mask.dtype.kind not in "iu":  # another definition has something else there
         return {}
+    elsewhere = fields["coordinate_frame"] != LOCAL_FRAME
     return {
-        f"{stem}.{axis}": _masked(
-            fields[f"{stem}.{axis}"], ((mask & (bit << index)) != 0) | (frame != LOCAL_FRAME)
-        )
+        name: _masked(fields[name], ((mask & (bit << index)) != 0) | elsewhere)
         for stem, bit in POSITION_BITS.items()
         for index, axis in enumerate("xyz")
-        if f"{stem}.{axis}" in fields
+        if (name := f"{stem}.{axis}") in fields
     }
 
 
 def _attitude_target(fields: Fields) -> Fields:
-    mask = _mask(fields)
-    names = [f"orientation.{part}" for part in _PARTS]
-    rates = [f"body_rate.{axis}" for axis in RATE_BITS]
-    if mask is None or not all(name in fields for name in (*names, *rates, "thrust")):
+    mask = fields["type_mask"]
+    if mask.dtype.kind not in "iu":
         return {}
     free = (mask & NO_ATTITUDE) != 0
-    turn = np.stack([_masked(fields[name], free) for name in names])
+    turn = np.stack([_masked(fields[name], free) for name in _TURN])
     with np.errstate(all="ignore"):
         length = np.linalg.norm(turn, axis=0)
         angles = roll_pitch_yaw(np.where(length > 0.5, turn / length, np.nan))
     made = {name: np.asarray(angle) for name, angle in zip(("roll", "pitch", "yaw"), angles, strict=True)}
-    made["thrust"] = _masked(fields["thrust"], (mask & NO_THRUST) != 0)
-    for axis, bit in RATE_BITS.items():
-        made[f"body_rate.{axis}"] = _masked(fields[f"body_rate.{axis}"], (mask & bit) != 0)
-    return made
+    bits = dict(zip(_RATES, RATE_BITS.values(), strict=True)) | {"thrust": NO_THRUST}
+    return made | {name: _masked(fields[name], (mask & bit) != 0) for name, bit in bits.items()}
 
 
 def _state(fields: Fields) -> Fields:
-    modes = fields.get("mode")
-    if modes is None or modes.dtype.kind != "S":
+    modes = fields["mode"]
+    if modes.dtype.kind != "S":
         return {}
     known = {
         "pilot_in_control": PILOT_MODES,
@@ -135,17 +121,18 @@ def _state(fields: Fields) -> Fields:
 
 
 def _extended_state(fields: Fields) -> Fields:
-    state = fields.get("landed_state")
-    return {} if state is None else {"landed": _masked(state == ON_GROUND, state == UNKNOWN_STATE)}
+    state = fields["landed_state"]
+    return {"landed": _masked(state == ON_GROUND, state == UNKNOWN_STATE)}
 
 
-_MAKERS: Mapping[str, Callable[[Fields], Fields]] = {
-    "nav_msgs/Odometry": _odometry,
-    "sensor_msgs/Imu": _imu,
-    "mavros_msgs/PositionTarget": _position_target,
-    "mavros_msgs/AttitudeTarget": _attitude_target,
-    "mavros_msgs/State": _state,
-    "mavros_msgs/ExtendedState": _extended_state,
+#: By the type of a message: the fields that are needed, and what is worked out of them.
+_MAKERS: Mapping[str, tuple[tuple[str, ...], Callable[[Fields], Fields]]] = {
+    "nav_msgs/Odometry": ((*_POSE, *_MOVED), _odometry),
+    "sensor_msgs/Imu": (("orientation_covariance[0]", *_TURN), _imu),
+    "mavros_msgs/PositionTarget": (("type_mask", "coordinate_frame"), _position_target),
+    "mavros_msgs/AttitudeTarget": (("type_mask", *_TURN, *_RATES, "thrust"), _attitude_target),
+    "mavros_msgs/State": (("mode",), _state),
+    "mavros_msgs/ExtendedState": (("landed_state",), _extended_state),
 }
 
 #: Messages are recorded as they arrive, which may be late by so much; more is a jump of the clock [ns].
