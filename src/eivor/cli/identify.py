@@ -7,6 +7,8 @@ from functools import wraps
 from pkgutil import resolve_name
 from typing import Annotated, Any
 
+from msgspec import Struct
+
 from eivor.cli.options import METHODS, NEEDS, FlightWords, LogWords
 from eivor.cli.outputs import (
     RESIDUAL_FILES,
@@ -27,14 +29,19 @@ from eivor.cli.outputs import (
 )
 
 
-def done_in_results(command: Callable[P, None]) -> Callable[P, ExitCode]:
-    """A declared command, done by the function of its name in `results.py`, which help does not load."""
+def declared(
+    *sources: type[Struct], only: tuple[str, ...] = ()
+) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """A command done by the function of its name in `results.py`, which help does not load."""
 
-    @wraps(command)
-    def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
-        return resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
+    def made(command: Callable[P, None]) -> Callable[P, None]:
+        @wraps(with_options(*sources, only=only)(command))
+        def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
+            return resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
 
-    return done
+        return guarded(done)
+
+    return made
 
 
 NeedsOption = Annotated[
@@ -57,9 +64,7 @@ IDENTIFY_EXIT_CODES = (
 )
 
 
-@guarded
-@done_in_results
-@with_options(LogWords, FlightWords)
+@declared(LogWords, FlightWords)
 def identify(
     *,
     needs: NeedsOption = "",
@@ -93,9 +98,7 @@ REPORT_EXIT_CODES = (
 )
 
 
-@guarded
-@done_in_results
-@with_options(LogWords, FlightWords)
+@declared(LogWords, FlightWords)
 def report(
     *,
     needs: NeedsOption = "",
@@ -119,9 +122,7 @@ TRACK_OPTIONS = (
 )
 
 
-@guarded
-@done_in_results
-@with_options(LogWords, FlightWords, only=TRACK_OPTIONS)
+@declared(LogWords, FlightWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
         str,
@@ -171,9 +172,7 @@ VALIDATE_EXIT_CODES = (
 )
 
 
-@guarded
-@done_in_results
-@with_options(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
+@declared(LogWords, FlightWords, only=("window", "max_tilt", "channel_map"))
 def validate(
     fit: FitArgument,
     log: Annotated[
@@ -207,9 +206,7 @@ FREQUENCY_RESPONSE_EXIT_CODES = (
 RESPONSE_OPTIONS = ("logs", "example", "window", "input_channel", "machine", "channel_map")
 
 
-@guarded
-@done_in_results
-@with_options(FlightWords, LogWords, only=RESPONSE_OPTIONS)
+@declared(FlightWords, LogWords, only=RESPONSE_OPTIONS)
 def frequency_response(
     *,
     axis: Annotated[

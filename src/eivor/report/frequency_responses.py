@@ -30,21 +30,8 @@ from eivor.models.transfer_functions import (
 from eivor.motions.equation import DeclaredMotion
 from eivor.motions.rates.motion import AXES, BAND_SHARE, OneAxis, Rates
 from eivor.motions.table import motion_by_name
+from eivor.report import figure_panels as plots
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    GREY,
-    RED,
-    Chart,
-    Line,
-    Picture,
-    Pictures,
-    labelled,
-    legend,
-    mosaic,
-    page,
-)
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
 from eivor.tools import Bool, Complex, Float, printable
@@ -304,8 +291,7 @@ def _frequencies(response: FrequencyResponse) -> Any:
     """Magnitudes in dB, phases in degrees, coherences, and how far the direct estimate is off."""
     index = np.flatnonzero(response.is_shown)
     picked = index[np.unique(np.linspace(0, index.size - 1, min(ROWS, index.size)).round().astype(int))]
-    bands = np.maximum(response.bands[0], 1e-12)
-    decibels = 20.0 * np.log10(np.column_stack([np.abs(response.response), bands]))
+    decibels = _decibels(np.column_stack([np.abs(response.response), response.bands[0]]))
     phase, (early, late) = np.rad2deg(np.angle(response.response)), np.rad2deg(response.bands[1].T)
     columns = {
         "f [Hz]": [f"{value:.3g}" for value in response.frequency_hz],
@@ -319,7 +305,7 @@ def _frequencies(response: FrequencyResponse) -> Any:
     if not response.is_direct:
         columns["r, u"] = [f"{value:.2f}" for value in response.points.coherence]
         columns["partial"] = [f"{value:.2f}" for value in response.points.partial]
-        off = 20.0 * np.log10(np.abs(response.direct / response.response))
+        off = _decibels(response.direct / response.response)
         columns["direct [dB]"] = [f"{value:+.1f}" for value in off]
     titles = [TableColumn(title, right=True, whole=True) for title in columns]
     return table(titles, ([cells[k] for cells in columns.values()] for k in picked.tolist()))
@@ -416,10 +402,12 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
 
 def response_figure(results: Sequence[LogResponse]) -> Figure:
     """Bode plot with bands and models, coherences, and loops on a Nichols chart; a column for each axis."""
-    figure = page(max(5.2 * len(results), 7.0), 11.0, f"{printable(results[0].name)}: frequency responses")
+    figure = plots.page(
+        max(5.2 * len(results), 7.0), 11.0, f"{printable(results[0].name)}: frequency responses"
+    )
     draws = _draw_magnitude, _draw_phase, _draw_coherences, _draw_nichols
     rows = [[f"{draw.__name__} {item.axis}" for item in results] for draw in draws]
-    panels = mosaic(figure, rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
+    panels = plots.mosaic(figure, rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
     for item in results:
         for draw in draws:
             draw(panels[f"{draw.__name__} {item.axis}"], item)
@@ -438,9 +426,9 @@ def _unwrapped(values: Complex[np.ndarray, " f"], mask: Any) -> Float[np.ndarray
 
 #: Looks of a response, of the direct estimate and of a model.
 LOOKS: Mapping[str, Mapping[str, Any]] = {
-    "measured": {"color": BLUE, "lw": 1.4},
-    "residual": {"ls": ":", "color": RED, "lw": 1.1},
-    "predicted": {"ls": "--", "color": DARK, "lw": 1.0},
+    "measured": {"color": plots.BLUE, "lw": 1.4},
+    "residual": {"ls": ":", "color": plots.RED, "lw": 1.1},
+    "predicted": {"ls": "--", "color": plots.DARK, "lw": 1.0},
 }
 
 
@@ -468,14 +456,14 @@ def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
         (response.bands, 0.3, f"{response.level:.0%} each"),
     ):
         low, high = np.where(mask[:, None], np.maximum(bands[0], 1e-12), np.nan).T
-        axes.fill_between(f, low, high, color=BLUE, alpha=alpha, lw=0, label=words)
+        axes.fill_between(f, low, high, color=plots.BLUE, alpha=alpha, lw=0, label=words)
     for values, where, words, look in _lines(item):
         axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **LOOKS[look])
     _over_frequency(axes, "magnitude", yscale="log")
     if mask.any():
         size = np.abs(response.response)[mask]
         axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
-    legend(axes, size=7, location="lower left")
+    plots.legend(axes, size=7, location="lower left")
 
 
 def _draw_phase(axes: Axes, item: LogResponse) -> None:
@@ -483,7 +471,7 @@ def _draw_phase(axes: Axes, item: LogResponse) -> None:
     turn = _turn(response)
     for bands, alpha in ((response.simultaneous_bands, 0.12), (response.bands, 0.3)):
         early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
-        axes.fill_between(f, early, late, color=BLUE, alpha=alpha, lw=0)
+        axes.fill_between(f, early, late, color=plots.BLUE, alpha=alpha, lw=0)
     for values, where, _, look in _lines(item):
         axes.plot(f, _unwrapped(values, where), **LOOKS[look])
     _over_frequency(axes, "phase [°]")
@@ -491,11 +479,11 @@ def _draw_phase(axes: Axes, item: LogResponse) -> None:
 
 def _over_frequency(axes: Axes, words: str, **limits: Any) -> None:
     axes.set(xscale="log", **limits)
-    labelled(axes, x="frequency [Hz]", y=words, size=9.0)
+    plots.labelled(axes, x="frequency [Hz]", y=words, size=9.0)
     axes.grid(alpha=0.25, which="both")
 
 
-def response_pictures(result: FlightEstimate) -> Iterator[Pictures]:
+def response_pictures(result: FlightEstimate) -> Iterator[plots.Pictures]:
     """Magnitude, phase and coherences of the axes of turning whose responses the flights show."""
     flying = [flight for flight in result.prepared if flight.runs]
     for axis, path in TURNING.items() if isinstance(result.motion, Rates) and result.fit else ():
@@ -507,16 +495,16 @@ def response_pictures(result: FlightEstimate) -> Iterator[Pictures]:
             yield f"Response of {axis}", tuple(_response_charts(item))
 
 
-def _response_charts(item: LogResponse) -> Iterator[Picture]:
+def _response_charts(item: LogResponse) -> Iterator[plots.Picture]:
     response, mask = item.response, item.response.is_shown
     words = f"{item.input} to {item.output}, on {item.reference}; {response.level:.0%} bands."
     x = np.log10(response.frequency_hz)
     over, view = ((float(part[0]), float(part[-1])) for part in (x, x[mask]))
 
-    def picture(what: str, unit: str, lines: Iterable[tuple[str, str, Values]]) -> Picture:
-        drawn = tuple(Line(label, look, values) for label, look, values in lines)
-        chart = Chart(f"response-{item.axis}", unit, x, drawn, over, view, (), over_frequency=True)
-        return Picture(f"Response of {item.axis}: {what}{f' [{unit}]' if unit else ''}", words, chart)
+    def picture(what: str, unit: str, lines: Iterable[tuple[str, str, Values]]) -> plots.Picture:
+        drawn = tuple(plots.Line(label, look, values) for label, look, values in lines)
+        chart = plots.Chart(f"response-{item.axis}", unit, x, drawn, over, view, (), over_frequency=True)
+        return plots.Picture(f"Response of {item.axis}: {what}{f' [{unit}]' if unit else ''}", words, chart)
 
     def edges(band: Float[np.ndarray, "f 2"]) -> list[tuple[str, str, Values]]:
         ends = np.where(mask[:, None], band, np.nan).T
@@ -547,7 +535,7 @@ def _draw_coherences(axes: Axes, item: LogResponse) -> None:
     for words, look, values in _coherences(response):
         axes.plot(f, values, label=words, **LOOKS[look])
     _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
-    legend(axes, size=7, location="lower left")
+    plots.legend(axes, size=7, location="lower left")
 
 
 def _coherences(response: FrequencyResponse) -> list[tuple[str, str, Values]]:
@@ -562,23 +550,22 @@ def _draw_nichols(axes: Axes, item: LogResponse) -> None:
     """Broken loops by phase and magnitude: as flown where the log has it, and with the proposals."""
     f = np.geomspace(0.1, 20.0, 300)
     if item.loop is not None and item.loop.is_shown.any():
-        mask = item.loop.is_shown
-        size = 20.0 * np.log10(np.abs(item.loop.response))
+        mask, size = item.loop.is_shown, _decibels(item.loop.response)
         axes.plot(
-            _unwrapped(item.loop.response, mask), size, "o-", color=BLUE, ms=3, lw=1.0, label="as flown"
+            _unwrapped(item.loop.response, mask), size, "o-", color=plots.BLUE, ms=3, lw=1.0, label="as flown"
         )
-    for controller, colour in zip(item.controllers, (RED, DARK), strict=False):
+    for controller, colour in zip(item.controllers, (plots.RED, plots.DARK), strict=False):
         loop = item.models.chosen.response(f) * controller.response(2j * np.pi * f) if item.models else f + 0j
         angle = _unwrapped(loop, np.ones(f.size, dtype=np.bool_))
-        axes.plot(angle, 20.0 * np.log10(np.abs(loop)), color=colour, lw=1.1, label=controller.name)
+        axes.plot(angle, _decibels(loop), color=colour, lw=1.1, label=controller.name)
         margins = controller.margins
         ends = [margins.phase_margin_deg - 180.0, -180.0], [0.0, -margins.gain_margin_db]
         axes.plot(*ends, "s", color=colour, ms=4)
-    axes.plot([-180.0], [0.0], "+", color=DARK, ms=10)
+    axes.plot([-180.0], [0.0], "+", color=plots.DARK, ms=10)
     axes.set(xlim=(-300.0, -30.0), ylim=(-30.0, 30.0))
     axes.grid(alpha=0.25)
-    labelled(axes, x="phase of the broken loop [°]", y="magnitude [dB]", size=9.0)
+    plots.labelled(axes, x="phase of the broken loop [°]", y="magnitude [dB]", size=9.0)
     if len(axes.lines) > 1:
-        legend(axes, size=7, location="upper left")
+        plots.legend(axes, size=7, location="upper left")
     else:
-        axes.text(-165.0, 10.0, "no loop is known", fontsize=8, ha="center", color=GREY)
+        axes.text(-165.0, 10.0, "no loop is known", fontsize=8, ha="center", color=plots.GREY)
