@@ -31,7 +31,7 @@ from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.logs.addresses import is_local
 from eivor.report import document as doc
-from eivor.report.figure_panels import Picture, PlottedInterval, forest_picture, trend_picture
+from eivor.report import figure_panels as plots
 from eivor.report.flight_page import Figures
 from eivor.report.html import rendered, whole_page
 from eivor.report.json_document import Json, document
@@ -387,7 +387,7 @@ def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, s
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
 
 
-def _forests(report: FleetReport) -> Iterator[Picture]:
+def _forests(report: FleetReport) -> Iterator[plots.Picture]:
     chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(VEHICLE)
     several = report.vehicles["type"].n_unique() > 1
     for across in report.quantities:
@@ -399,10 +399,10 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
             *(_forest_row(row, wording, several=several) for row in rows.iter_rows(named=True)),
             *(_forest_row(row, wording) for row in types.iter_rows(named=True)),
         ]
-        yield forest_picture(capitalised(wording.words), axis_of(wording), drawn)
+        yield plots.forest_picture(capitalised(wording.words), axis_of(wording), drawn)
 
 
-def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> PlottedInterval:
+def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> plots.PlottedInterval:
     """A vehicle, with its type where there are several, or a type."""
     label = row.get("vehicle") or f"type {row['type']}"
     ends = ONLY if None in (row["low"], row["high"]) and "vehicle" in row else ("low", "high")
@@ -410,10 +410,10 @@ def _forest_row(row: Row, wording: QuantitySpec, *, several: bool = False) -> Pl
     pieces = () if math.isnan(low) or math.isnan(high) else ((low, high),)
     numbers = " ".join(dict.fromkeys(mean_text(row, wording)))
     label = f"{row['type']}: {label}" if several else label
-    return PlottedInterval(label, value, pieces, numbers, None, "vehicle" not in row)
+    return plots.PlottedInterval(label, value, pieces, numbers, None, "vehicle" not in row)
 
 
-def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
+def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[plots.Picture]:
     chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(VEHICLE)
     shares = (is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
     rows = report.flights.with_columns(shares)
@@ -430,7 +430,7 @@ def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Pictu
 
 def _line(
     report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
-) -> Picture:
+) -> plots.Picture:
     wording = report.motion.quantities[across.name]
     hours = used["hours"].to_numpy()
     numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
@@ -441,9 +441,17 @@ def _line(
         ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )
-    title, words = f"{row['vehicle']}: {wording.words}", ("flight hours", symbol)
-    lines = _trend(row, across, (hours, low, high), wording.scale)
-    return trend_picture(title, words, (hours, value, low, high), lines, table)
+    lines = tuple(_trend(row, across, (hours, low, high), wording.scale))
+
+    def draw(axes: Any) -> None:
+        axes.vlines(hours, low, high, color=plots.DARK, lw=1.2)
+        axes.plot(hours, value, "o", color=plots.DARK, ms=3.5, label="flights, 95 %")
+        for (label, *line), colour, style in zip(lines, (plots.RED, plots.BLUE), ("-", "--"), strict=False):
+            axes.plot(*line, color=colour, lw=1.3, ls=style, label=label)
+        plots.labelled(axes, x="flight hours", y=symbol, size=9.0)
+        plots.legend(axes, size=7)
+
+    return plots.Picture(f"{row['vehicle']}: {wording.words}", "", draw, table)
 
 
 def _trend(

@@ -514,25 +514,3 @@ def forest_picture(
     drawn = tuple(rows)
     height = FOREST_ROW_INCHES * len(drawn) + FOREST_FOOT_INCHES
     return Picture(title, words, partial(draw_forest, rows=drawn, words=axis), table, height)
-
-
-def trend_picture(
-    title: str,
-    words: tuple[str, str],
-    points: tuple[Float[np.ndarray, " n"], ...],
-    lines: Iterable[tuple[str, Float[np.ndarray, " m"], Float[np.ndarray, " m"]]],
-    table: TableOf,
-) -> Picture:
-    """Values with their intervals (abscissa, value, low, high), and lines through them by their labels."""
-    drawn = tuple(lines)
-
-    def draw(axes: Axes) -> None:
-        x, value, low, high = points
-        axes.vlines(x, low, high, color=DARK, lw=1.2)
-        axes.plot(x, value, "o", color=DARK, ms=3.5, label="flights, 95 %")
-        for (label, *line), colour, style in zip(drawn, (RED, BLUE), ("-", "--"), strict=False):
-            axes.plot(*line, color=colour, lw=1.3, ls=style, label=label)
-        labelled(axes, x=words[0], y=words[1], size=9.0)
-        legend(axes, size=7)
-
-    return Picture(title, "", draw, table)
