@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,16 +20,14 @@ from eivor.tools import Bool, Float
 DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 
-def add_air_density(reading: ardupilot.MessageReading) -> None:
+def _add_air_density(reading: ardupilot.MessageReading, table: Messages) -> None:
     """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
-    table = reading.table("BARO", "Press", "Temp")
-    if table is None or "air_temperature" not in reading.channels:
-        return
 
     def values() -> Float[np.ndarray, " n"]:
         return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
 
-    reading.add("air_density", table, values, "BARO.Press and .Temp")
+    if "air_temperature" in reading.channels:
+        reading.add("air_density", table, values, "BARO.Press and .Temp")
 
 
 #: Labels of UNIT that are written otherwise here.
@@ -216,11 +214,8 @@ def disagreement(
 MAX_ESCS = 32
 
 
-def add_outputs(reading: ardupilot.MessageReading) -> None:
+def _add_outputs(reading: ardupilot.MessageReading, table: Messages) -> None:
     """Add the motors' outputs; the thrust that they stand for is the input where no throttle is logged."""
-    table = reading.table("RCOU")
-    if table is None:
-        return
     # old firmware calls columns Ch1, Ch2, ...
     outputs = motor_columns(reading.parameters)
     names = {motor: table.first(f"C{n}", f"Ch{n}", f"Chan{n}") for motor, n in outputs.items()}
@@ -272,11 +267,10 @@ def _voltage(table: Messages, reading: ardupilot.MessageReading) -> Float[np.nda
     return np.asarray(np.interp(table.time_s(), motor_table.time_s()[sound][order], ratio[sound][order]))
 
 
-def add_rotor_speeds(reading: ardupilot.MessageReading) -> None:
+def _add_rotor_speeds(reading: ardupilot.MessageReading, table: Messages) -> None:
     """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
-    table = reading.table("ESC", "RPM")
-    column = table.first("Instance", "I") if table is not None else ""
-    if table is None or not column:
+    column = table.first("Instance", "I")
+    if not column:
         return
     instances = table.stored(column)
     motors = {output - 1: motor for motor, output in motor_columns(reading.parameters).items()}
@@ -295,42 +289,36 @@ _BY_MODE = {
 }
 
 
-def add_states(reading: ardupilot.MessageReading) -> None:
-    """Add what modes, events and sticks say."""
-    modes = reading.table("MODE")
-    column = modes.first("ModeNum", "Mode") if modes is not None else ""
-    if modes is not None and column:
-        for name, known in _BY_MODE.items():
-            within = np.isin(modes.values(column), reading.with_sweeps(known)).astype(np.float64)
-            reading.add(name, modes, within, f"MODE.{column}")
-    _add_landed(reading)
-    _add_throttle(reading)
+def _add_modes(reading: ardupilot.MessageReading, table: Messages) -> None:
+    column = table.first("ModeNum", "Mode")
+    for name, known in _BY_MODE.items() if column else ():
+        within = np.isin(table.values(column), reading.with_sweeps(known)).astype(np.float64)
+        reading.add(name, table, within, f"MODE.{column}")
 
 
-def _add_landed(reading: ardupilot.MessageReading) -> None:
-    events, arming = reading.table("EV", "Id"), reading.table("ARM", "ArmState")
-    if events is not None:
-        numbers = events.values("Id")
-        known = np.isin(numbers, list(ardupilot.LANDED_EVENTS))
-        if known.any():
-            values = np.array([ardupilot.LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
-            reading.add("landed", events.where(known), values, "EV.Id")
-    if "landed" not in reading.channels and arming is not None:
-        reading.add("landed", arming, (arming.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
+def _add_landed(reading: ardupilot.MessageReading, table: Messages) -> None:
+    numbers = table.values("Id")
+    known = np.isin(numbers, list(ardupilot.LANDED_EVENTS))
+    if known.any():
+        values = np.array([ardupilot.LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
+        reading.add("landed", table.where(known), values, "EV.Id")
 
 
-def _add_throttle(reading: ardupilot.MessageReading) -> None:
-    sticks = reading.table("RCIN")
+def _add_disarmed(reading: ardupilot.MessageReading, table: Messages) -> None:
+    if "landed" not in reading.channels:
+        reading.add("landed", table, (table.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
+
+
+def _add_throttle(reading: ardupilot.MessageReading, table: Messages) -> None:
     number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
-    column = sticks.first(f"C{number}", f"Ch{number}") if sticks is not None else ""
+    column = table.first(f"C{number}", f"Ch{number}")
     low, high = (
         reading.parameters.get(f"RC{number}_{end}", default) for end, default in (("MIN", 1e3), ("MAX", 2e3))
     )
-    if sticks is None or not column or not low < high:
-        return
-    widths = sticks.values(column)
-    shares = np.where(widths > 0.0, np.clip((widths - low) / (high - low), 0.0, 1.0), np.nan)
-    reading.add("pilot_throttle", sticks, shares, f"RCIN.{column}")
+    if column and low < high:
+        widths = table.values(column)
+        shares = np.where(widths > 0.0, np.clip((widths - low) / (high - low), 0.0, 1.0), np.nan)
+        reading.add("pilot_throttle", table, shares, f"RCIN.{column}")
 
 
 _DEG = UNITS["deg"][1]
@@ -356,11 +344,7 @@ SWEPT = {
 }
 
 
-def add_attitude(reading: ardupilot.MessageReading) -> None:
-    """Add the attitude as a quaternion."""
-    table = reading.table("ATT", *ardupilot.ATTITUDE)
-    if table is None:
-        return
+def _add_attitude(reading: ardupilot.MessageReading, table: Messages) -> None:
     for part in "wxyz":
         reading.add(f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw")
 
@@ -382,25 +366,22 @@ def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
     return made
 
 
-def add_setpoints(reading: ardupilot.MessageReading) -> None:
-    """Add the setpoints of attitude and of rates, distinguished by who makes them."""
-    wanted: list[tuple[str, str, str, tuple[int, ...]]] = [
-        (f"reference_{angle}", "ATT", column, reading.with_sweeps(ardupilot.ATTITUDE_MODES))
-        for angle, column in ardupilot.ATTITUDE_SETPOINTS.items()
-    ]
-    wanted += [
-        (f"reference_angular_rate_{axis}", "RATE", column, ardupilot.RATE_MODES)
-        for axis, column in ardupilot.RATE_SETPOINTS.items()
-    ]
-    for name, message, column, modes in wanted:
-        table = reading.table(message, column)
-        if table is None:
-            continue
-        by_sticks = reading.modes_at(table, modes)
+#: Setpoints by message, and their columns.
+_SETPOINTS = {
+    "ATT": {f"reference_{angle}": column for angle, column in ardupilot.ATTITUDE_SETPOINTS.items()},
+    "RATE": {f"reference_angular_rate_{axis}": column for axis, column in ardupilot.RATE_SETPOINTS.items()},
+}
+
+
+def _add_setpoints(reading: ardupilot.MessageReading, table: Messages) -> None:
+    """Add the setpoints of attitude or of rates, distinguished by who makes them."""
+    sweeps = reading.with_sweeps(ardupilot.ATTITUDE_MODES)
+    by_sticks = reading.modes_at(table, sweeps if table.name == "ATT" else ardupilot.RATE_MODES)
+    for name, column in _SETPOINTS[table.name].items():
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
-            if where.any():
+            if table.has(column) and where.any():
                 make_setpoint = partial(_setpoint, table, column, None if where.all() else where)
-                reading.add(f"{kind}{name}", table, make_setpoint, f"{message}.{column}")
+                reading.add(f"{kind}{name}", table, make_setpoint, f"{table.name}.{column}")
 
 
 def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
@@ -426,11 +407,9 @@ def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return angle
 
 
-def add_sweeps(reading: ardupilot.MessageReading) -> None:
+def _add_sweeps(reading: ardupilot.MessageReading, sweep: Messages) -> None:
     """Add the injected sweeps, each where it is."""
-    sweep, settings = reading.table("SIDD", "Targ"), reading.table("SIDS", "Ax")
-    if sweep is None:
-        return
+    settings = reading.table("SIDS", "Ax")
     # by the last settings before a sample, else by the parameter
     axis = reading.parameters.get("SID_AXIS", 0.0)
     axes = np.full(sweep.count, axis)
@@ -473,6 +452,22 @@ def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
     return clean_channel(
         sweep.name, time[order], values[order], sweep.unit, source=sweep.source, held=sweep.held
     )
+
+
+#: What adds channels of a message, in order, and the columns that it needs.
+MAKERS: tuple[tuple[Callable[[ardupilot.MessageReading, Messages], None], str, tuple[str, ...]], ...] = (
+    (_add_attitude, "ATT", ardupilot.ATTITUDE),
+    (_add_setpoints, "ATT", ()),
+    (_add_setpoints, "RATE", ()),
+    (_add_sweeps, "SIDD", ("Targ",)),
+    (_add_modes, "MODE", ()),
+    (_add_landed, "EV", ("Id",)),
+    (_add_disarmed, "ARM", ("ArmState",)),
+    (_add_throttle, "RCIN", ()),
+    (_add_air_density, "BARO", ("Press", "Temp")),
+    (_add_outputs, "RCOU", ()),
+    (_add_rotor_speeds, "ESC", ("RPM",)),
+)
 
 
 #: What the firmware calls itself, in small letters ("APM:Copter V3.4.4", "ArduPlane V4.5.7").

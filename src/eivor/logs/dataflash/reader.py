@@ -77,13 +77,10 @@ def _add_all(reading: ardupilot.MessageReading) -> common.KeptChannels:
     for name, source in common.in_preference(*sources, lambda source: counts.get(source.message, 0)):
         if name not in reading.channels:
             _add(reading, name, source)
-    channels.add_attitude(reading)
-    channels.add_setpoints(reading)
-    channels.add_sweeps(reading)
-    channels.add_states(reading)
-    channels.add_air_density(reading)
-    channels.add_outputs(reading)
-    channels.add_rotor_speeds(reading)
+    for add, message, columns in channels.MAKERS:
+        table = reading.table(message, *columns)
+        if table is not None:
+            add(reading, table)
     reading.forget_clocks()
     reading.channels.cut = lambda *part: _add_all(reading.part(*part))
     return reading.channels
