@@ -246,8 +246,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
 
 def minimise_output_error(state: FlightState) -> FlightState:
     """The estimate whose predictions leave least, where it was requested, with the rows at its values."""
-    prediction = state.motion.abilities.prediction
-    refined = None if prediction is None else prediction.output_error
+    refined = state.motion.abilities.prediction.output_error
     if refined is None or not isinstance(by_name(state.options.method), OutputError):
         return state
     first, problem = state.estimate, state.problem

@@ -14,7 +14,7 @@ from eivor.estimation.method import OUTPUT_ERROR
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.estimate import FlightState, LagMeasurements, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagPrior
-from eivor.flights.motion import Motion, for_flights, predicts_states
+from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
@@ -72,7 +72,8 @@ def identified(
         )
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
-        names = [name for name in TABLE if name != OUTPUT_ERROR or predicts_states(motion)]
+        output_error = motion.abilities.prediction.output_error
+        names = [name for name in TABLE if name != OUTPUT_ERROR or output_error is not None]
         by_method = {name: replace(options, method=name, compare=False) for name in names}
         rows = [_row(name, estimated(replace(state, options=each))) for name, each in by_method.items()]
         result = replace(result, comparisons=tuple(rows))

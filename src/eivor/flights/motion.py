@@ -251,15 +251,6 @@ class VehicleSupport:
 
 
 @dataclass(frozen=True)
-class OptionSupport:
-    """A motion that depends on options, or on all flights together."""
-
-    check: Callable[[FlightOptions], object]  # Refuses options before any log is read
-    for_flights: Callable[[Flights, FlightOptions], Motion[Any]]  # The motion of given flights
-    terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
-
-
-@dataclass(frozen=True)
 class SensorComparison(Generic[P]):
     """A motion with two measurements of one response."""
 
@@ -283,7 +274,8 @@ class Resampling(Generic[P]):
 class Prediction(Generic[P]):
     """A motion that predicts flights."""
 
-    simple_models: Callable[[P, Estimate], Mapping[str, SimpleModel]]  # To hold an estimate against
+    #: To hold an estimate against
+    simple_models: Callable[[P, Estimate], Mapping[str, SimpleModel]] = lambda *_: {}
     #: What parameters and nuisances say of flights; the farthest horizon comes last
     another_flight: Callable[[P, Values], tuple[PredictedQuantity, ...]] | None = None
     #: Some tenths of a second from many starts, by models and without refused quantities
@@ -299,7 +291,10 @@ class Abilities:
     """What only some motions can do."""
 
     vehicle: VehicleSupport | None = None
-    options: OptionSupport | None = None
+    check: Callable[[FlightOptions], object] = lambda _options: None  # Refuses options before a log is read
+    #: The motion with requested terms, and what all flights say together; None where these change nothing
+    for_flights: Callable[[Flights, FlightOptions], Motion[Any]] | None = None
+    terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
     #: The last problem of several, and its estimate; and flights with what that problem found out
     refined: Callable[[Any, Solver[Any], FlightOptions], tuple[Any, Estimate]] = lambda problem, solve, _: (
         problem,
@@ -308,7 +303,7 @@ class Abilities:
     refined_flights: Callable[[Flights, Any], Flights] = lambda flights, _problem: flights
     sensors: SensorComparison[Any] | None = None
     resampling: Resampling[Any] | None = None
-    prediction: Prediction[Any] | None = None
+    prediction: Prediction[Any] = Prediction()
     #: A parameter that is followed over a flight
     tracking: Callable[[Any, Mapping[str, Quantity], FlightOptions, str], TrackedParameter] | None = None
     #: How the flights were flown, for JSON: what simulating another one needs
@@ -386,12 +381,6 @@ class Motion(ABC, Generic[P]):
         """Return what a report shows of a flight."""
 
 
-def predicts_states(motion: Motion[Any]) -> bool:
-    """Whether a motion has an output error."""
-    prediction = motion.abilities.prediction
-    return prediction is not None and prediction.output_error is not None
-
-
 def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
     """Return the motion of a vehicle that a user describes, by a name or a file."""
     support = motion.abilities.vehicle
@@ -404,5 +393,5 @@ def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
 
 def for_flights(motion: Motion[Any], flights: Flights, options: FlightOptions) -> Motion[Any]:
     """Return the motion with the requested terms, and what all flights say together."""
-    support = motion.abilities.options
-    return motion if support is None else support.for_flights(flights, options)
+    made = motion.abilities.for_flights
+    return motion if made is None else made(flights, options)

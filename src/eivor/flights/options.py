@@ -70,7 +70,7 @@ class FlightOptions:
     pool_anyway : bool
         Pool flights whose autopilots' parameters, or sizes of whose inputs, say that the vehicles differ.
     terms : tuple of str
-        Optional terms of the motion that its equation is to have, by the words of `OptionSupport.terms`.
+        Optional terms of the motion that its equation is to have, by the words of `Abilities.terms`.
     rotor_radius : float, optional
         Radius of a rotor [m], for what a motion identifies in radii.
     controller_rate_hz : float, optional

@@ -11,7 +11,7 @@ from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_
 from eivor.estimation.method import OUTPUT_ERROR, OutputError
 from eivor.estimation.methods import by_name
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
-from eivor.flights.motion import Motion, predicts_states
+from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import jumps, named_reference, noise_findings, noise_levels, references
@@ -250,8 +250,7 @@ def _vehicle_difference(first: PreparedFlight, other: PreparedFlight, motion: Mo
 
 def check_options(motion: Motion[Any], options: FlightOptions) -> None:
     """Refuse options that a motion does not have, its optional terms among them."""
-    support = motion.abilities.options
-    terms = {} if support is None else support.terms
+    terms = motion.abilities.terms
     unknown = [word for word in options.terms if word not in terms]
     if unknown:
         expected = (
@@ -262,9 +261,8 @@ def check_options(motion: Motion[Any], options: FlightOptions) -> None:
     twice = sorted({word for word in options.terms if options.terms.count(word) > 1})
     if twice:
         raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
-    if isinstance(by_name(options.method), OutputError) and not predicts_states(motion):
+    if isinstance(by_name(options.method), OutputError) and motion.abilities.prediction.output_error is None:
         expected = f"{OUTPUT_ERROR} with a motion that predicts its states"
         remedy = "Identify the rigid body (--model rigid-body), or use another method."
         raise UsageError(expected, f"it with '{motion.name}'", remedy)
-    if support is not None:
-        support.check(options)
+    motion.abilities.check(options)

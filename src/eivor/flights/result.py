@@ -374,22 +374,20 @@ class FlightEstimate:
     @cached_property
     def simple_models(self) -> Mapping[str, SimpleModel]:
         """Models of the same flights that the estimate is held against, by name; none without an estimate."""
-        prediction = self.motion.abilities.prediction
-        if self.fit is None or prediction is None:
-            return {}
-        return prediction.simple_models(self.fit.problem, self.fit.estimate)
+        simple_models, fit = self.motion.abilities.prediction.simple_models, self.fit
+        return {} if fit is None else simple_models(fit.problem, fit.estimate)
 
     @cached_property
     def multi_step_prediction(self) -> MultiStepPrediction | None:
         """Predictions of the flights themselves some tenths of a second ahead; None where there are none."""
-        prediction = self.motion.abilities.prediction
-        if self.fit is None or prediction is None or prediction.multi_step is None:
+        multi_step = self.motion.abilities.prediction.multi_step
+        if self.fit is None or multi_step is None:
             return None
         estimate = self.fit.estimate
         fitted = SimpleModel("the fit", {**estimate.nuisances, **estimate.parameters})
         models = {FIT: fitted, **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
-        return prediction.multi_step(self._flying, models, frozenset(refused))
+        return multi_step(self._flying, models, frozenset(refused))
 
     @property
     def _flying(self) -> tuple[PreparedFlight, ...]:

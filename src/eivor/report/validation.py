@@ -302,7 +302,7 @@ def validate(
         )
     models, predicts, ahead = _simpler_models(result, prediction), motion.abilities.prediction, None
     results: tuple[ModelPrediction, ...] = ()
-    if predicts is not None and predicts.multi_step is not None:
+    if predicts.multi_step is not None:
         ahead = predicts.multi_step((flight.shortened,), models, result.refused)
         if not ahead.errors:
             raise UsageError(
@@ -310,7 +310,7 @@ def validate(
                 " ".join(ahead.omitted) or "no half second without a gap",
                 "Validate a flight that carries more information, on a log of the same vehicle.",
             )
-    elif predicts is None or predicts.another_flight is None:
+    elif predicts.another_flight is None:
         received = f"'{motion.name}', which does not"
         raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
     else:

@@ -381,10 +381,8 @@ class RigidBody(motion.Motion[LaggedRuns]):
                 None if self.vehicle is None else asdict(self.vehicle),
                 lambda record: replace(self, vehicle=vehicle_from_record(record)),
             ),
-            options=motion.OptionSupport(
-                lambda _options: self.known_vehicle,
-                lambda flights, _options: replace(self, pooled=len(flights) > 1),
-            ),
+            check=lambda _options: self.known_vehicle,
+            for_flights=lambda flights, _options: replace(self, pooled=len(flights) > 1),
             refined=refined,
             prediction=motion.Prediction(
                 simple_models,

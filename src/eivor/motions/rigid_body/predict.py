@@ -226,12 +226,10 @@ class Predictable:
 
     @property
     def turns(self) -> tuple[bool, ...]:
-        """Axes whose gain is identified."""
         return tuple(item.name in self.identified for item in GAIN)
 
     @property
     def lifts(self) -> bool:
-        """Whether the thrust gain is identified."""
         return THRUST.name in self.identified
 
     @cached_property
@@ -276,6 +274,31 @@ class Predictable:
             texts.append(f"Counted as zero, since the fit does not identify it: {', '.join(zero)}.")
         return tuple(texts)
 
+    def errors(
+        self,
+        logged: LoggedState,
+        starts: motion.Starts,
+        vehicle: KnownVehicle,
+        models: Mapping[str, SimpleModel],
+    ) -> tuple[motion.HorizonErrors, ...]:
+        """What each model leaves of one flight."""
+        if len(self.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
+            return ()
+        started, values = logged.body[:, starts.samples], [model.values for model in models.values()]
+        propagator = StatePropagator(logged, vehicle, values, starts, self.turns, self.lifts)
+        pairs = zip(models.items(), propagator.propagate(started[:, None]), strict=True)
+        states = {name: (model.words, predicted) for (name, model), predicted in pairs}
+        still = np.zeros((3, starts.samples.size))
+        unchanged = starts.propagate(started, lambda body, _: kinematics(body, still, still))
+        states[motion.UNCHANGED] = STAYS, unchanged
+        measured = logged.body[:, starts.ends].transpose(1, 0, 2)
+        return tuple(
+            _error(name, words, quantity, predicted, measured, started, self.placed)
+            for quantity in (*_RATES, *_BEYOND)
+            if quantity not in self.omitted
+            for name, (words, predicted) in states.items()
+        )
+
 
 def zeros(refused: frozenset[str]) -> list[str]:
     """Small terms that count as zero."""
@@ -304,37 +327,9 @@ def rigid_body_prediction(
     results, times = [], []
     for item in logged:
         starts = motion.starts_of(item.flight)
-        results.append(_of_flight(item, starts, vehicle, by_model, what))
+        results.append(what.errors(item, starts, vehicle, by_model))
         times.append(item.flight.grid.time_s[starts.samples])
     return motion.multi_step_predictions(results, times, what.sentences(refused))
-
-
-def _of_flight(
-    logged: LoggedState,
-    starts: motion.Starts,
-    vehicle: KnownVehicle,
-    models: Mapping[str, SimpleModel],
-    what: Predictable,
-) -> tuple[motion.HorizonErrors, ...]:
-    if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
-        return ()
-    started, values = logged.body[:, starts.samples], [model.values for model in models.values()]
-    propagator = StatePropagator(logged, vehicle, values, starts, what.turns, what.lifts)
-    by_model = propagator.propagate(started[:, None])
-    pairs = zip(models.items(), by_model, strict=True)
-    states = {name: (model.words, predicted) for (name, model), predicted in pairs}
-    still = np.zeros((3, starts.samples.size))
-    states[motion.UNCHANGED] = (
-        STAYS,
-        starts.propagate(started, lambda body, _: kinematics(body, still, still)),
-    )
-    measured = logged.body[:, starts.ends].transpose(1, 0, 2)
-    return tuple(
-        _error(name, words, quantity, predicted, measured, started, what.placed)
-        for quantity in (*_RATES, *_BEYOND)
-        if quantity not in what.omitted
-        for name, (words, predicted) in states.items()
-    )
 
 
 def _error(

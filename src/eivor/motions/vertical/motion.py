@@ -19,7 +19,6 @@ from eivor.flights.motion import (
     FlightView,
     LogChannels,
     Motion,
-    OptionSupport,
     Prediction,
     Resampling,
     SensorComparison,
@@ -321,11 +320,12 @@ class Vertical(Motion[VerticalFlights]):
     @property
     def abilities(self) -> Abilities:  # type: ignore[override]
         record = {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
-        terms = {word: term.meaning for word, term in TERMS.items()}
         return replace(
             ABILITIES,
             vehicle=VehicleSupport(self._of_vehicle, record if self.added else None, self._restored),
-            options=OptionSupport(self._check, self._for_flights, terms),
+            check=self._check,
+            for_flights=self._for_flights,
+            terms={word: term.meaning for word, term in TERMS.items()},
         )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
