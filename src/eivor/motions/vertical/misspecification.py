@@ -33,7 +33,6 @@ from eivor.motions.vertical.regression import (
     explained_ingredients,
     height_over_ground,
     voltage,
-    voltage_change,
 )
 from eivor.motions.vertical.select import rotated, vertical_row
 from eivor.signals.filters import first_order_lag
@@ -345,7 +344,8 @@ def omitted_terms(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> OmittedTerms:
     """Tests of the terms, and the change of the voltage where all flights have one."""
-    changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
+    used = [volts[flight.used] for flight in flights if (volts := voltage(flight)) is not None]
+    changes = [float(np.sqrt(12.0) * item.std() / item.mean()) for item in used]
     known = float(np.mean(changes)) if 0 < len(changes) == len(flights) else None
     reach_s = max(_clock_reach_s(*pair, estimate) for pair in zip(problem.columns, flights, strict=True))
     return OmittedTerms(omitted_variable_tests(problem, estimate, flights), known, reach_s)

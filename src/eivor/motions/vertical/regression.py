@@ -652,15 +652,6 @@ def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     return volts if volts is not None and float(volts[flight.used].mean()) > 0.0 else None
 
 
-def voltage_change(flight: PreparedFlight) -> float | None:
-    """What the voltage changed by over the time used, as a share of its mean; None where it is not logged."""
-    volts = voltage(flight)
-    if volts is None:
-        return None
-    used = volts[flight.used]
-    return float(np.sqrt(12.0) * used.std() / used.mean())
-
-
 # -- Term channels --
 
 
