@@ -161,25 +161,6 @@ class SystematicPart:
     sentence: Callable[[VerdictInputs], str] | str
 
 
-#: Lengths of intervals of T seconds are sqrt(1 + SHORT (SHORT_S / T)^2) times those of long flights: in 72
-#: simulated flights of 12 to 20 s errors were 1.13 times what their intervals said.
-SHORT, SHORT_S = 0.45, 15.0
-
-
-def short_flight_part(quantities: tuple[str, ...]) -> SystematicPart:
-    """Row of few seconds, whose power spectra are known roughly."""
-
-    def times(inputs: VerdictInputs) -> float:
-        return math.sqrt(1.0 + SHORT * (SHORT_S / inputs.used_s) ** 2) if inputs.used_s else 1.0
-
-    return SystematicPart(
-        quantities,
-        Counts.FACTOR,
-        lambda inputs, name: inputs.factor(times(inputs), name),
-        lambda inputs: f"{inputs.used_s:.3g} s are few: errors are {times(inputs):.2f} times as large.",
-    )
-
-
 def disagreement_part(quantities: tuple[str, ...]) -> SystematicPart:
     """Row of references or sensors that disagree: errors are larger than the residual says (Birge 1932)."""
 
@@ -222,19 +203,6 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
         lambda inputs: (
             "The log does not show how often its command was issued: the lag may be "
             f"{1e3 * inputs.command_slack_s:.2g} ms longer or shorter than the data say."
-        ),
-    )
-
-
-def half_hold_part(quantities: tuple[str, ...]) -> SystematicPart:
-    """Row of commands that may have been issued anywhere between those that are logged."""
-    return SystematicPart(
-        quantities,
-        Counts.ADDED,
-        lambda inputs, _: inputs.half_hold_s,
-        lambda inputs: (
-            f"The command is logged at {inputs.command_rate_hz:.3g} Hz, which lacks some that were issued: "
-            f"the lag may be {1e3 * inputs.half_hold_s:.2g} ms longer or shorter."
         ),
     )
 
