@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,34 +51,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Group of the entry points under which a package of outputs registers its `ResultOutputs`.
+#: Group of the entry points under which `eivor.report.outputs` registers what it makes of results.
 OUTPUTS = "eivor.outputs"
 
 
-@runtime_checkable
-class ResultOutputs(Protocol):
-    """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
-
-    def json(self, result: FlightEstimate | LogEstimate) -> str:
-        """Text of the JSON document."""
-
-    def saved(self, result: FlightEstimate) -> Any:
-        """The result as its document holds it, see `eivor.SavedFit`."""
-
-    def figure(
-        self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
-    ) -> Figure:
-        """Figure of the fit."""
-
-    def card(self, results: Sequence[FlightEstimate]) -> str:
-        """HTML of the report's card."""
-
-
 @cache
-def _outputs() -> ResultOutputs:
+def _outputs() -> Any:
     (registered,) = entry_points(group=OUTPUTS, name="flight")
-    outputs: ResultOutputs = registered.load()
-    return outputs
+    return registered.load()
 
 
 # -- Diagnostics --

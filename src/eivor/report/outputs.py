@@ -42,7 +42,7 @@ def saved_of(source: object, expected: str, remedy: str, preferred: Sequence[str
 
 
 class FlightOutputs:
-    """Implements `eivor.flights.result.ResultOutputs`; an entry point registers it."""
+    """What a flight's result asks for; an entry point registers it."""
 
     def json(self, result: FlightEstimate | LogEstimate) -> str:
         """Text of the JSON document of a motion, or of a log as ``eivor identify --json`` writes it."""
