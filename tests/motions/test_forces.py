@@ -38,7 +38,6 @@ from eivor.motions.rigid_body.regression import (
     TERMS,
     YAW_EQUATION,
     BodyMotion,
-    RotorSums,
     body_velocity,
     force_by_velocity,
     inferred_velocity,
@@ -62,7 +61,7 @@ def column_of(parameter, velocity, rates, speeds=(HOVER,) * 4):
     """Column of a parameter for rotors at some speeds."""
     sums = TRUE.sums @ np.array(speeds)[:, None]
     velocity, rates = np.array(velocity)[:, None], np.array(rates)[:, None]
-    of = BodyMotion(TRUE, HOVER, RotorSums(sums, sums, rates[0]), velocity, rates)
+    of = BodyMotion(TRUE, HOVER, sums, sums, rates[0], velocity, rates)
     return next(term for term in TERMS if term.parameter == parameter).column(of)[0]
 
 

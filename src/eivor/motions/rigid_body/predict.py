@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,7 +38,6 @@ from eivor.motions.rigid_body.regression import (
     BodyMotion,
     RigidTerm,
     RotorStates,
-    RotorSums,
     hover_state,
     usual_state,
 )
@@ -127,9 +126,9 @@ class StatePropagator:
         """Rate of change of the states of each model at samples, driven by what the rotors do there."""
         rows = rotation(*body[6:10])
         states = self._states[:, self._timing[:, None], now].reshape(7, -1)
-        rotors = RotorSums(states, states, states[6])  # of what answers neither thrust nor spin-up counts
         force = self._forces[:, :, now].reshape(6, -1)
-        of = self._motion(body, rows, rotors)
+        rotors = states, states, states[6]  # of what answers neither thrust nor spin-up counts
+        of = BodyMotion(self.vehicle, self._usual, *rotors, self._velocity(body, rows), body[10:13])
         for term, values in self._answering:
             force[term.equation] += values * term.column(of)
         velocity = np.zeros_like(body[3:6])
@@ -146,11 +145,10 @@ class StatePropagator:
         states = self.starts.propagate(initial_states.reshape(BODY, -1), self)
         return states.reshape(*states.shape[:2], len(self.models), -1).transpose(2, 0, 1, 3)
 
-    def _motion(
-        self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple], rotors: RotorSums
-    ) -> BodyMotion:
-        velocity = np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
-        return BodyMotion(self.vehicle, self._usual, rotors, velocity, body[10:13])
+    def _velocity(
+        self, body: Float[np.ndarray, "13 n"], rows: tuple[Triple, Triple, Triple]
+    ) -> Float[np.ndarray, "3 n"]:
+        return np.stack(into_body(rows, *body[3:6])) if self.logged.moves else np.zeros_like(body[3:6])
 
     @cached_property
     def _usual(self) -> float:
@@ -178,9 +176,9 @@ class StatePropagator:
         return np.array([self._nodes.index(tuple(actuators(item).values())) for item in self.models])
 
     @cached_property
-    def _rotors(self) -> list[RotorSums]:
+    def _rotors(self) -> list[BodyMotion]:
         states = RotorStates(self.logged.flight, self.vehicle, self._usual)
-        return [states.at(*path)[0].rotors for path in self._nodes]
+        return [states.at(*path)[0] for path in self._nodes]
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 pairs n"]:
@@ -199,7 +197,7 @@ class StatePropagator:
         results[: len(trims)] = np.array(trims)[:, None]
         for node, rotors in enumerate(self._rotors):
             models = np.flatnonzero(self._timing == node)
-            of = self._motion(body, rows, rotors)
+            of = replace(rotors, velocity=self._velocity(body, rows), rates=body[10:13])
             for term, of_models in self._terms:
                 values = of_models[models, None]
                 if values.any() and term.equation < len(trims):

@@ -65,28 +65,21 @@ REACTION = Parameter("rotor_reaction", "")
 THRUST = Parameter("thrust_gain", "m/s^2")
 
 
-@dataclass(frozen=True, slots=True)
-class RotorSums:
-    """Sums over the rotors, see `KnownVehicle.sums`."""
-
-    state: Float[np.ndarray, "7 n"]
-    thrust: Float[np.ndarray, "7 n"]
-    spin_up: Series  # Derivative in time of the states with their spins
-
-
 @dataclass(frozen=True)
 class BodyMotion:
     """Rotors, velocity through the air and rates on the body's axes, at samples or starts."""
 
     vehicle: KnownVehicle
     usual: float  # State of a rotor at hover, nearly, for which damping and drag are
-    rotors: RotorSums
+    state: Float[np.ndarray, "7 n"]  # Sums over the rotors, see `KnownVehicle.sums`
+    thrust: Float[np.ndarray, "7 n"]
+    spin_up: Series  # Derivative in time of the states with their spins
     velocity: Float[np.ndarray, "3 n"]
     rates: Float[np.ndarray, "3 n"]
 
     def dragged(self, axis: int) -> Series:
         """Sum over the rotors of usual states times the velocity at each: along an axis, or about one."""
-        total, x, y, xx, xy, yy, _ = self.rotors.state / self.usual
+        total, x, y, xx, xy, yy, _ = self.state / self.usual
         (u, v, w), (p, q, r) = self.velocity, self.rates
         if axis == ROLL_EQUATION:
             return w * y + p * yy - q * xy
@@ -107,7 +100,7 @@ class BodyMotion:
 
     def gyroscopic(self, axis: int) -> Series:
         """What rotors that spin turn about x or y, but for their inertia over the body's."""
-        spin, (p, q, _) = self.rotors.state[6], self.rates
+        spin, (p, q, _) = self.state[6], self.rates
         return q * spin if axis == ROLL_EQUATION else -p * spin
 
 
@@ -149,8 +142,7 @@ def _terms(
 
 def _rolled(of: BodyMotion) -> tuple[Series, ...]:
     """Thrusts with the arms by which they turn about each axis."""
-    thrust = of.rotors.thrust
-    return thrust[2], -thrust[1], thrust[6]
+    return of.thrust[2], -of.thrust[1], of.thrust[6]
 
 
 def _damped(of: BodyMotion, axis: int) -> Series:
@@ -189,8 +181,8 @@ TERMS = (
     ),
     *_terms(GAIN, "{} gain", "α_p α_q α_r", _AXES, lambda of, axis: _rolled(of)[axis], driving=True),
     *_terms(DAMPING, "{} damping", "d_p d_q d_r", _AXES, _damped),
-    *_terms(OFFSET, "{} offset", "o_p o_q", _TILTING, lambda of, _: of.rotors.thrust[0], driving=True),
-    *_terms([REACTION], "rotor reaction", "j", [2], lambda of, _: of.rotors.spin_up, driving=True),
+    *_terms(OFFSET, "{} offset", "o_p o_q", _TILTING, lambda of, _: of.thrust[0], driving=True),
+    *_terms([REACTION], "rotor reaction", "j", [2], lambda of, _: of.spin_up, driving=True),
     *_terms(GYROSCOPIC_MOMENT, "{} by spin", "j_p j_q", _TILTING, BodyMotion.gyroscopic),
     *_terms(
         ALL_DRAG_MOMENTS,
@@ -202,7 +194,7 @@ TERMS = (
         ),
         by_velocity=True,
     ),
-    *_terms([THRUST], "thrust gain", "α_z", [5], lambda of, _: of.rotors.thrust[0], driving=True),
+    *_terms([THRUST], "thrust gain", "α_z", [5], lambda of, _: of.thrust[0], driving=True),
     *_terms(
         DRAG,
         "drag along {}",
@@ -415,8 +407,8 @@ class AxisInstruments:
         known = body_velocity(signals)
         velocity = np.zeros_like(rates) if known is None else known.T
         commands = self.vehicle.sums @ signals.family(self.flight.input.name).T
-        sums = RotorSums(commands, commands, np.zeros(signals.sample_count))
-        return BodyMotion(self.vehicle, 1.0, sums, velocity, rates)
+        unchanged = np.zeros(signals.sample_count)
+        return BodyMotion(self.vehicle, 1.0, commands, commands, unchanged, velocity, rates)
 
     def _turning(self, axis: int, moving: RotorColumns) -> Float[np.ndarray, "n p"]:
         """Columns for several lags, and what couplings, spins, drag and lift turn in the predicted flight."""
@@ -530,10 +522,10 @@ class RotorStates:
             thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean, states = (before(thrust) + 4.0 * halfway + thrust) / 6.0, weights @ state.T
-            now = RotorSums(states, thrust, time_derivative(states[6], step_s))
-            means = RotorSums(states, mean, change_over_step(states[6], step_s))
-            of = BodyMotion(self.vehicle, self.usual, now, self.velocity, self.rates)
-            self._last = path, (of, replace(of, rotors=means))
+            now = states, thrust, time_derivative(states[6], step_s)
+            of = BodyMotion(self.vehicle, self.usual, *now, self.velocity, self.rates)
+            means = replace(of, thrust=mean, spin_up=change_over_step(states[6], step_s))
+            self._last = path, (of, means)
         return self._last[1]
 
     @cached_property
