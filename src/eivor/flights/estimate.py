@@ -613,10 +613,8 @@ def _lag_by(
 
 
 def _coarse_first_stage(state: FlightState) -> dict[str, float]:
-    """First-stage F by parameter, by a coarse search, where most flights end; none without instruments."""
+    """First-stage F by parameter, by a coarse search, where most flights end."""
     state = choose_instruments(state)
-    if state.instruments.direct:
-        return {}
     try:
         problem = posed(state)
         result = identify(problem.with_nuisances(tuple(map(_coarse, problem.nuisances))), state.method)

@@ -128,16 +128,13 @@ def _terms(
     symbols: str,
     equations: Iterable[int],
     formula: Callable[[BodyMotion, int], Series],
-    *,
-    moves: bool = True,
-    driving: bool = False,
-    by_velocity: bool = False,
+    **kind: bool,
 ) -> Iterator[RigidTerm]:
     """Terms of one kind; `words` hold the name of what an equation is of."""
     rows = zip(parameters, symbols.split(), equations, strict=True)
     for index, (parameter, symbol, equation) in enumerate(rows):
         named = words.format((*TURNING, *ALONG)[equation], along=parameter.name[-1])
-        yield RigidTerm(parameter, named, symbol, equation, index, formula, moves, driving, by_velocity)
+        yield RigidTerm(parameter, named, symbol, equation, index, formula, **kind)
 
 
 def _rolled(of: BodyMotion) -> tuple[Series, ...]:
