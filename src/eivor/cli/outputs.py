@@ -375,9 +375,6 @@ def reported(error: EivorError) -> ExitCode:
     return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
 
 
-# -- Empty options --
-
-
 def _source(context: Any, parameter: Any) -> str:
     return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
 
@@ -649,9 +646,6 @@ def _words(value: Any) -> str:
     if isinstance(value, list | tuple):
         return " ".join(map(_words, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-# -- Readable help --
 
 
 class ReadableCommand(TyperCommand):

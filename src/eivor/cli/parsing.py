@@ -164,9 +164,6 @@ def identified(
         raise MissingChannelError(error.expected, error.received, remedy) from error
 
 
-# -- Results --
-
-
 def read_logs(
     texts: list[str] | None, options: FlightOptions, *, example: bool, channel_map: str
 ) -> tuple[list[Recording], list[Window | None]]:

@@ -288,8 +288,7 @@ def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
 
 
 def _among(generator: Generator[tuple[str, str], None, None]) -> LogsFound:
-    others = 0
-    parts = lru_cache(maxsize=FOLDERS)(_parts_of_folder)
+    others, parts = 0, lru_cache(maxsize=FOLDERS)(_parts_of_folder)
 
     def logs() -> Generator[Log, None, None]:
         nonlocal others

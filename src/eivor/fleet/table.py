@@ -365,15 +365,10 @@ class FleetFolder:
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the fleet", f"the file '{folder}'", "Choose another with -o.")
         before = self._document()
-        if before is None:
-            if part_files(folder):
-                raise UsageError(
-                    "a new folder, or the folder of a fleet",
-                    f"'{folder}', which has parts of flights and no {IDENTITY}",
-                    "Choose another with -o.",
-                )
-            return
-        held = before["options"].get(options.motion)
+        if before is None and part_files(folder):
+            received = f"'{folder}', which has parts of flights and no {IDENTITY}"
+            raise UsageError("a new folder, or the folder of a fleet", received, "Choose another with -o.")
+        held = None if before is None else before["options"].get(options.motion)
         if held is not None and held.get("hash") != options.hash:
             changed = [key for key, value in options.document().items() if held.get(key) != value]
             raise UsageError(
@@ -395,11 +390,9 @@ class FleetFolder:
         known: dict[str, Any] = document if isinstance(document, dict) else {}
         schema, parts = known.get("schema"), (known.get("options"), known.get("versions"))
         if schema != SCHEMA or not all(isinstance(part, dict) for part in parts):
-            raise InputError(
-                f"a folder of the format {SCHEMA}",
-                f"'{path}' of {schema!r}" if schema else f"'{path}', which is another file",
-                "Another version of Eivor made it: use that, or choose another folder with -o.",
-            )
+            received = f"'{path}' of {schema!r}" if schema else f"'{path}', which is another file"
+            remedy = "Another version of Eivor made it: use that, or choose another folder with -o."
+            raise InputError(f"a folder of the format {SCHEMA}", received, remedy)
         return known
 
     def check_run(self) -> None:

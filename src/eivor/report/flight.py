@@ -35,8 +35,6 @@ from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 from eivor.tools import Bool, Float
 
-# -- Card --
-
 
 def flight_steps(result: FlightEstimate) -> tuple[CardSection, ...]:
     """What to fly and log instead; empty when the flight is identified."""
@@ -81,8 +79,6 @@ def used(result: FlightEstimate) -> str:
     run = "one run" if runs == 1 else f"{runs} runs"
     return f"{seconds:.1f} s in {run}{span}, on a grid of {' and '.join(map(str, rates))} Hz"
 
-
-# -- Multi-step prediction --
 
 #: Units that people read angles in, with what numbers are multiplied by.
 SHOWN_IN = {"rad": ("deg", math.degrees(1.0)), "rad/s": ("deg/s", math.degrees(1.0))}
@@ -324,8 +320,6 @@ def reported_findings(result: FlightEstimate) -> tuple[str, ...]:
         texts.append(prefix + message)
     return tuple(texts)
 
-
-# -- Flight document --
 
 #: Where the card is, when it is not shown.
 WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command with --card."

@@ -94,8 +94,6 @@ def spectrum(
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
 
 
-# -- Measured and predicted --
-
 STYLES = ("-", "--", ":")
 
 
@@ -384,8 +382,6 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Pictu
     )
 
 
-# -- Figure of a flight --
-
 #: What each further axis adds to the height.
 AXIS_INCHES = 4.0
 #: So many panels stand side by side in that width; more of them make it wider.
@@ -479,9 +475,6 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
             parts.append(f"{number}{suffix}")
     lines = [text, "; ".join(parts[:2]), "; ".join(parts[2:]), "" if parts else result.verdict.status.label]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
-
-
-# -- Figure without estimate --
 
 
 def _flight_panels(result: FlightEstimate) -> plots.Panels:

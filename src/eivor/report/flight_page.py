@@ -216,10 +216,8 @@ def _fitted(
         measured, predicted, left = np.concatenate(parts).T
         low, high = flight_figures.band_of(trace, runs[0])
         passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}"
-        both = (
-            Line("measured", "measured", measured),
-            Line(f"predicted: {trace.model}", "predicted", predicted),
-        )
+        model = Line(f"predicted: {trace.model}", "predicted", predicted)
+        both = (Line("measured", "measured", measured), model)
         residual = (Line("measured − predicted", "residual", left),)
         for what, words, lines in (
             ("measured and predicted", passed, both),
@@ -234,22 +232,18 @@ def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Itera
     where, active = result.motion.words.where, flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
-    panels = (
-        *result.motion.view(flight).panels,
-        PlotData(f"input: {flight.input.name}{mean}", flight.logged_input),
-    )
-    for panel in panels:
+    logged = PlotData(f"input: {flight.input.name}{mean}", flight.logged_input)
+    for panel in (*result.motion.view(flight).panels, logged):
         name, _, unit = " ".join(panel.label.split()).partition(" [")
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]
         if panel.reference is not None:
             lines.append(Line("asked for", "predicted", panel.reference))
         title = f"{capitalised(name)} [{unit}" if unit else capitalised(name)
-        measures = (np.min, np.mean, np.max, np.std)
         rows: list[tuple[float | str, ...]] = []
         for line in lines:
             there = line.values[np.isfinite(line.values)]
-            numbers = (float(measure(there)) if there.size else np.nan for measure in measures)
-            rows.append((line.label, *numbers))
+            measures = (there.min, there.mean, there.max, there.std)
+            rows.append((line.label, *(float(of()) if there.size else np.nan for of in measures)))
         table = number_table(("series", "least", "mean", "greatest", "standard deviation"), rows)
         chart = _chart(number, flight, unit.removesuffix("]"), flight.grid.time_s, tuple(lines))
         yield Picture(title, f"{known}{_hatched(flight)}", chart, table)

@@ -28,8 +28,6 @@ from eivor.report.rows import QuantityRow, quantity_rows
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
 
-# -- Values --
-
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
 Json = object
 #: A number whose square is one; null for none, and for one that is not finite.

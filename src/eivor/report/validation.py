@@ -65,10 +65,7 @@ class QuantityComparison:
 def quantity_comparisons(
     table: QuantityTable, fit: Mapping[str, Quantity], flight: Mapping[str, Quantity]
 ) -> tuple[QuantityComparison, ...]:
-    """Wald tests of quantities of the vehicle, by half-widths of both intervals.
-
-    Parts of a lag are compared by their sum. The p-values are Bonferroni's.
-    """
+    """Wald tests of quantities by half-widths of both intervals, of lags by their sum; by Bonferroni."""
     rows = []
     for name, spec in table.items():
         compared = name == EFFECTIVE_LAG or (

@@ -317,9 +317,6 @@ async def _read_on(request: Request) -> None:
                 pass
 
 
-# -- routes -----------------------------------------------------------------------------------------------
-
-
 class _Routes:
     """What answers each path; functions that are not `async` run in threads."""
 
@@ -448,9 +445,6 @@ def _as_refusal(request: Request, error: Exception) -> EivorError:
     if status == HTTPStatus.METHOD_NOT_ALLOWED and isinstance(error, HTTPException):
         return RefusedError(status, (error.headers or {}).get("Allow", ""), request.method, _RELOAD)
     return RefusedError(status, "an address of the page", f"'{request.url.path[:100]}'", _RELOAD)
-
-
-# -- what comes -------------------------------------------------------------------------------------------
 
 
 class _Body:

@@ -215,8 +215,7 @@ def plan(folder: Path, stem: str, words: WordsOf) -> File:
     if words["form"] not in WRITTEN:
         remedy = did_you_mean(words["form"], WRITTEN, "Name one of them.")
         raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{words['form']}'", remedy)
-    form, home = WRITTEN[words["form"]], words.get("home", "")
-    position = None
+    form, home, position = WRITTEN[words["form"]], words.get("home", ""), None
     if form.is_mission:
         parsing.check_mission("it", home, "")
         position = parsing.position_of(home)
