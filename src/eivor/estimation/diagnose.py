@@ -108,7 +108,7 @@ def _assembled(estimate: Estimate, products: Products) -> tuple[EquationProducts
         seen = np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear])
         shared[:, :linear] = rows * np.where(seen, noise, 0.0)
         A[:, :linear] = estimate.system.matrix
-        WA = scipy.linalg.cho_solve((estimate.factor, True), A)
+        WA = A if estimate.factor is None else scipy.linalg.cho_solve((estimate.factor, True), A)
         constant = rows * estimate.constant
     else:
         known = estimate.prior_rows()

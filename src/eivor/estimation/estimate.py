@@ -59,7 +59,7 @@ class Estimate:
     moments: Moments
     problem: LinearProblem | None  # None of an estimate from moments
     system: LinearSystem  # Equations before their weighting
-    factor: Float[np.ndarray, "p p"]  # Factor L of the equations' weighting
+    factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
     solution: Solution  # Linear parameters, and the condition of their equations
     method: str = ""  # Name of the method
     joint_parameters: tuple[Parameter, ...] = ()  # In the order of the joint vector
@@ -154,7 +154,9 @@ class Estimate:
         if not self.assembler.moment_equations:
             return 1.0
         psi = self.assembler.test_functions(self.rows)
-        return float(np.mean(scipy.linalg.solve_triangular(self.factor, psi.T, lower=True) ** 2))
+        if self.factor is not None:
+            psi = scipy.linalg.solve_triangular(self.factor, psi.T, lower=True).T
+        return float(np.mean(psi**2))
 
     def objective_unit(self) -> float:
         """What the solver's objective grows by, on average, with one equation more than unknowns."""
@@ -460,14 +462,16 @@ def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
         A[: linear.shape[0], : linear.shape[1]] = linear
         theta = np.pad(theta, (0, A.shape[1] - linear.shape[1]))
         constant = np.pad(constant, (0, A.shape[0] - linear.shape[0]))
-    A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
     unit = estimate.row_power() * estimate.residual_variance() if known.size else 0.0
     stacked = np.vstack([A, np.sqrt(unit / count) * known])
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
     combinations, R = np.linalg.qr(stacked / lengths)
     root = (combinations * lengths).T @ stacked
     combinations, pseudo = np.split(combinations / lengths, [A.shape[0]])
-    combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
+    if factor is not None:
+        combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
     combined = constant @ combinations
 
     def tested() -> Iterator[Callable[[], RowBlock]]:
@@ -523,8 +527,12 @@ def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
 
 def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:
     """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
-    Q, R = np.linalg.qr(scipy.linalg.solve_triangular(solved.factor, solved.system.matrix, lower=True))
-    Q = scipy.linalg.solve_triangular(solved.factor, Q, lower=True, trans="T")
+    A, factor = solved.system.matrix, solved.factor
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    Q, R = np.linalg.qr(A)
+    if factor is not None:
+        Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
     return scipy.linalg.solve_triangular(R, Q.T)
 
 

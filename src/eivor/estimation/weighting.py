@@ -26,8 +26,8 @@ from eivor.tools import Complex, Float, Int
 Vector = Float[np.ndarray, " n"]
 PerBin = Float[np.ndarray, " bins"]
 
-#: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L.
-Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"]]
+#: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L; None without a weight.
+Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"] | None]
 
 
 class EquationWeighting(ABC):
@@ -47,7 +47,7 @@ class Unweighted(EquationWeighting):
     """Every equation with weight one, as in the paper's (24) and (30)."""
 
     def equations(self, system: LinearSystem, *_: object) -> Weighted:
-        return system, np.eye(len(system.matrix))
+        return system, None
 
 
 @dataclass(frozen=True, slots=True)
