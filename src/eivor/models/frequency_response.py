@@ -26,6 +26,8 @@ Band = Float[np.ndarray, "f 2"]
 DEGREE, SHARE, LEAST_BINS = 2, 0.2, 15
 #: The marginal bands are those of the joint region where its radius is above this share of the response.
 JOINT_ABOVE = 0.5
+#: Coherence of reference and output above which noise hides no bend of a response, and its column.
+CLEAR, OUTPUT_COHERENCE = 0.9, 7
 #: A frequency is shown where it is one of so many neighbours with a response of the input of this p-value.
 NEIGHBOURS, SIGNIFICANT = 3, 0.01
 APART = (1.0 + SHARE) / (1.0 - SHARE)
@@ -180,32 +182,38 @@ def local_polynomials(
     driver: int = 0,
     share: float = SHARE,
     least_bins: int = LEAST_BINS,
+    linear: float = 0.0,
 ) -> Points:
-    """Responses to the driving column at frequencies: polynomials of frequency, and a transient each run."""
+    """Responses to the driving column at frequencies: polynomials of frequency, and a transient each run.
+
+    A window whose half-width is up to `linear` times its frequency has straight lines if noise hides bends.
+    """
     longest = max(run.length_s for run in runs)
-    powers = np.arange(DEGREE + 1)
     rows = []
     for frequency in frequency_hz.tolist():
         centre = round(frequency * longest) / longest
         half = max(least_bins / longest, share * centre)
-        blocks, answers, least = [], [], 2 * (DEGREE + 1)
-        for run in runs:
-            bins = run.window(centre, half)
-            if bins.size <= least:
-                continue
-            x = ((bins / run.length_s - centre) / half)[:, None] ** powers
-            blocks.append((run.values[bins, driver][:, None] * x, x))
-            answers.append(run.values[bins][:, [2, 1]])
-        count = sum(len(block) for block in answers)
-        columns = (DEGREE + 1) * (1 + len(blocks))
-        A = np.zeros((count, columns), dtype=np.complex128)
-        start = 0
-        for number, (driven, free) in enumerate(blocks, start=1):
-            A[start : start + len(driven), : DEGREE + 1] = driven
-            A[start : start + len(free), number * (DEGREE + 1) : (number + 1) * (DEGREE + 1)] = free
-            start += len(driven)
-        rows.append(_row(A, np.concatenate(answers), count - columns) if blocks else _NOTHING)
+        row = _window(runs, driver, centre, half, 1 if half <= linear * centre else DEGREE)
+        if half <= linear * centre and row[OUTPUT_COHERENCE] > CLEAR:
+            row = _window(runs, driver, centre, half, DEGREE)
+        rows.append(row)
     return _points(frequency_hz, rows)
+
+
+def _window(runs: Sequence[Spectra], driver: int, centre: float, half: float, degree: int) -> tuple[Any, ...]:
+    powers, blocks, answers = np.arange(degree + 1), [], []
+    for run in runs:
+        bins = run.window(centre, half)
+        if bins.size <= 2 * powers.size:
+            continue
+        x = ((bins / run.length_s - centre) / half)[:, None] ** powers
+        blocks.append((run.values[bins, driver][:, None] * x, x))
+        answers.append(run.values[bins][:, [2, 1]])
+    if not blocks:
+        return _NOTHING
+    driven = np.concatenate([block for block, _ in blocks])
+    A = np.column_stack([driven, scipy.linalg.block_diag(*(free for _, free in blocks))])
+    return _row(A, np.concatenate(answers), A.shape[0] - A.shape[1])
 
 
 _NOTHING = (complex(np.nan), complex(np.nan), np.nan, np.nan, complex(np.nan), 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -25,8 +25,8 @@ from eivor.tools import Complex, Float
 
 Vector = Float[np.ndarray, " n"]
 
-#: Local polynomials of the points that models are fitted to: they do not overlap.
-SHARE, LEAST_BINS = 0.1, 10
+#: Local polynomials of the points that models are fitted to: they do not overlap. Narrow ones are lines.
+SHARE, LEAST_BINS, LINEAR = 0.08, 10, 0.1
 #: Band of these points [Hz], and the fewest of them.
 BAND_HZ, FEWEST = (0.4, 20.0), 6
 #: The variances of noise are smoothed over so many neighbours to both sides.
@@ -54,13 +54,12 @@ BEGINNING = {"delay": 0.005, "third": 0.01}
 UNION = 4.0
 #: Steps of a search, and the relative change of the criterion that ends it.
 STEPS, ENOUGH = 40, 1e-8
-#: Parameters with profiles, by how many a model has. Where a second lag is none, a change of it is one of the
-#: delay and of the first: none of the three has a normal error.
-PROFILED = {3: ("damping",), 4: ("damping",), 5: ("damping", "delay", "first"), 6: ("damping", "delay")}
+#: Parameters with profiles: none has a normal error, least of all beside a second lag that is hardly there.
+PROFILED = ("gain", "damping", "delay", "first")
 #: Half-width of the logarithm of what is not known at all.
 UNKNOWN = 10.0
-#: Of each draw so many are proposed, of a t distribution with these degrees of freedom.
-PROPOSED, TAILS = 40, 4.0
+#: For each draw at the edge of the region so many are proposed, at such distances over those of a normal one.
+PROPOSED, NEAR_EDGE = 40, (0.6, 1.6)
 #: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
@@ -178,9 +177,24 @@ class _Minimum:
 
     @cached_property
     def spread(self) -> float:
-        """Variance of residuals over estimated ones, whose real and imaginary parts have one half each."""
+        """Variance of residuals over estimated ones, whose real and imaginary parts have one half each.
+
+        What the model leaves over widens it (Birge 1932).
+        """
         dof = float(np.mean(self.criterion.points.dof))
-        return 0.5 * (dof + 1.0) / (dof - 1.0)
+        return 0.5 * (dof + 1.0) * max(1.0 / (dof - 1.0), 2.0 * self.value / (dof * self._left))
+
+    @property
+    def _left(self) -> int:
+        return 2 * self.criterion.points.frequency_hz.size - len(self.names)
+
+    def quantile(self, level: float) -> float:
+        """Half-width of an interval in standard errors, with the spread of what is left over."""
+        return float(scipy.special.stdtrit(max(self._left, 1), 0.5 + 0.5 * level))
+
+    def limit(self, level: float) -> float:
+        """The criterion at the ends of an interval."""
+        return self.value + self.spread * self.quantile(level) ** 2
 
     @cached_property
     def _slope(self) -> Float[np.ndarray, "rows n"]:
@@ -197,19 +211,21 @@ class _Minimum:
     def intervals(self, level: float) -> dict[str, tuple[float, float]]:
         """Intervals of the parameters, and of what follows from them."""
         names, best, covariance = self.names, self.best, self.covariance
-        t = float(scipy.special.ndtri(0.5 + 0.5 * level))
+        t = self.quantile(level)
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
         ends = {
             name: (float(at - t * error), float(at + t * error))
             for name, at, error in zip(names, best.tolist(), errors.tolist(), strict=True)
         }
-        profiled = PROFILED[len(names)]
+        profiled = [name for name in PROFILED if name in names]
         for name in profiled:
-            ends[name] = self._profile(self.value + self.spread * t * t, names.index(name))
+            ends[name] = self._profile(self.limit(level), names.index(name))
         lags = np.array([name in ("first", "third") for name in names], dtype=float)
         middle, error = float(lags @ best), math.sqrt(max(float(lags @ covariance @ lags), 0.0))
         ends["lag"] = (
-            ends["first"] if "first" in profiled else (max(middle - t * error, 0.0), middle + t * error)
+            ends["first"]
+            if "first" in names and "third" not in names
+            else (max(middle - t * error, 0.0), middle + t * error)
         )
         ends["delay"] = (max(ends["delay"][0], 0.0), max(ends["delay"][1], 0.0))
         if len(names) > 4 and best[4] > 0.0:
@@ -251,23 +267,19 @@ class _Minimum:
             ends.append(0.5 * (inside + outside) if math.isfinite(outside) else inside)
         return ends[0], ends[1]
 
-    def drawn(self) -> Float[np.ndarray, "draws n"]:
-        """Draws within the bounds, as likely as the criterion says; proposed by a t distribution."""
+    def edge(self, level: float) -> Float[np.ndarray, "draws n"]:
+        """Values within the bounds whose criterion is hardly below the limit of an interval, and the best."""
         best, (low, high) = self.best, _bounds(self.names)
         span = np.where(np.isfinite(high), high - low, 4.0 * np.abs(best) + TINY)
         scaled = self._slope / math.sqrt(self.spread) * span
         half = np.linalg.cholesky(np.linalg.inv(scaled.T @ scaled + 16.0 * np.eye(best.size)))
-        rng, count = np.random.default_rng(0), PROPOSED * DRAWS
-        normal = rng.standard_normal((count, best.size))
-        normal[0] = 0.0  # the estimate itself, which is within the bounds
-        moves = normal / np.sqrt(rng.chisquare(TAILS, (count, 1)) / TAILS)
-        drawn = best + moves @ half.T * span
-        inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
-        drawn, squares = drawn[inside], np.sum(moves[inside] ** 2, axis=1)
-        likely = -0.5 * (self.criterion.values(self.names, drawn) - self.value) / self.spread
-        likely += 0.5 * (TAILS + best.size) * np.log1p(squares / TAILS)
-        weights = np.exp(likely - likely.max())
-        return np.asarray(drawn[rng.choice(len(drawn), DRAWS, p=weights / weights.sum())])
+        rng, t = np.random.default_rng(0), self.quantile(level)
+        moves = rng.standard_normal((PROPOSED * DRAWS, best.size))
+        moves *= t * rng.uniform(*NEAR_EDGE, (len(moves), 1)) / np.linalg.norm(moves, axis=1, keepdims=True)
+        drawn = np.clip(best + moves @ half.T * span, low, high)
+        values = self.criterion.values(self.names, drawn)
+        inside = np.argsort(np.where(values <= self.limit(level), values, -np.inf))[-DRAWS:]
+        return np.vstack([best, drawn[inside][values[inside] <= self.limit(level)]])
 
 
 @dataclass(frozen=True)
@@ -322,10 +334,9 @@ class TransferFunction:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return _responses(self.parameters, s, self.known(s))
 
-    @cached_property
-    def drawn(self) -> Float[np.ndarray, "draws n"]:
-        """Draws of the parameters that the data allow."""
-        return self._minimum.drawn()
+    def edge(self, level: float) -> Float[np.ndarray, "draws n"]:
+        """The parameters, and draws at the edge of what the data allow with a probability."""
+        return self._minimum.edge(level)
 
     def to_control(self, delay_order: int = 3) -> Any:
         """State space of python-control, without hold and filter; its delay is Padé's of that order."""
@@ -408,8 +419,7 @@ def transfer_functions(
     Notes
     -----
     Minimises sum |a - G b|^2 / (S_aa - 2 Re(conj(G) S_ab) + |G|^2 S_bb) over points that do not overlap,
-    with variances of noise smoothed over frequency. Intervals of gain, lag and delay are Wald's, that of the
-    damping is of the profile.
+    with variances of noise smoothed over frequency. Intervals are of the profile.
     """
     remedy = "Make one by ev.frequency_response(u, y, reference=..., rate_hz=...)."
     checks.kind("response", response, FrequencyResponse, "a frequency response", remedy)
@@ -462,6 +472,7 @@ def _independent(response: FrequencyResponse, band_hz: tuple[float, float]) -> t
             driver=int(response.is_direct),
             share=SHARE,
             least_bins=LEAST_BINS,
+            linear=LINEAR,
         )
         if response.is_direct:
             raw = raw.with_known_input()
@@ -677,22 +688,19 @@ def _phase(values: Complex[np.ndarray, "loops f"]) -> Float[np.ndarray, "loops f
     return phase - 2.0 * np.pi * np.ceil((phase[:, :1] - 0.5 * np.pi) / (2.0 * np.pi))
 
 
-def margin_intervals(
-    models: TransferFunctions, controller: Response, *, seed: int = 0
-) -> dict[str, tuple[float, float]]:
-    """Ends of each margin by draws of all models allowed; NaN where fewer than three in four cross."""
-    rng, f = np.random.default_rng(seed), np.geomspace(*LOOKED_HZ, LOOKED_AT)
-    s, tails = 2j * np.pi * f, [0.5 * (1.0 - models.level), 0.5 * (1.0 + models.level)]
+def margin_intervals(models: TransferFunctions, controller: Response) -> dict[str, tuple[float, float]]:
+    """Ends of each margin in what the data allow of all models; NaN where fewer than three in four cross."""
+    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+    s = 2j * np.pi * f
     ends: dict[str, list[tuple[float, float]]] = {}
     for model in models.allowed:
-        chosen = model.drawn[rng.integers(len(model.drawn), size=DRAWS)]
-        columns = dict(zip(model.parameters, chosen.T[:, :, None], strict=True))
+        columns = dict(zip(model.parameters, model.edge(models.level).T[:, :, None], strict=True))
         loops = _responses(columns, s, model.known(s)) * controller(s)
         for name, values in _margins(f, loops).items():
             known = values[np.isfinite(values)]
             enough = known.size >= 0.75 * values.size
-            low, high = np.quantile(known, tails).tolist() if enough else (math.nan, math.nan)
-            ends.setdefault(name, []).append((low, high))
+            pair = (float(known.min()), float(known.max())) if enough else (math.nan, math.nan)
+            ends.setdefault(name, []).append(pair)
     lows_and_highs = {name: np.array(pairs).T for name, pairs in ends.items()}
     return {
         name: (float(np.fmin.reduce(lows)), float(np.fmax.reduce(highs)))
@@ -701,7 +709,7 @@ def margin_intervals(
 
 
 def proposed_controllers(
-    models: TransferFunctions, *, phase_margin_deg: float = 60.0, seed: int = 0
+    models: TransferFunctions, *, phase_margin_deg: float = 60.0
 ) -> tuple[Controller, ...]:
     """Controllers of the rate: by SIMC, and for a phase margin. Proposals to be test-flown, never applied.
 
@@ -711,8 +719,6 @@ def proposed_controllers(
         From `transfer_functions`.
     phase_margin_deg : float
         Phase margin of the second one [deg].
-    seed : int
-        Of the draws of the margins.
 
     Returns
     -------
@@ -727,8 +733,6 @@ def proposed_controllers(
     remedy = "Make some by ev.transfer_functions(response)."
     checks.kind("models", models, TransferFunctions, "models of a response", remedy)
     checks.number("phase_margin_deg", phase_margin_deg)
-    checks.whole("seed", seed)
-    checks.non_negative("seed", seed)
     sound = 0.0 < phase_margin_deg < 85.0
     checks.require(sound, "a phase margin between 0 and 85 degrees", f"{phase_margin_deg:g}")
     model = models.chosen
@@ -751,6 +755,6 @@ def proposed_controllers(
         def whole(s: Spectrum, tried: Controller = tried) -> Spectrum:
             return np.asarray(model.response(s.imag / (2.0 * np.pi)) * tried.response(s))
 
-        intervals = margin_intervals(models, tried.response, seed=seed)
+        intervals = margin_intervals(models, tried.response)
         made.append(Controller(name, size, integral, loop_margins(whole), intervals))
     return tuple(made)

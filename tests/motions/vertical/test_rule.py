@@ -326,9 +326,10 @@ BENT = {"map_exponent": 2.0, "thrust_exponent": 1.6, "input_spread": 0.3}
     ("intercept", "checks", "below", "above"),
     [
         (0.0, {}, None, None),
-        (1.0, {}, 0.0, 4.988),  # 40 g / (g - 1) - 40, and 1 % of the secant
-        (-1.0, {}, 4.064, 0.0),
-        (1.0, BENT, 0.0, 4.542 + 44.542 * (2.0 * 0.01 + 0.4 * 0.09 / 4.0)),
+        # 40 g / (g - 1) - 40, and of the secant 1 % and .1 / g together
+        (1.0, {}, 0.0, 4.542 + 44.542 * math.hypot(0.01, 0.1 / GRAVITY)),
+        (-1.0, {}, 3.701 + 36.299 * math.hypot(0.01, 0.1 / GRAVITY), 0.0),
+        (1.0, BENT, 0.0, 4.542 + 44.542 * math.hypot(2.0 * 0.01 + 0.4 * 0.09 / 4.0, 0.1 / GRAVITY)),
     ],
 )
 def test_the_gain_reaches_to_the_weight_over_the_hover_input(intercept, checks, below, above):

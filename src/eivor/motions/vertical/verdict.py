@@ -10,6 +10,7 @@ import numpy as np
 
 from eivor.flights import verdict
 from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.options import ACCELEROMETER_BIAS
 from eivor.flights.prepared import Difference, PreparedFlight
 from eivor.flights.quantity import Counts, Quantity
 from eivor.flights.verdict import VerdictInputs
@@ -244,6 +245,7 @@ def _secant(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     if math.isfinite(of_map):  # a wrong exponent moves the input of hover with the input's variance
         wrong = abs(of_map - inputs.checks.thrust_exponent) * inputs.checks.input_spread**2
         error = of_map * error + secant * wrong / (2.0 * of_map)
+    error = math.hypot(error, secant * ACCELEROMETER_BIAS / GRAVITY)  # which the intercept holds
     return (gain - secant + error, 0.0) if secant < gain else (0.0, secant - gain + error)
 
 
