@@ -42,13 +42,7 @@ from eivor.cli.outputs import (
 from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
-from eivor.motions.rigid_body.vehicle import (
-    ENDING,
-    load_vehicle,
-    shipped_vehicles,
-    vehicle_template,
-    vehicle_text,
-)
+from eivor.motions.rigid_body import vehicle as vehicle_files
 from eivor.planning.plan import WRITTEN, MachinePlan
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report import inspection
@@ -386,8 +380,8 @@ def _shipped_group(
 def _begun(what: str, text: str, file: str) -> None:
     """Write a file to begin with, which must not exist."""
     is_file = file != STANDARD_OUTPUT
-    if is_file and Path(file).suffix != ENDING:
-        raise UsageError(f"{what} file that ends in {ENDING}", f"'{file}'", "Add the ending.")
+    if is_file and Path(file).suffix != vehicle_files.ENDING:
+        raise UsageError(f"{what} file that ends in {vehicle_files.ENDING}", f"'{file}'", "Add the ending.")
     if is_file and os.path.lexists(file):
         received = f"'{file}', which would be lost"
         raise UsageError("a file that does not exist yet", received, "Choose another name.")
@@ -400,9 +394,9 @@ vehicle = _shipped_group(
     "vehicle",
     "Vehicle files: what is known of a vehicle before its flight is identified.",
     ("name", "what it is"),
-    lambda: ((name, load_vehicle(name).name) for name in shipped_vehicles()),
-    load_vehicle,
-    vehicle_text,
+    lambda: ((name, vehicle_files.load_vehicle(name).name) for name in vehicle_files.shipped_vehicles()),
+    vehicle_files.load_vehicle,
+    vehicle_files.vehicle_text,
     "eivor.motions.rigid_body.vehicle:shipped_vehicles",
 )
 
@@ -410,7 +404,7 @@ vehicle = _shipped_group(
 @command(vehicle, NEW_EXIT_CODES, "new")
 def new_vehicle(file: Annotated[str, NEW_FILE, Writes()] = STANDARD_OUTPUT) -> None:
     """Write a vehicle file to begin with: every key, with what it means."""
-    _begun("a vehicle", vehicle_template(), file)
+    _begun("a vehicle", vehicle_files.vehicle_template(), file)
 
 
 machine = _shipped_group(
