@@ -107,18 +107,15 @@ class Commands(TyperGroup):
     """All commands, with the options that repeat; what is wrong in them is said in one line."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Read the arguments of the group."""
         with _readable_errors():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
-        """Read the arguments of a command, and run it."""
         with _readable_errors():
             outputs.refuse_empty_options(ctx)
             return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that is named, then the options that repeat."""
         resolved = super().resolve_command(ctx, args)
         if not ctx.resilient_parsing:
             try:

@@ -661,7 +661,6 @@ class ReadableCommand(TyperCommand):
                 item.rich_help_panel = None
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, after checks of its options and of the files that it writes."""
         report_repeated_options(ctx)
         refuse_empty_options(ctx)
         try:

@@ -70,7 +70,6 @@ class PublicLog:
 
     @property
     def file_name(self) -> str:
-        """Name of the file at its origin."""
         return self.url.rpartition("/")[2]
 
 

@@ -584,7 +584,6 @@ class _Quantity:
         return pooled_types(self.used, self.across).with_columns(quantity=self.name)
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
-        """Flights that deviate from the course of their vehicle."""
         if self.trend is None:
             return DEVIATING
         counts = self._counts(self.trend, tests)

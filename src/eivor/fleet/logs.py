@@ -135,7 +135,6 @@ class LogList:
         return chain.from_iterable(self.pages())
 
     def pages(self, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
-        """So many logs at a time."""
         for part in self.table.select(*LOG_SCHEMA).iter_slices(size):
             yield tuple(
                 Log(os.fsdecode(path), name, json.loads(metadata), sha256 or "", problem)

@@ -70,7 +70,6 @@ class FleetOptions:
 
     @property
     def is_pattern(self) -> bool:
-        """Whether paths say whose logs they are."""
         return "{" in self.vehicle_from
 
     def document(self) -> dict[str, Any]:
@@ -360,7 +359,6 @@ class FleetFolder:
                 _write(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
     def check(self, options: FleetOptions) -> None:
-        """Refuse a folder that is not for these options."""
         folder = self.folder
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the fleet", f"the file '{folder}'", "Choose another with -o.")

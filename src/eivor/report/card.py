@@ -49,7 +49,6 @@ class CardEntry:
 
     @property
     def reason(self) -> Reason:
-        """The first reason against it, or against the whole result."""
         reasons = self.row.quantity.reasons or self.result.verdict.reasons
         red = (reason for reason in reasons if _contradicts(reason))
         return next(red, reasons[0] if reasons else Reason(Status.REFUSED, "It was not estimated."))

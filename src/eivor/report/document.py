@@ -120,7 +120,6 @@ class CardLine:
 
     @property
     def number(self) -> str:
-        """Number, interval and unit."""
         return f"{self.text} {self.interval} {self.unit}".rstrip()
 
 

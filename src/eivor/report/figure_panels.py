@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- Given axes --
-
 #: Axes for some panels by their names, or for all in order; for a figure of one panel also its Axes.
 GivenAxes: TypeAlias = "Axes | Mapping[str, Axes] | Iterable[Axes]"
 REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
@@ -87,8 +85,6 @@ def _check(name: str, axes: object) -> None:
     if axes.figure is None:
         raise UsageError(f"Axes of a figure for {name}", "Axes that were removed from theirs", REMEDY)
 
-
-# -- Plain figure --
 
 #: What draws each panel of a figure into its Axes, by the panel's name.
 Panels: TypeAlias = "dict[str, Callable[[Axes], None]]"
@@ -209,8 +205,6 @@ def legend(
         text.set_parse_math(False)
 
 
-# -- Pictures --
-
 #: Height of a drawing on a page, and what a row of a forest and its axis add to it [inch].
 HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 2.7, 0.4, 0.55
 
@@ -249,7 +243,6 @@ class Picture:
     height: float = HEIGHT_INCHES
 
     def on(self, axes: Axes) -> None:
-        """Draw it as a panel of a figure."""
         if not isinstance(self.drawn, Chart):
             self.drawn(axes)
         axes.set_title(self.title, fontsize=9, parse_math=False)
@@ -288,8 +281,6 @@ def banded(
     centre = np.exp(np.bincount(position, np.log(frequency)) / count)
     return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
 
-
-# -- Interval figures --
 
 PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
 INTERVAL_COLOURS = (BLUE, DARK, "#a06a00", "#1b7f3b", "#7b3f9e")

@@ -112,8 +112,6 @@ def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) 
     return (errors_by_horizon, *doc.bullets((*sentences, *prediction.omitted)))
 
 
-# -- Fit checks --
-
 #: Outcomes of the tests of a pool.
 AGREEMENT = ("agree", "may differ", "differ")
 #: A check's title and its sentence.
@@ -237,8 +235,6 @@ def _closely(result: FlightEstimate) -> list[tuple[str, QuantitySpec]]:
 def _tail(p_value: float) -> str:
     return f"(p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
 
-
-# -- Parts of a result --
 
 #: Ends of sentences.
 _SENTENCES = re.compile(r"(?<=\.) (?=[A-Z])")

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# -- Numbers of a fit --
-
 #: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
 AUTOCORRELATION_LAGS = 30
 #: Length of the segments that spectra are averaged over [s].
@@ -120,8 +118,6 @@ def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) ->
     plots.labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
 
-
-# -- Plots of a fit --
 
 #: Rows of a table beside a spectrum, and bands of its drawing on a page, in each decade.
 ROWS_PER_DECADE, BANDS_PER_DECADE = 8, 90

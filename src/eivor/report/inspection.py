@@ -58,12 +58,10 @@ class _Tried:
 
     @property
     def verdict(self) -> str:
-        """The verdict that `identify` gives, "unusable" when it cannot begin."""
         return "unusable" if self.result is None else self.result.verdict.status.value
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons of that verdict."""
         if self.result is not None:
             return self.result.verdict.sentences
         return (str(self.obstacle),) if self.obstacle is not None else ()
@@ -83,7 +81,6 @@ class Inspection(_Tried):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was noticed in the log, and in the flight where there is one."""
         return self.recording.findings if self.result is None else self.result.findings
 
     @property
@@ -110,7 +107,6 @@ class Inspection(_Tried):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Logged parameters worth showing."""
         logged = self.recording.parameters
         return {name: logged[name] for name in self.motion.channels.parameters if name in logged}
 

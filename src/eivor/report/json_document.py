@@ -64,8 +64,6 @@ def number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-# -- Tree of a result --
-
 #: Of a motion's result, and of the results of a log, which holds those of its motions.
 MOTION_SCHEMA, LOG_SCHEMA = "eivor.identify/1", "eivor.identify/2"
 
@@ -213,9 +211,6 @@ class LogDocument(msgspec.Struct, kw_only=True):
 
     motions: Annotated[Mapping[str, Any], msgspec.Meta(min_length=1)]  # A `FitDocument` each
     provenance: JsonProvenance = JsonProvenance()
-
-
-# -- Document of a result --
 
 
 def log_document(result: LogEstimate) -> dict[str, Any]:

@@ -45,18 +45,15 @@ class FlightOutputs:
     """What a flight's result asks for; an entry point registers it."""
 
     def json(self, result: FlightEstimate | LogEstimate) -> str:
-        """Text of the JSON document of a motion, or of a log as ``eivor identify --json`` writes it."""
         made = log_document(result) if isinstance(result, LogEstimate) else json_document(result)
         return json_text(made)
 
     def saved(self, result: FlightEstimate) -> SavedFit:
-        """The result as its document holds it."""
         return saved_fit(result)
 
     def figure(
         self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
     ) -> Figure:
-        """Figure of the fit."""
         return flight_figure(result, axes)
 
     def card(self, results: Sequence[FlightEstimate]) -> str:

@@ -35,7 +35,6 @@ class QuantityRow:
 
     @property
     def label(self) -> str:
-        """The verdict in words of screens and pages."""
         return verdict_label(self.quantity.verdict, self.interval)
 
     @property

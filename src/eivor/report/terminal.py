@@ -57,7 +57,6 @@ class CardText:
     card: doc.Card
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        """Groups one below the other; numbers of all begin in one column."""
         lines = [line for group in self.card.groups for line in group.lines if line.quantity]
         width, symbols, numbers = (
             max((_width(getattr(line, name)) for line in lines), default=0)

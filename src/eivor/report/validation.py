@@ -58,7 +58,6 @@ class QuantityComparison:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the intervals leave no room for one value."""
         return self.p_value < CONTRADICTION_LEVEL
 
 
@@ -102,7 +101,6 @@ class PredictionError:
 
     @property
     def texts(self) -> tuple[str, str]:
-        """Both as tables show them."""
         share = f"{self.explained:.1%}" if math.isfinite(self.explained) else NO_NUMBER
         return f"{self.rms:.3g}", share
 

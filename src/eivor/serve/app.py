@@ -152,21 +152,17 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Address of the page."""
         return f"http://{ADDRESS}:{self.port}/?token={self.token}"
 
     @property
     def connections(self) -> int:
-        """Number of open connections."""
         return len(self._uvicorn.server_state.connections)
 
     def forget(self) -> None:
-        """Delete what is an hour old."""
         self.jobs.forget_older(KEPT_S)
         self.logs.forget_older(KEPT_S, self.jobs.in_use())
 
     def close(self) -> None:
-        """End connections and processes, and delete the files."""
         self._closed.set()
         self._uvicorn.should_exit = True
         self.workers.close()
@@ -238,7 +234,6 @@ class BoundedProtocol(H11Protocol):
         super().data_received(data)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is no request."""
         self._end(RefusedError(HTTPStatus.BAD_REQUEST, "a request of the page", msg, _RELOAD))
 
     def _end_late(self) -> None:
@@ -261,8 +256,6 @@ class Gate:
         self._hosts = f"{ADDRESS}:{port}", f"localhost:{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
-
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 present = {name.lower() for name, _ in message["headers"]}
@@ -324,7 +317,6 @@ class _Routes:
         self._server, self._logs, self._jobs = server, server.logs, server.jobs
 
     def application(self) -> Starlette:
-        """The routes, and what answers errors."""
         routes = (
             ("GET", "/", self.page),
             ("GET", "/choices", self.choices),

@@ -130,7 +130,6 @@ class Workers:
         raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "a worker process that begins", "none", remedy)
 
     def pids(self) -> list[int]:
-        """Processes that wait for work."""
         with self._lock:
             return [process.pid for process, _ in self._free if process.pid is not None]
 
@@ -259,7 +258,6 @@ class Job:
         self._workers.give_up(self._ticket)
 
     def result_folder(self) -> Path:
-        """Folder with its result."""
         last = self._events[-1]
         if "done" not in last:
             received = "one that is not done" if "stage" in last else "one that has none"
@@ -267,7 +265,6 @@ class Job:
         return self.folder
 
     def report(self) -> Path:
-        """File of its report, once it is there."""
         folder = self.result_folder()
         with self._change:
             self._change.wait_for(lambda: not self.working)
@@ -312,7 +309,6 @@ class Jobs:
         folder.mkdir(mode=0o700)
 
     def begin(self, job_request: JobRequest, logs: dict[str, KeptLog]) -> str:
-        """Queue a job; its identifier."""
         name = secrets.token_hex(16)
         folder = self._folder / name
         folder.mkdir(mode=0o700)
@@ -329,7 +325,6 @@ class Jobs:
         return name
 
     def get(self, name: str) -> Job:
-        """Job of an identifier."""
         job = self._jobs.get(name)
         if job is None:
             raise absent("a job", name)
@@ -345,12 +340,10 @@ class Jobs:
             self._forget(job)
 
     def in_use(self) -> set[str]:
-        """Logs that jobs work on, or will."""
         with self._lock:
             return {log for job in self._jobs.values() if job.working for log in job.logs}
 
     def forget_older(self, age_s: float) -> None:
-        """Forget jobs that have been over for so long."""
         oldest = self._clock() - age_s
         with self._lock:
             for job in list(self._jobs.values()):
@@ -396,7 +389,6 @@ class KeptLogs:
         files: Iterable[tuple[str, Iterator[bytes]]],
         in_use: Callable[[], Collection[str]],
     ) -> str:
-        """Keep a log; its identifier."""
         self._make_room(size, in_use())
         try:
             log = secrets.token_hex(16)
@@ -431,7 +423,6 @@ class KeptLogs:
             self._coming += size
 
     def get(self, log: str) -> KeptLog:
-        """Log of an identifier, which is used now."""
         with self._lock:
             if log not in self._entries:
                 raise absent("a log", log)
@@ -440,7 +431,6 @@ class KeptLogs:
             return kept
 
     def forget(self, log: str) -> None:
-        """Delete a log."""
         with self._lock:
             if log not in self._entries:
                 raise absent("a log", log)
