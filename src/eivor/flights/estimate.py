@@ -130,9 +130,6 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Stages of an identification --
 
-#: The direct method that is whitened for motions that need it.
-TOTAL_LEAST_SQUARES = "total_least_squares"
-
 #: What other motions say of the lag, when it is requested.
 LagMeasurements = Callable[[], tuple[LagPrior, ...]]
 
@@ -173,7 +170,7 @@ def choose_instruments(state: FlightState) -> FlightState:
     chosen = instruments(state.flying, state.options, method)
     if method.of_flights.needs_instruments and chosen.direct:
         method = by_name("whitened_least_squares" if whitened else "least_squares")
-    elif whitened and method.name == TOTAL_LEAST_SQUARES and isinstance(method, LinearMethod):
+    elif whitened and method.name == "total_least_squares" and isinstance(method, LinearMethod):
         method = replace(method, row_weighting=SpectralWhitening())
     return replace(state, instruments=chosen, method=method)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from os import PathLike
 from types import MappingProxyType, NoneType
 from typing import Any, TypedDict, Unpack
@@ -22,7 +23,7 @@ from eivor.models.separable import Bounds, Prior
 from eivor.motions.table import DEFAULT, USUAL_MOTIONS, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Progress, Stage, no_stage_callback
+from eivor.tools import Progress, no_stage_callback
 
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
 
@@ -145,7 +146,7 @@ def identify_log(
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     motions = motions_of(models, str(vehicle))
     task = _task(recordings, options, windows, progress, choices)
-    task = replace(task, progress=_each_once(task.progress))
+    task = replace(task, progress=cache(task.progress))  # each stage is told once, by the first motion
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
     states: dict[str, FlightState] = {}
@@ -159,18 +160,6 @@ def identify_log(
     if not results:
         raise next(iter(errors.values()))
     return LogEstimate(results, {name: str(error) for name, error in errors.items()})
-
-
-def _each_once(progress: Progress) -> Progress:
-    """Progress that says each stage when the first motion begins it."""
-    reported: set[Stage] = set()
-
-    def first(stage: Stage) -> None:
-        if stage not in reported:
-            reported.add(stage)
-            progress(stage)
-
-    return first
 
 
 def motions_of(models: Sequence[str | Motion[Any]], vehicle: str = "") -> tuple[Motion[Any], ...]:

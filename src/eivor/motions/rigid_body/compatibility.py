@@ -1,8 +1,4 @@
-"""Compatibility of sensors by kinematics: clocks, scales, biases and axes, as in flight-path reconstruction.
-
-A vehicle's attitude turns as its gyroscope says, and its velocity changes as its accelerometer says, whatever
-drives it: see Klein and Morelli, Aircraft System Identification, chapter 10.
-"""
+"""Compatibility of sensors by kinematics, as in flight-path reconstruction (Klein and Morelli, ch. 10)."""
 
 from __future__ import annotations
 

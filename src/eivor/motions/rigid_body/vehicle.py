@@ -252,9 +252,6 @@ def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, .
         raise ParameterError(expected, f"positions {positions} with spins {spins}, which do not", remedy)
 
 
-#: A place forward and left of the centre, and the spin there.
-Rotor = tuple[float, float, int]
-
 _SIDE = math.sqrt(0.5)
 _PLACES = {
     "front-left": (_SIDE, _SIDE),
@@ -270,7 +267,8 @@ _PLACES = {
 GYROSCOPIC_WORDS = {"cw": 1, "ccw": -1}
 
 
-def _numbered(rotors: str) -> tuple[Rotor, ...]:
+def _numbered(rotors: str) -> tuple[tuple[float, float, int], ...]:
+    """Places forward and left of the centre, and the spin at each."""
     words = [rotor.split() for rotor in rotors.split(", ")]
     return tuple((*_PLACES[corner], GYROSCOPIC_WORDS[spin]) for corner, spin in words)
 

@@ -240,7 +240,7 @@ CHANNELS = LogChannels(
     select.INPUTS,
     ("velocity_z",),
     select.REFERENCES,
-    telemetry=select.TELEMETRY,
+    telemetry=("rotor_speed",),
     parameters=(
         *verdict.HOVER_PARAMETERS,
         "HTE_THR_RANGE",

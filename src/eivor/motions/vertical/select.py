@@ -165,8 +165,6 @@ INPUTS = (
     InputFamily("input"),
     InputFamily("actuator_output", numbered=True),
 )
-#: Measured states that identify the lag where commands are the input.
-TELEMETRY = ("rotor_speed",)
 #: What the vehicle was asked to do: what an identification mode adds to the throttle, the setpoints of a
 #: trajectory, and the pilot's stick. The velocity
 #: setpoint that a position loop computes answers the vehicle. In modes without height control nothing feeds
