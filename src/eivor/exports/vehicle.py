@@ -259,11 +259,12 @@ def describe(
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
     vehicle = supplied.vehicle or fitted.vehicle
     mass = supplied.mass is not None or (vehicle is not None and vehicle.mass is not None)
-    if vehicle is not None and mass and vehicle.in_metres:
+    if vehicle is not None and mass and vehicle.arm_scale is not None:
         return vehicle
     lacks = [] if mass else ["a mass (--mass 1.53:0.02)"]
     lacks += [] if vehicle is not None else ["where the rotors are (--vehicle FILE.toml)"]
-    lacks += [] if vehicle is None or vehicle.in_metres else ["the arm's length (in the vehicle's file)"]
+    if vehicle is not None and vehicle.arm_scale is None:
+        lacks.append("the arm's length (in the vehicle's file)")
     raise NotIdentifiedError(
         f"for {target}, what a flight does not identify: {' and '.join(lacks)}",
         "none" if vehicle is None else f"the vehicle '{vehicle.name}'",

@@ -22,7 +22,7 @@ from eivor.inference.diagnostics.excitation import Periodicity, Swing
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import LaggedInputs, LaggedReferences, NoInstruments
-from eivor.motions.vertical.misspecification import OmittedTerms, Sensitivities
+from eivor.motions.vertical.misspecification import OmittedTerms
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, supply_findings, vertical_flight
 from eivor.motions.vertical.regression import ThrustDrift, check_terms
@@ -221,14 +221,12 @@ def with_two_clocks():
     return {"flights": (prepare_vertical(changed(log, rotor_command_1=later), ev.FlightOptions()),)}
 
 
-SENSITIVE = Sensitivities(
-    {
-        "tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5},
-        "offset": {FRICTION: -4.0, GAIN: 50.0},
-        "late velocity": {FRICTION: -3.0, GAIN: 20.0},
-        "late accelerometer": {FRICTION: 2.0, GAIN: 10.0},
-    }
-)
+SENSITIVE = {
+    "tilt_x": {FRICTION: 10.0, GAIN: -200.0, "actuator_lag": 0.5},
+    "offset": {FRICTION: -4.0, GAIN: 50.0},
+    "late velocity": {FRICTION: -3.0, GAIN: 20.0},
+    "late accelerometer": {FRICTION: 2.0, GAIN: 10.0},
+}
 TILTED = SensorAgreement({"tilt_x": Difference(0.02, 1e-3)}, AGREE)
 LATE = SensorAgreement({"offset": Difference(0.01, 1e-3)}, AGREE)
 EARLY = SensorAgreement({"offset": Difference(-0.01, 1e-3)}, AGREE)

@@ -22,6 +22,7 @@ from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.misspecification import (
     OmittedTerms,
+    behind,
     either_sentence,
     omitted_variable_tests,
     sensitivities,
@@ -115,7 +116,7 @@ def test_what_a_late_sensor_moves_is_known_by_half(log, channel):
     offset_s = 0.02 if channel == "specific_force_z" else -0.02
     for name in ("viscous_friction", "input_gain"):
         moved = late.estimate.parameters[name] - right.estimate.parameters[name]
-        above, below = known.behind(offset_s, name)
+        above, below = behind(offset_s, name, known)
         assert moved == pytest.approx(above if moved > 0.0 else -below, rel=0.6)
 
 

@@ -186,7 +186,7 @@ class KnownVehicle:
     name: str
     positions: tuple[tuple[float, ...], ...]
     spins: tuple[int, ...]
-    arm_scale: KnownNumber | None = None
+    arm_scale: KnownNumber | None = None  # Positions are in metres; in arms of an unknown length without it
     mass: KnownNumber | None = None  # With everything on board [kg]
     speed_scale: KnownNumber | None = None  # [rad/s per unit of command]
     torque_ratio: KnownNumber | None = None
@@ -209,11 +209,6 @@ class KnownVehicle:
     @property
     def count(self) -> int:
         return len(self.positions)
-
-    @property
-    def in_metres(self) -> bool:
-        """Whether the positions are in metres; in arms of an unknown length when not."""
-        return self.arm_scale is not None
 
     @property
     def arm(self) -> float:

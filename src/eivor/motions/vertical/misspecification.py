@@ -273,25 +273,20 @@ def velocity_spectrum(problem: VerticalFlights) -> Spectrum:
     return np.concatenate(frequencies), np.concatenate(powers) / count
 
 
-@dataclass(frozen=True, slots=True)
-class Sensitivities:
-    """What joint parameters change by where a cause adds so much to the response."""
+#: By cause: what joint parameters change by where it adds a unit to the response.
+Sensitivities = Mapping[str, Mapping[str, float]]
 
-    by_cause: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def to(self, cause: str, name: str) -> float:
-        """Size of the change of a parameter for a unit of a cause; zero where it does not act."""
-        return abs(self._change(cause, name))
+def change_by(cause: str, name: str, known: Sensitivities) -> float:
+    """Change of a parameter for a unit of a cause; zero where it does not act."""
+    return known.get(cause, {}).get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0)
 
-    def _change(self, cause: str, name: str) -> float:
-        known = self.by_cause.get(cause, {})
-        return known.get(ACTUATOR_LAG.name if name == EFFECTIVE_LAG else name, 0.0)
 
-    def behind(self, offset_s: float, name: str) -> tuple[float, float]:
-        """How far a parameter may be too high and too low where a sensor is behind the other."""
-        late = {sensor: self._change(f"late {sensor}", name) for sensor in SENSORS}
-        shifts = (offset_s * late["accelerometer"], -offset_s * late["velocity"])
-        return max(*shifts, 0.0), max(*(-shift for shift in shifts), 0.0)
+def behind(offset_s: float, name: str, known: Sensitivities) -> tuple[float, float]:
+    """How far a parameter may be too high and too low where a sensor is behind the other."""
+    by_velocity, by_force = (change_by(f"late {sensor}", name, known) for sensor in SENSORS)
+    shifts = (offset_s * by_force, -offset_s * by_velocity)
+    return max(*shifts, 0.0), max(*(-shift for shift in shifts), 0.0)
 
 
 def sensitivities(
@@ -301,7 +296,7 @@ def sensitivities(
     # of an offset the rate of change of the acceleration, of a tilt the horizontal acceleration
     columns = problem.columns
     if not all(item.instruments.shape[1] for item in columns):
-        return Sensitivities()
+        return {}
     sideways = [_sideways(flight) for flight in flights]
     tilts = [name for name in sideways[0] if all(name in other for other in sideways)]
     causes = [OFFSET.name, *(TILTS[name].name for name in tilts)]
@@ -327,7 +322,7 @@ def sensitivities(
     left = np.vstack([products[:, :known_columns], known])
     right = np.vstack([np.hstack(effects), np.zeros((len(known), len(causes)))])
     moved = zip(causes, np.linalg.lstsq(left, right, rcond=None)[0].T.tolist(), strict=True)
-    return Sensitivities({cause: dict(zip(estimate.names, row, strict=True)) for cause, row in moved})
+    return {cause: dict(zip(estimate.names, row, strict=True)) for cause, row in moved}
 
 
 def _lateness(item: AxisColumns, sensor: str, friction: float) -> Float[np.ndarray, "n 2"]:

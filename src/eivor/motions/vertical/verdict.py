@@ -30,6 +30,8 @@ from eivor.motions.vertical.misspecification import (
     OmittedTerms,
     Sensitivities,
     Spectrum,
+    behind,
+    change_by,
     coherent_friction,
     one_stands,
     sentence,
@@ -65,7 +67,7 @@ class VerticalChecks(verdict.MotionChecks):
     omitted: OmittedTerms = field(default_factory=OmittedTerms)
     drift: ThrustDrift | None = None  # Line in time that rows lose
     mean_command: float = 1.0  # Of the rotors, over the command of their mean thrust
-    sensitivities: Sensitivities = field(default_factory=Sensitivities)
+    sensitivities: Sensitivities = field(default_factory=dict)
     velocity: Spectrum = NO_SPECTRUM  # As far as the references explain it
 
     @property
@@ -187,13 +189,13 @@ def _unknown_tilt(inputs: VerdictInputs, name: str) -> float:
 
 
 def _tilt(inputs: VerdictInputs, name: str, sizes: Mapping[str, float]) -> float:
-    sensitivities = inputs.checks.sensitivities
-    return TILT_FACTOR * math.hypot(*(size * sensitivities.to(tilt, name) for tilt, size in sizes.items()))
+    known = inputs.checks.sensitivities
+    return TILT_FACTOR * math.hypot(*(size * change_by(tilt, name, known) for tilt, size in sizes.items()))
 
 
 def _by_offset(inputs: VerdictInputs, name: str, size_s: float) -> float:
     """What an offset in time between the sensors, or of the command, does."""
-    return float(size_s * inputs.checks.sensitivities.to(OFFSET.name, name))
+    return size_s * abs(change_by(OFFSET.name, name, inputs.checks.sensitivities))
 
 
 def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
@@ -204,7 +206,7 @@ def _offset(inputs: VerdictInputs, name: str) -> tuple[float, float]:
     both = inputs.corrected(OFFSET.name)
     if name in SEARCHED:
         return size, size if both else 0.0
-    low, high = inputs.checks.sensitivities.behind(size if both else difference.value, name)
+    low, high = behind(size if both else difference.value, name, inputs.checks.sensitivities)
     return (max(low, high),) * 2 if both else (low, high)
 
 
