@@ -37,8 +37,6 @@ from eivor.signals.channels import canonical_channel, family_members
 from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, no_stage_callback
 
-# -- Windows, lags and names --
-
 Window = tuple[float, float]
 
 
@@ -112,9 +110,6 @@ def named(name: str, *, several: bool) -> Iterator[None]:
         if not several or Path(name).name in str(error):
             raise
         raise type(error)(error.expected, f"{error.received}, in {name}", error.remedy) from error
-
-
-# -- Flights --
 
 
 def named_flights(
@@ -212,8 +207,6 @@ def pooled_result(
         return identified(recordings, motions, options, windows, progress)
 
 
-# -- Noise --
-
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*(.*)", re.IGNORECASE)
 _SHEET = ("density", "bandwidth", "step")
 _REMEDY = (
@@ -294,9 +287,6 @@ def _size(name: str, text: str, what: str) -> float:
     return value * to_si
 
 
-# -- Options of an identification --
-
-
 Motions = Sequence[Motion[Any]]
 
 
@@ -358,15 +348,14 @@ def flight_options(motions: Motions, **given: Any) -> FlightOptions:
         order=None if words.order == "auto" else int(words.order),
         noise=declared_noise(words.noise),
     )
-    check_for_any(motions, options)
+    _check_for_any(motions, options)
     if words.max_tilt is None:
         return options
     # what is not finite is refused in the library's words
     return replace(options, max_tilt_deg=words.max_tilt if math.isfinite(words.max_tilt) else 0.0)
 
 
-def check_for_any(motions: Motions, options: FlightOptions) -> None:
-    """Refuse options that none of the motions has."""
+def _check_for_any(motions: Motions, options: FlightOptions) -> None:
     errors = []
     for motion in motions:
         try:
@@ -397,9 +386,6 @@ def lag_prior(text: str, file: str) -> Prior | Bounds | None:
         )
     # half a 95 % interval, the choice of the delay included, is two standard deviations at most
     return Prior(result.value, max(result.half_width / 2.0, result.std_error))
-
-
-# -- Options of a plan --
 
 
 def check_mission(qgc: str, home: str, shape: str) -> None:

@@ -49,8 +49,7 @@ def write_page(result: LogEstimate, position: str) -> None:
     outputs.write_out(page, position)
 
 
-def write_residuals(result: LogEstimate, folder: Path) -> None:
-    """Write the residuals of the first fit, and layouts."""
+def _write_residuals(result: LogEstimate, folder: Path) -> None:
     with outputs.step("Writing residuals"), outputs.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in residual_files(result.drawn).items():
@@ -69,7 +68,7 @@ def identify(
         json,
         figure_part(picture, lambda: flight_figure(result.drawn)),
         *([partial(write_page, result, html)] if html else []),
-        *([partial(write_residuals, result, Path(residuals))] if residuals else []),
+        *([partial(_write_residuals, result, Path(residuals))] if residuals else []),
     )
     return outputs.ExitCode.IDENTIFIED if result.meets(needed) else outputs.ExitCode.NOT_IDENTIFIED
 

@@ -46,8 +46,7 @@ MOST = 20
 FAR = 20.0
 
 
-def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
-    """The quantity that a row is of."""
+def _across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
     return next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
 
 
@@ -113,7 +112,7 @@ def report_changes(report: FleetReport) -> list[str]:
 
 
 def _change(report: FleetReport, row: Row) -> str:
-    across = across_of_row(report, row)
+    across = _across_of_row(report, row)
     words = report.motion.quantities[across.name].words
     who = f"{row['vehicle']}: the {words}"
     if row["course"] == DRIFTS:
@@ -136,8 +135,7 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
     return f"{value_text}{unit} {interval}"
 
 
-def report_differences(report: FleetReport) -> list[str]:
-    """Return a sentence about each vehicle that differs from its type."""
+def _report_differences(report: FleetReport) -> list[str]:
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
     selected = []
     for row in rows:
@@ -151,8 +149,7 @@ def report_differences(report: FleetReport) -> list[str]:
     return _at_most(selected, "vehicles differ")
 
 
-def report_omitted(report: FleetReport) -> list[str]:
-    """Return what was left out, and why."""
+def _report_omitted(report: FleetReport) -> list[str]:
     return [
         f"{report.motion.quantities[row['quantity']].words}: {row['flights']} "
         f"{'flight' if row['flights'] == 1 else 'flights'}; {row['reason']}."
@@ -236,7 +233,7 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
         yield doc.Section(
             "Nothing to pool", doc.bullets(["No flight identifies a quantity with a standard error."])
         )
-        yield from doc.section("Left out", doc.Bullets, report_omitted(report))
+        yield from doc.section("Left out", doc.Bullets, _report_omitted(report))
         return
     types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
@@ -264,8 +261,8 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     yield doc.Section("Changes", (*doc.bullets(report_changes(report) or nothing), doc.Figure(LINES)))
     if report.deviating.height:
         yield doc.Section("Flights that deviate", tuple(_deviating(report, links)))
-    yield from doc.section("Vehicles that differ", doc.Bullets, report_differences(report))
-    yield from doc.section("Left out", doc.Bullets, report_omitted(report))
+    yield from doc.section("Vehicles that differ", doc.Bullets, _report_differences(report))
+    yield from doc.section("Left out", doc.Bullets, _report_omitted(report))
     yield from doc.section("Taken out before changes were sought", doc.Bullets, report_covariates(report))
 
 
@@ -318,7 +315,7 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> doc.TableOf:
     seen: set[tuple[str, ...]] = set()
     cells = []
     for row in rows:
-        across = across_of_row(report, row)
+        across = _across_of_row(report, row)
         wording = report.motion.quantities[across.name]
         member = tuple(row[name] for name in key)
         omitted = f"{row['left_out']} left out" if row.get("left_out") else ""

@@ -145,8 +145,7 @@ def write_figure(figure: Figure, file: BytesIO | BinaryIO, kind: str) -> None:
 BANDS_PER_DECADE = 12
 
 
-def draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
-    """Draw the spectrum of noise and the fractional noise that fits it."""
+def _draw_noise_spectrum(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
     result = estimate_long_memory(values)
     frequency = rate_hz * np.arange(1, (values.size + 1) // 2) / values.size
     spectrum = np.abs(np.fft.rfft(values - values.mean())[1 : frequency.size + 1]) ** 2
@@ -216,7 +215,7 @@ def residual_figure(
     panels: plots.Panels = {
         "time": partial(_draw_time, values=residual, time=time, unit=unit),
         "autocorrelation": partial(_draw_autocorrelation, values=residual, lags=most, rate_hz=rate_hz),
-        "spectrum": partial(draw_noise_spectrum, values=residual, rate_hz=rate_hz, unit=unit),
+        "spectrum": partial(_draw_noise_spectrum, values=residual, rate_hz=rate_hz, unit=unit),
     }
 
     def made(names: tuple[str, ...]) -> dict[str, Axes]:

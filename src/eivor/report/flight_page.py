@@ -187,8 +187,7 @@ MOST_FLIGHTS = 8
 AROUND = 0.04
 
 
-def flights_over_time(result: FlightEstimate) -> Iterator[tuple[str, tuple[Picture, ...]]]:
-    """Pictures of each flight, those that share an axis of time together."""
+def _flights_over_time(result: FlightEstimate) -> Iterator[tuple[str, tuple[Picture, ...]]]:
     several = len(result.prepared) > 1
     traces = () if result.fit is None else result.fit.traces(result.motion)
     runs = [] if result.fit is None else flight_figures.flight_runs(result)
@@ -286,7 +285,7 @@ def flight_page(result: FlightEstimate | LogEstimate) -> str:
     whole = LogEstimate({result.motion.name: result}) if isinstance(result, FlightEstimate) else result
     results, first = tuple(whole.motions.values()), whole.first
     documents, card = log_documents(whole, card=True), result_card(results)
-    over_time = [list(flights_over_time(item)) for item in results]
+    over_time = [list(_flights_over_time(item)) for item in results]
     pictures = (picture.drawn for groups in over_time for _, group in groups for picture in group)
     charts = [drawn for drawn in pictures if isinstance(drawn, Chart)]
     figures = Figures(sum(len(chart.lines) for chart in charts))

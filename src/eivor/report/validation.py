@@ -221,7 +221,7 @@ class Validation:
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
-        return json_text(validation_json(self))
+        return json_text(_validation_json(self))
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure: for each prediction what was measured and predicted, and below it what is left.
@@ -237,7 +237,7 @@ class Validation:
         UsageError
             When `axes` do not fit the panels.
         """
-        return validation_figure(self, axes)
+        return _validation_figure(self, axes)
 
 
 def validate(
@@ -407,8 +407,7 @@ def _rows(validation: Validation) -> list[tuple[str, ...]]:
     ]
 
 
-def validation_json(validation: Validation) -> dict[str, Json]:
-    """Document of a validation, ready for `json_text`."""
+def _validation_json(validation: Validation) -> dict[str, Json]:
     log, fitted = validation.flight.recording, validation.fit.document
     return document(
         "eivor.validate/1",
@@ -513,8 +512,7 @@ VALIDATION_COLOURS = (plots.RED, plots.BLUE, plots.GREY, "#8a6d3b")
 TITLE_LETTERS = 120
 
 
-def validation_figure(validation: Validation, axes: plots.GivenAxes | None = None) -> Figure:
-    """Figure of a validation."""
+def _validation_figure(validation: Validation, axes: plots.GivenAxes | None = None) -> Figure:
     multi_step = validation.multi_step_prediction
     panels: plots.Panels = {} if multi_step is None else prediction_panels(multi_step)
     for models in validation.by_quantity:
