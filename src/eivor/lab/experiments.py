@@ -168,8 +168,9 @@ class DifferenceEquation(Experiment):
             check_number(True, "finite coefficients", value)
         check_number(self.delay >= 0, "a delay of zero or more samples", self.delay)
         check_number(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
-        unknowns = len(self.output_coefficients) + len(self.input_coefficients)
-        needed = unknowns + self.largest_lag
+        outputs, inputs = len(self.output_coefficients), len(self.input_coefficients)
+        unknowns = outputs + inputs
+        needed = unknowns + max(outputs, self.delay + inputs - 1)
         check_number(
             self.samples >= needed, f"samples of {needed} or more for {unknowns} unknowns", self.samples
         )
@@ -197,11 +198,6 @@ class DifferenceEquation(Experiment):
     def truth(self) -> Mapping[str, float]:
         values = (*self.output_coefficients, *self.input_coefficients)
         return {parameter.name: value for (parameter, _), value in zip(self.terms, values, strict=True)}
-
-    @property
-    def largest_lag(self) -> int:
-        """Samples that the equation reaches back."""
-        return max(len(self.output_coefficients), self.delay + len(self.input_coefficients) - 1)
 
     def record(self, rng: np.random.Generator) -> Signals:
         """Simulate; each source has a stream of its own, whether it is used or not."""
