@@ -125,9 +125,7 @@ TRACK_OPTIONS = (
 @declared(LogWords, FlightWords, only=TRACK_OPTIONS)
 def track(
     log: Annotated[
-        str,
-        argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."),
-        Reads(log_paths),
+        str, argument("LOG", "One log, as of eivor identify; LOG@START:END takes a window."), Reads(log_paths)
     ] = "",
     *,
     memory: Annotated[
@@ -150,8 +148,7 @@ def track(
         ),
     ] = None,
     method: Annotated[
-        str,
-        rare_option("NAME", "Method that identifies the flight as a whole, and its lag.", values=METHODS),
+        str, rare_option("NAME", "Method that identifies the flight as a whole, and its lag.", values=METHODS)
     ] = "reference_iv",
     json: JsonOption = "",
     figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",

@@ -145,8 +145,7 @@ def list_logs() -> None:
 )
 def fetch(
     name: Annotated[
-        str,
-        argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs"),
+        str, argument("NAME", "A name out of eivor example list.", "eivor.cli.tools:public_logs")
     ],
 ) -> None:
     """Download a public real log, check it, and print its path. A second time it works without a network.

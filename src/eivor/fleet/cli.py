@@ -44,9 +44,7 @@ app = outputs.group(
 )
 
 FleetArgument = Annotated[
-    str,
-    outputs.argument("FLEET", "Folder of eivor fleet run."),
-    outputs.Reads(outputs.fleet_paths),
+    str, outputs.argument("FLEET", "Folder of eivor fleet run."), outputs.Reads(outputs.fleet_paths)
 ]
 
 
@@ -106,10 +104,7 @@ def run_command(
     reports: Annotated[
         bool, outputs.flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
     ] = False,
-    log_time: Annotated[
-        float,
-        outputs.rare_option("S", "Longest time for one log, in seconds."),
-    ] = 600.0,
+    log_time: Annotated[float, outputs.rare_option("S", "Longest time for one log, in seconds.")] = 600.0,
     log_memory: Annotated[float, outputs.rare_option("GB", "Most memory for one log, in GB.")] = 4.0,
     **given: Any,
 ) -> outputs.ExitCode:
