@@ -35,7 +35,7 @@ def identified(
     progress: Progress = no_stage_callback,
     prepared_states: dict[str, FlightState] | None = None,
 ) -> FlightEstimate:
-    """Identify a motion from logs of one vehicle; `begun`, what was done of others, is used and added to."""
+    """Identify a motion from logs of one vehicle; states of others are used and added to."""
     prepared_states = {} if prepared_states is None else prepared_states
     by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)

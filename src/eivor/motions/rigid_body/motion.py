@@ -445,15 +445,10 @@ class RigidBody(motion.Motion[LaggedRuns]):
         order = verdict.observed_order(flights, self.known_vehicle)
         if order is not None:
             return verdict.RigidBodyChecks(order, filter_early_s=early_s)
-        wind, lags = (
-            verdict.steady_wind(problem, estimate.nuisances, flights),
-            verdict.lag_consistency_test(estimate),
-        )
-        # of a pool's flight the whole pool is asked about filters
-        of_pool = self.pooled and len(flights) == 1
-        filters = (
-            None if of_pool else verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
-        )
+        wind = verdict.steady_wind(problem, estimate.nuisances, flights)
+        lags, filters = verdict.lag_consistency_test(estimate), None
+        if not (self.pooled and len(flights) == 1):  # the whole pool is asked about filters, not its flights
+            filters = verdict.filters_not_passed(problem, estimate, flights, self.known_vehicle)
         return verdict.RigidBodyChecks(None, wind, lags, filters, early_s)
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:

@@ -490,7 +490,9 @@ def _number(parameter: PhysicalParameter, combinations: Combinations, known: Kno
                     "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
                 )
             numbers = value, result.std_error, result.interval
-            return Implied(name, words, symbol, unit, *numbers, _joined(basis), status, formula.needed)
+            return Implied(
+                name, words, symbol, unit, *numbers, " ".join(filter(None, basis)), status, formula.needed
+            )
         number = f"{symbol} = {value:.4g} ({low:.4g} to {high:.4g}) {unit}".rstrip()
         left = f"{number} is all that the flight gives"
     if parameter.refusal:
@@ -500,7 +502,7 @@ def _number(parameter: PhysicalParameter, combinations: Combinations, known: Kno
         why = [reason, f"{left}." if left else ""]
     else:
         why = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
-    return Implied(name, words, "", "", None, None, None, _joined(why))
+    return Implied(name, words, "", "", None, None, None, " ".join(filter(None, why)))
 
 
 def _why_not_identified(formula: Formula, combinations: Combinations) -> str:
@@ -515,10 +517,6 @@ def _why_not_identified(formula: Formula, combinations: Combinations) -> str:
         if low <= 0.0:
             return f"The flight does not distinguish {name} from zero."
     return ""
-
-
-def _joined(sentences: list[str]) -> str:
-    return " ".join(filter(None, sentences))
 
 
 def _remedy(names: tuple[str, ...], joint: str) -> str:
