@@ -245,7 +245,7 @@ def drift(change):
 @pytest.mark.parametrize(
     ("name", "changed", "kind", "sizes", "said"),
     [
-        (FRICTION, {"used_s": 15.0}, "factor", 1.45**0.5, "15 s are few"),
+        (FRICTION, {"used_s": 15.0}, "factor", 1.6**0.5, "15 s are few"),
         (FRICTION, strength(p_value=0.009), "factor", 3.0, "references disagree"),
         (GAIN, strength(p_value=0.02), "factor", (18.0 / 5.9915) ** 0.5, "disagree"),
         (
