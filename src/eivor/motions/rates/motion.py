@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -196,11 +197,21 @@ def _imitated_s(lag_s: float) -> float:
 
 
 def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
-    """What a second stage of the actuator takes from the delay and adds to the lag, at most [s]."""
-    if SECOND_LAG in inputs.quantities or inputs.order_given:
+    """What one order takes from the delay and adds to the lag, where the other is true, at both ends [s]."""
+    lag_s, second = inputs.quantities[ACTUATOR_LAG.name].value, inputs.quantities.get(SECOND_LAG)
+    if inputs.order_given:
         return 0.0, 0.0
-    delay_s = _imitated_s(inputs.quantities[ACTUATOR_LAG.name].value)
-    return (delay_s, 0.0) if name == DELAY.name else (0.0, delay_s)
+    if second is None:
+        less, more = _imitated_s(lag_s), 0.0
+    else:
+        less, more = 0.0, lag_s - math.hypot(lag_s - second.value, second.value)
+    return (less, more) if name == DELAY.name else (more, less)
+
+
+def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
+    less, more = (1e3 * end for end in _second_stage(inputs, DELAY.name))
+    what = f"of the lag {more:.2g} ms may be delay" if more else f"of the delay {less:.2g} ms may be lag"
+    return f"A motor and its controller lag in two stages, which one lag and a delay imitate: {what}."
 
 
 PARTS = (
@@ -210,10 +221,7 @@ PARTS = (
         (ACTUATOR_LAG.name, DELAY.name),
         quantity.Counts.ADDED,
         _second_stage,
-        lambda inputs: (
-            "A motor and its controller lag in two stages, which one lag and a delay imitate: of the delay "
-            f"{1e3 * _second_stage(inputs, DELAY.name)[0]:.2g} ms may be lag."
-        ),
+        _second_stage_sentence,
     ),
     verdict.SystematicPart(LAGS, quantity.Counts.ADDED, lambda *_: ROTOR_LAG_S, f"{ROTORS}lag by 1 ms."),
     verdict.SystematicPart(
