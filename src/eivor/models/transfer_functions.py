@@ -253,9 +253,12 @@ class _Minimum:
             for _ in range(12):
                 trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
                 trial = min(max(trial, low), high)
-                moved = theta + covariance[:, k] / covariance[k, k] * (trial - theta[k])
-                moved[k] = trial
-                refitted, value = self.criterion.fitted(names, np.clip(moved, lows, highs), names[k])
+                for start in (theta + covariance[:, k] / covariance[k, k] * (trial - theta[k]), theta, best):
+                    moved = np.clip(start, lows, highs)
+                    moved[k] = trial
+                    refitted, value = self.criterion.fitted(names, moved, names[k])
+                    if value <= limit:
+                        break
                 if value > limit:
                     outside = trial
                 else:
@@ -264,7 +267,7 @@ class _Minimum:
                         break
                 if math.isfinite(outside) and abs(outside - inside) < 0.05 * abs(outside - best[k]):
                     break
-            ends.append(0.5 * (inside + outside) if math.isfinite(outside) else inside)
+            ends.append(outside if math.isfinite(outside) else inside)
         return ends[0], ends[1]
 
     def edge(self, level: float) -> Float[np.ndarray, "draws n"]:
