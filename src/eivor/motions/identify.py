@@ -146,7 +146,7 @@ def identify_log(
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     motions = motions_of(models, str(vehicle))
     task = _task(recordings, options, windows, progress, choices)
-    task = replace(task, progress=cache(task.progress))  # each stage is told once, by the first motion
+    task = replace(task, progress=cache(task.progress))  # each stage is reported once, by the first motion
     results: dict[str, FlightEstimate] = {}
     errors: dict[str, EivorError] = {}
     states: dict[str, FlightState] = {}
