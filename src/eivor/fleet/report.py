@@ -107,7 +107,7 @@ def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
 def report_changes(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
     changing = report.vehicles.filter(pl.col("course").is_in([DRIFTS, STEPS]))
-    rows = changing.sort(pl.min_horizontal("change_p", "step_p"), maintain_order=True).iter_rows(named=True)
+    rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
     return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
 
 
