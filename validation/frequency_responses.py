@@ -210,7 +210,7 @@ def _holds(band: Any, values: Any, *, phase: bool = False) -> Any:
     return ~(np.isfinite(band[:, 1]) & ((values < band[:, 0]) | (values > band[:, 1])))
 
 
-def _exact_margins(made: Any, run: int, controller: Any) -> Any:
+def exact_margins(made: Any, run: int, controller: Any) -> Any:
     one = Loops(made.order, *(getattr(made, item.name)[run : run + 1] for item in fields(made)[1:]))
     return loop_margins(lambda s: truth(one, s.imag / (2.0 * np.pi))[0][0] * controller(s))
 
@@ -263,12 +263,12 @@ def measured(  # noqa: C901 - one line for each number of the table
         if kind != "chirp" or order == 1 or run >= margins_of:
             continue
         controller = lambda s, k=run: made.kp[k] * (1.0 + STEP_S / (1.0 - np.exp(-s * STEP_S)) / made.ti[k])  # noqa: E731
-        margins, ends = _exact_margins(made, run, controller), margin_intervals(models, controller)
+        margins, ends = exact_margins(made, run, controller), margin_intervals(models, controller)
         for name in MARGINS:
             if np.isfinite(ends[name][0]):
                 add(name, ends[name][0] <= getattr(margins, name) <= ends[name][1])
         for simc in proposed_controllers(models)[:1]:
-            add("SIMC above 45 deg", _exact_margins(made, run, simc.response).phase_margin_deg > 45.0)
+            add("SIMC above 45 deg", exact_margins(made, run, simc.response).phase_margin_deg > 45.0)
     return held
 
 

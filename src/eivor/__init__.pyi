@@ -52,6 +52,7 @@ from eivor.models.separable import Bounds as Bounds
 from eivor.models.separable import Prior as Prior
 from eivor.models.signal_regression import SignalRegression as SignalRegression
 from eivor.models.transfer_functions import loop_margins as loop_margins
+from eivor.models.transfer_functions import margin_intervals as margin_intervals
 from eivor.models.transfer_functions import proposed_controllers as proposed_controllers
 from eivor.models.transfer_functions import transfer_functions as transfer_functions
 from eivor.motions.declaration import actuator as actuator

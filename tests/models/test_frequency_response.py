@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -12,7 +13,7 @@ from scipy.signal import lfilter
 
 import eivor as ev
 from eivor import errors
-from validation.frequency_responses import FILTER_HZ, flights, truth
+from validation.frequency_responses import FILTER_HZ, STEP_S, exact_margins, flights, truth
 
 RATE_HZ = 400.0
 NUMBERS = ("gain", "damping", "delay", "first", "second", "third")
@@ -151,6 +152,30 @@ def test_margins_agree_with_python_control():
     assert np.degrees(np.angle(closed(2j * np.pi * margins.bandwidth_hz))) == pytest.approx(-90.0)
     sensitivity = abs(1.0 - closed(2j * np.pi * margins.disturbance_bandwidth_hz))
     assert sensitivity == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
+def test_margins_of_a_loop_as_flown_hold(swept):
+    """Of the loop that is broken at the torque setpoint, to which the sweep is added."""
+    made, r, u, _ = swept
+    held = []
+
+    def controllers(s, k):
+        rate = made.kp[k] * (1.0 + STEP_S / (1.0 - np.exp(-s * STEP_S)) / made.ti[k])
+        return rate * (1.0 + made.ka[k] / s)
+
+    for k in range(made.runs):
+        loop = ev.frequency_response(u[:, k], r[:, k] - u[:, k], reference=r[:, k], rate_hz=RATE_HZ)
+        exact = exact_margins(made, k, partial(controllers, k=k))
+        ends = ev.margin_intervals(loop)
+        held += [
+            ends[name][0] <= getattr(exact, name) <= ends[name][1]
+            for name in ("crossover_hz", "phase_margin_deg", "gain_margin_db", "phase_crossover_hz")
+            if np.isfinite(ends[name][0])
+        ]
+    assert len(held) > 12
+    assert np.mean(held) > 0.8
+    with pytest.raises(errors.UsageError, match="a broken loop alone"):
+        ev.margin_intervals(loop, lambda s: s)
 
 
 def test_responses_and_models_go_to_python_control(first):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -21,6 +21,7 @@ from eivor.models.frequency_response import (
     local_polynomials,
     python_control,
 )
+from eivor.signals.signals import stretches
 from eivor.tools import Complex, Float
 
 Vector = Float[np.ndarray, " n"]
@@ -61,6 +62,8 @@ UNKNOWN = 10.0
 #: For each draw at the edge of the region so many are proposed, at such distances over those of a normal one.
 PROPOSED, NEAR_EDGE = 40, (0.6, 1.6)
 #: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
+#: And directions in the complex plane in which a measured loop may be off.
+DIRECTIONS = 36
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
 #: A response at complex frequencies s = 2 pi j f.
@@ -652,7 +655,7 @@ def _margins(
     ) -> Float[np.ndarray, " loops"]:
         """First frequencies at which values fall below zero; `of` gives them by values of the loop."""
         fallen = (values[:, :-1] > 0.0) & (values[:, 1:] <= 0.0)
-        k, known = fallen.argmax(axis=1), np.asarray(fallen.any(axis=1))
+        k, known = fallen.argmax(axis=1), np.asarray(fallen.any(axis=1) & (values[:, 0] > 0.0))
         before, after = values[rows, k], values[rows, k + 1]
         share = np.where(known, before / np.where(known, before - after, 1.0), np.nan)
         if exact is not None and known[0]:
@@ -691,24 +694,71 @@ def _phase(values: Complex[np.ndarray, "loops f"]) -> Float[np.ndarray, "loops f
     return phase - 2.0 * np.pi * np.ceil((phase[:, :1] - 0.5 * np.pi) / (2.0 * np.pi))
 
 
-def margin_intervals(models: TransferFunctions, controller: Response) -> dict[str, tuple[float, float]]:
-    """Ends of each margin in what the data allow of all models; NaN where fewer than three in four cross."""
-    f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
+def margin_intervals(
+    of: TransferFunctions | FrequencyResponse, controller: Response | None = None
+) -> dict[str, tuple[float, float]]:
+    """Intervals of the margins of a loop, of models with a controller or as it was measured.
+
+    Parameters
+    ----------
+    of : TransferFunctions or FrequencyResponse
+        Models of a plant, or the response of a broken loop: from the error of what is controlled to it.
+    controller : callable, optional
+        Response of the controller at s = 2 pi j f, with models.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        By the names of `Margins`; NaN where fewer than three in four of the loops that the data allow cross,
+        or not every loop as measured.
+
+    Raises
+    ------
+    UsageError
+        When models have no controller, or a response has.
+
+    Notes
+    -----
+    Of models over parameters at the edge of what the data allow, in each order within 4 AICc. Of a measured
+    loop over the joint region at each frequency that is shown, all frequencies in one direction.
+    """
+    if isinstance(of, FrequencyResponse):
+        if controller is not None:
+            raise UsageError("a broken loop alone", "a controller, too", "Give models with it instead.")
+        return {name: ends[1:] for name, ends in measured_margins(of).items()}
+    checks.kind("of", of, TransferFunctions, "models or a frequency response", "See ev.transfer_functions.")
+    checked_response("controller", controller)
+    f, ends = np.geomspace(*LOOKED_HZ, LOOKED_AT), []
     s = 2j * np.pi * f
-    ends: dict[str, list[tuple[float, float]]] = {}
-    for model in models.allowed:
-        columns = dict(zip(model.parameters, model.edge(models.level).T[:, :, None], strict=True))
-        loops = _responses(columns, s, model.known(s)) * controller(s)
-        for name, values in _margins(f, loops).items():
-            known = values[np.isfinite(values)]
-            enough = known.size >= 0.75 * values.size
-            pair = (float(known.min()), float(known.max())) if enough else (math.nan, math.nan)
-            ends.setdefault(name, []).append(pair)
-    lows_and_highs = {name: np.array(pairs).T for name, pairs in ends.items()}
+    for model in of.allowed:
+        columns = dict(zip(model.parameters, model.edge(of.level).T[:, :, None], strict=True))
+        loops = _responses(columns, s, model.known(s)) * controller(s)  # type: ignore[misc]
+        ends.append({name: _ends(values) for name, values in _margins(f, loops).items()})
+    pairs = {name: np.array([each[name] for each in ends]).T for name in ends[0]}
     return {
         name: (float(np.fmin.reduce(lows)), float(np.fmax.reduce(highs)))
-        for name, (lows, highs) in lows_and_highs.items()
+        for name, (lows, highs) in pairs.items()
     }
+
+
+def measured_margins(loop: FrequencyResponse) -> dict[str, tuple[float, float, float]]:
+    """Margins of a loop as measured where it is shown, with their ends over the region at each frequency."""
+    part = max(stretches(loop.is_shown), key=lambda part: part.stop - part.start, default=slice(0, 0))
+    if part.stop == part.start:
+        return {item.name: (math.nan,) * 3 for item in fields(Margins)}
+    centre, radius = (values[part] for values in loop.points.joint(loop.level))
+    around = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)[:, None]
+    loops = np.vstack([loop.response[part], centre + around * radius])
+    return {
+        name: (float(values[0]), *_ends(values, 1.0))
+        for name, values in _margins(loop.frequency_hz[part], loops).items()
+    }
+
+
+def _ends(values: Float[np.ndarray, " loops"], least: float = 0.75) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    enough = known.size >= least * values.size
+    return (float(known.min()), float(known.max())) if enough else (math.nan, math.nan)
 
 
 def proposed_controllers(

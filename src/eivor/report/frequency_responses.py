@@ -24,6 +24,7 @@ from eivor.models.transfer_functions import (
     SHARED,
     Controller,
     TransferFunctions,
+    measured_margins,
     proposed_controllers,
     transfer_functions,
 )
@@ -284,6 +285,8 @@ def response_document(item: LogResponse) -> Document:
         sections.append(Section("What the orders within 4 AICc allow", (_shared(item.models),)))
     if item.controllers:
         sections.append(Section("Controllers, to be test-flown; none is applied", _controllers(item)))
+    if item.loop is not None and item.loop.is_shown.any():
+        sections.append(Section("The loop of the rate, as flown", (_loop(item.loop),)))
     return Document(item.name, about, (*sections, *section("Findings", Bullets, item.findings)))
 
 
@@ -363,6 +366,32 @@ def _controllers(item: LogResponse) -> tuple[Any, ...]:
     return table(titles, rows), Bullets(tuple(bullets))
 
 
+#: Margins by their words and decimals.
+LOOP = {
+    "crossover_hz": ("crossover [Hz]", 2),
+    "phase_margin_deg": ("phase margin [°]", 0),
+    "phase_crossover_hz": ("-180° at [Hz]", 2),
+    "gain_margin_db": ("gain margin [dB]", 1),
+    "bandwidth_hz": ("bandwidth [Hz]", 2),
+    "disturbance_bandwidth_hz": ("disturbance rejection [Hz]", 2),
+}
+
+
+def _loop(loop: FrequencyResponse) -> Any:
+    rows = []
+    for name, (value, low, high) in measured_margins(loop).items():
+        if name in LOOP:
+            words, decimals = LOOP[name]
+            rows.append(
+                (
+                    words,
+                    "" if math.isnan(value) else f"{value:.{decimals}f}",
+                    "" if math.isnan(low) else _ends((low, high)),
+                )
+            )
+    return table(("", TableColumn("value", right=True), f"{loop.level:.0%}"), rows)
+
+
 def responses_json(results: Sequence[LogResponse]) -> dict[str, Json]:
     """Document of schema ``eivor.frequency-response/1``: numbers in SI units, null where unbounded."""
     return document("eivor.frequency-response/1", axes=[_axis_json(item) for item in results])
@@ -395,7 +424,7 @@ def _axis_json(item: LogResponse) -> dict[str, object]:
             asdict(controller) | {"parameters": controller.autopilot_parameters(item.axis)}
             for controller in item.controllers
         ],
-        "loop": None if item.loop is None else item.loop.columns(),
+        "loop": None if item.loop is None else item.loop.columns() | {"margins": measured_margins(item.loop)},
         "findings": item.findings,
     }
 
