@@ -709,8 +709,8 @@ def margin_intervals(
     Returns
     -------
     dict of str to (float, float)
-        By the names of `Margins`; NaN where fewer than three in four of the loops that the data allow cross,
-        or not every loop as measured.
+        By the names of `Margins`. NaN where fewer than three in four of the models that the data allow
+        cross, or not every loop as measured.
 
     Raises
     ------
