@@ -72,9 +72,9 @@ ENTRY_POINTS = "eivor.commands"
 
 def _targets() -> dict[str, str]:
     """Where each command is, in the order of help."""
-    own = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
+    listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    return {name: target.replace("-", "_") for name, target in (own | added).items() if target}
+    return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}
 
 
 @contextmanager

@@ -570,9 +570,9 @@ def deliver_result(
     report: Callable[[], RenderableType], document: Callable[[], str], json: str, *files: Callable[[], None]
 ) -> None:
     """Print a report, write a document to the file or stream of --json, then write files; see `deliver`."""
-    shown = (lambda: show(report()),) if json != STANDARD_OUTPUT else ()
+    screen = (lambda: show(report()),) if json != STANDARD_OUTPUT else ()
     written = (lambda: write_out(document(), json),) if json else ()
-    deliver(*shown, *written, *files)
+    deliver(*screen, *written, *files)
 
 
 # -- Repeated options --

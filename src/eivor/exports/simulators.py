@@ -485,8 +485,8 @@ def _sitl_frame(fitted: Fitted, supplied: Supplied) -> tuple[VehicleDescription,
         x, y, z = at[rotor].tolist()
         frame[f"motor{number}_position"] = [x, -y, -z]
         yaw = -made.vehicle.spins[rotor] * value["torque_ratio"] * exponent / (1.0 + exponent)
-        own = signal * hover[rotor] ** (2.0 / exponent)  # so that unequal rotors do not turn it
-        frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * own)
+        at_hover = signal * hover[rotor] ** (2.0 / exponent)  # so that unequal rotors do not turn it
+        frame[f"motor{number}_yaw"] = yaw / (SITL_YAW * diagonal * at_hover)
     return made, frame_type, frame
 
 

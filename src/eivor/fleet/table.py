@@ -220,9 +220,9 @@ def _in_order(names: Iterable[str]) -> list[str]:
         quantity, _, part = name.rpartition(".")
         return quantity, parts.index(part) if part in parts else len(parts)
 
-    own = sorted({*names}.difference(LEADING, TRAILING), key=rank)
-    diagnostics = sorted(name for name in own if name.startswith(DIAGNOSTIC))
-    return [*LEADING, *(name for name in own if name not in diagnostics), *TRAILING, *diagnostics]
+    measured = sorted({*names}.difference(LEADING, TRAILING), key=rank)
+    diagnostics = sorted(name for name in measured if name.startswith(DIAGNOSTIC))
+    return [*LEADING, *(name for name in measured if name not in diagnostics), *TRAILING, *diagnostics]
 
 
 def _known(value: Any) -> Any:

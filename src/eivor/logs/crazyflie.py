@@ -573,15 +573,15 @@ def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[Vari
 def _feedback(source: VariableSource, event: Event) -> list[Finding]:
     """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
-    beside = VELOCITY_SETPOINTS.get(column)
-    if beside is None or not event.has((beside,)):
+    against = VELOCITY_SETPOINTS.get(column)
+    if against is None or not event.has((against,)):
         return []
-    velocity, height = event.values(column), event.values(beside)
+    velocity, height = event.values(column), event.values(against)
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
     answers = bool(np.any(changing)) and np.mean(standing[changing]) >= 0.5
     sentence = "{} stands still, so the position loop wrote it: it answers the vehicle, and is no reference."
-    return common.noted("feedback_setpoint", sentence, f"{column} changes while {beside}" if answers else "")
+    return common.noted("feedback_setpoint", sentence, f"{column} changes while {against}" if answers else "")
 
 
 def _map_channels(

@@ -276,9 +276,11 @@ def mapped_channels(
             text = f"{rule.name} ({rule.expression.text})"
             findings += common.noted("never_valid", "Without one value: {}.", text)
     selected = {name: common.on_channel_clock(channel) for name, channel in channels.items()}
-    own = [f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]]
+    several = [
+        f"{name} {item.rate_hz:.3g} Hz" for name, item in selected.items() if item is not channels[name]
+    ]
     sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
-    findings += common.noted("own_clock", sentence, own)
+    findings += common.noted("own_clock", sentence, several)
     return selected
 
 

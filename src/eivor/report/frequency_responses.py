@@ -182,8 +182,8 @@ def response_of_axis(
         why = f"{' of the direct estimate' * response.is_direct} (p = {models.chosen.p_value:.1g})"
         findings.append(f"No order up to 4 explains the response{why}: its intervals are too narrow.")
     elif models is not None and loops and path.turns and models.chosen.p_value >= UNLIKELY:
-        shown = response.is_shown.any() and not response.is_provisional
-        controllers = proposed_controllers(models) if shown and models.chosen.parameters["gain"] > 0.0 else ()
+        clear = response.is_shown.any() and not response.is_provisional
+        controllers = proposed_controllers(models) if clear and models.chosen.parameters["gain"] > 0.0 else ()
     asked_for = (f"feedback_reference_{output}", f"reference_{output}")
     setpoint = next((name for name in asked_for if name in first.recording.channels), "")
     is_attitude = bool(reference) and reference != setpoint and not reference.startswith("injected")
@@ -278,8 +278,8 @@ def response_document(item: LogResponse) -> Document:
     bands = f"{response.level:.0%} at each frequency by itself"
     reference = item.reference or "none"
     facts = (("from", item.input), ("to", item.output), ("reference", reference), ("bands", bands))
-    shown = (_frequencies(response),) if response.is_shown.any() else ()
-    sections = [Section("", (Facts(facts), *shown))]
+    known = (_frequencies(response),) if response.is_shown.any() else ()
+    sections = [Section("", (Facts(facts), *known))]
     if item.models is not None:
         sections.append(Section("Models by order", (_orders(item.models),)))
         sections.append(Section("What the orders within 4 AICc allow", (_shared(item.models),)))

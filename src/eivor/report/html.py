@@ -97,9 +97,9 @@ class Sources:
         every = (self, *self.framed)
         scripts = " ".join(_hash(item.script) for item in every)
         styles = " ".join(_hash(item.style) for item in every)
-        own = "default-src 'none'", f"script-src {scripts}", f"style-src {styles}", "img-src data:"
+        sources = "default-src 'none'", f"script-src {scripts}", f"style-src {styles}", "img-src data:"
         never = "base-uri 'none'", "form-action 'none'", "require-trusted-types-for 'script'"
-        return "; ".join((*own, *self.directives, *never))
+        return "; ".join((*sources, *self.directives, *never))
 
 
 def report_sources() -> Sources:
