@@ -256,7 +256,7 @@ class _Minimum:
             for _ in range(12):
                 trial = 0.5 * (inside + outside) if math.isfinite(outside) else inside + side * step
                 trial = min(max(trial, low), high)
-                for start in (theta + covariance[:, k] / covariance[k, k] * (trial - theta[k]), theta, best):
+                for start in (theta + covariance[:, k] / covariance[k, k] * (trial - theta[k]), theta):
                     moved = np.clip(start, lows, highs)
                     moved[k] = trial
                     refitted, value = self.criterion.fitted(names, moved, names[k])
