@@ -163,7 +163,7 @@ def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], middle, steps=5)
     page.mouse.up()
-    first, last = seconds(locator.text_content())
+    first, last = ends(locator.text_content())
     assert first == pytest.approx(8.4 + 0.25 * 43.2, abs=0.3)
     assert last == pytest.approx(8.4 + 0.5 * 43.2, abs=0.3)
     assert page.locator(".legend output").first.text_content().endswith("m/s²")
@@ -171,11 +171,11 @@ def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     assert locator.text_content() == text_content
     page.locator(".chart").nth(1).focus()
     page.keyboard.press("+")
-    assert seconds(locator.text_content()) == pytest.approx((19.2, 40.8), abs=0.11)
+    assert ends(locator.text_content()) == pytest.approx((19.2, 40.8), abs=0.11)
     page.keyboard.press("ArrowRight")
-    assert seconds(locator.text_content()) == pytest.approx((24.6, 46.2), abs=0.11)
+    assert ends(locator.text_content()) == pytest.approx((24.6, 46.2), abs=0.11)
     page.keyboard.press("0")
-    assert seconds(locator.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
+    assert ends(locator.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
     page.get_by_role("button", name="Show what is used").click()
     assert locator.text_content() == text_content
 
@@ -186,16 +186,14 @@ def test_responses_zoom_over_frequency(opened, pages):
     charts = page.locator(".charts[data-group=response-roll]")
     charts.locator(".chart").first.focus()
     page.keyboard.press("0")
-    low, high = (
-        float(end.removesuffix(" Hz")) for end in charts.locator(".shown").text_content().split(" to ")
-    )
+    low, high = ends(charts.locator(".shown").text_content(), "Hz")
     page.keyboard.press("+")
-    ends = [float(end.removesuffix(" Hz")) for end in charts.locator(".shown").text_content().split(" to ")]
-    assert ends == pytest.approx([low**0.75 * high**0.25, low**0.25 * high**0.75], rel=0.01)
+    zoomed = ends(charts.locator(".shown").text_content(), "Hz")
+    assert zoomed == pytest.approx((low**0.75 * high**0.25, low**0.25 * high**0.75), rel=0.01)
 
 
-def seconds(text):
-    return tuple(float(item.removesuffix(" s")) for item in text.split(" to "))
+def ends(text, unit="s"):
+    return tuple(float(item.removesuffix(f" {unit}")) for item in text.split(" to "))
 
 
 @pytest.mark.thorough

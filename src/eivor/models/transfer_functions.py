@@ -61,9 +61,9 @@ PROFILED = ("gain", "damping", "delay", "first")
 UNKNOWN = 10.0
 #: For each draw at the edge of the region so many are proposed, at such distances over those of a normal one.
 PROPOSED, NEAR_EDGE = 40, (0.6, 1.6)
-#: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
-#: And directions in the complex plane in which a measured loop may be off.
+#: Directions in the complex plane in which a measured loop may be off.
 DIRECTIONS = 36
+#: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
 #: A response at complex frequencies s = 2 pi j f.
@@ -340,10 +340,6 @@ class TransferFunction:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return _responses(self.parameters, s, self.known(s))
 
-    def edge(self, level: float) -> Float[np.ndarray, "draws n"]:
-        """The parameters, and draws at the edge of what the data allow with a probability."""
-        return self._minimum.edge(level)
-
     def to_control(self, delay_order: int = 3) -> Any:
         """State space of python-control, without hold and filter; its delay is Padé's of that order."""
         control, value = python_control(), self.parameters
@@ -573,7 +569,7 @@ class Controller:
     proportional: float  # Setpoint of torque for each rad/s of error
     integral_s: float  # Time of the integral
     margins: Margins  # With the chosen model
-    #: Lowest and highest of each margin over draws of the models that the data allow
+    #: Lowest and highest of each margin over what the data allow of the models
     intervals: Mapping[str, tuple[float, float]]
 
     def response(self, s: Spectrum) -> Spectrum:
@@ -731,7 +727,7 @@ def margin_intervals(
     f, ends = np.geomspace(*LOOKED_HZ, LOOKED_AT), []
     s = 2j * np.pi * f
     for model in of.allowed:
-        columns = dict(zip(model.parameters, model.edge(of.level).T[:, :, None], strict=True))
+        columns = dict(zip(model.parameters, model._minimum.edge(of.level).T[:, :, None], strict=True))
         loops = _responses(columns, s, model.known(s)) * controller(s)  # type: ignore[misc]
         ends.append({name: _ends(values) for name, values in _margins(f, loops).items()})
     pairs = {name: np.array([each[name] for each in ends]).T for name in ends[0]}

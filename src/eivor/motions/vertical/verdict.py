@@ -279,10 +279,10 @@ def _drift(inputs: VerdictInputs, name: str) -> float:
     return share * inputs.value(name) if share > LEAST_SHARE else 0.0
 
 
-def _uneven(share: float, hover: float) -> tuple[float, float]:
-    if abs(share) < LEAST_SHARE:
-        return 0.0, 0.0
-    return max(-share, 0.0) * hover, max(share, 0.0) * hover
+def _uneven(inputs: VerdictInputs, name: str) -> tuple[float, float]:
+    share = inputs.checks.mean_command - 1.0
+    away = share * inputs.value(name) if abs(share) > LEAST_SHARE else 0.0
+    return max(-away, 0.0), max(away, 0.0)
 
 
 def _periodic(inputs: VerdictInputs, _name: str) -> float:
@@ -407,7 +407,7 @@ PARTS = (
     verdict.SystematicPart(
         (HOVER,),
         Counts.ADDED,
-        lambda inputs, name: _uneven(inputs.checks.mean_command - 1.0, inputs.value(name)),
+        _uneven,
         lambda inputs: (
             "The rotors' commands differ: their mean at hover is "
             f"{abs(inputs.checks.mean_command - 1.0):.1%} from the command of their mean thrust."
