@@ -9,7 +9,7 @@ import pytest
 
 from coarse_search import coarse
 from eivor.flights.motion import of_vehicle
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
@@ -20,7 +20,7 @@ from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.physical_parameters import Combinations, physical_parameters
 from eivor.motions.rigid_body.vehicle import BodyDrag, KnownNumber, KnownVehicle, Rotors, Vehicle
 from eivor.motions.table import motion_by_name
-from eivor.report.flight import flight_document
+from eivor.report.flight import log_documents
 from eivor.report.json_document import json_document
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import RigidBodyFlight
@@ -121,7 +121,8 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     inertias = [item.value for item in fit.implications.numbers if item.name.startswith("inertia")]
     assert {*inertias} == {None}
     assert any("mass" in number.sentence for number in fit.implications.numbers)
-    headings = [section.heading for section in flight_document(replace(fit, motion=motion)).sections]
+    made = log_documents(LogEstimate({"": replace(fit, motion=motion)}))[0]
+    headings = [section.heading for section in made.sections]
     assert "What follows for the vehicle" in headings
     assert json_document(replace(fit, motion=motion))["implied"]
 

@@ -12,12 +12,12 @@ from rich.console import Console
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity, QuantitySpec
-from eivor.flights.result import FlightEstimate
+from eivor.flights.result import FlightEstimate, LogEstimate
 from eivor.inference.verdict import Cause, Reason, Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.card import result_card
 from eivor.report.document import Bullets, Card, CardLine, Document, Look, TableOf
-from eivor.report.flight import flight_document
+from eivor.report.flight import log_documents
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.rows import NO_NUMBER, QuantityRow
@@ -32,7 +32,7 @@ HOVER = "hover_input"
 @pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
 def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureRequest) -> None:
     result: FlightEstimate = request.getfixturevalue(name)
-    document, json = flight_document(result), json_document(result)
+    document, json = log_documents(LogEstimate({"motion": result}))[0], json_document(result)
     sections = {section.heading: section.parts for section in document.sections}
     assert document.card is not None
     assert document.card.title == json["summary"]
@@ -69,7 +69,7 @@ def _text(report: object, width: int, *, colour: bool = False) -> str:
 @pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
-    text = _text(on_terminal(flight_document(pool)), width)
+    text = _text(on_terminal(log_documents(LogEstimate({"motion": pool}))[0]), width)
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= width
     assert all(title in text for title in ("K [1/s]", "K_u [m/s²]", "τ + d [ms]"))
@@ -84,7 +84,7 @@ def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
 @pytest.mark.parametrize("name", ["fit", "pool", "still"])
 def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureRequest) -> None:
     """In narrow windows no interval either."""
-    document = flight_document(request.getfixturevalue(name))
+    document = log_documents(LogEstimate({"motion": request.getfixturevalue(name)}))[0]
     text = _text(on_terminal(document), width)
     tables = [part for section in document.sections for part in section.parts if isinstance(part, TableOf)]
     cells = [cell for table in tables for row in table.rows for cell in row]
@@ -100,14 +100,14 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
 
 
 def test_the_card_comes_first_in_words_and_in_colour(fit: FlightEstimate) -> None:
-    first = _text(on_terminal(flight_document(fit)), 80).splitlines()[:5]
-    assert first[1] == "Viscous friction 0.186 [0.132, 0.210] 1/s"
-    assert first[3] == "Identified"
-    assert "\x1b[1;32mIdentified" in _text(on_terminal(flight_document(fit)), 80, colour=True)
+    document = on_terminal(log_documents(LogEstimate({"motion": fit}))[0])
+    shown = _text(document, 80).splitlines()
+    assert shown[1:4:2] == ["Viscous friction 0.186 [0.132, 0.210] 1/s", "Identified"]
+    assert "\x1b[1;32mIdentified" in _text(document, 80, colour=True)
 
 
 def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimate) -> None:
-    text = _text(on_terminal(flight_document(still, card=True)), 80)
+    text = _text(on_terminal(log_documents(LogEstimate({"motion": still}), card=True)[0]), 80)
     assert "The input is constant" in text
     assert "Flight card" in text
     assert "--card" not in text
@@ -174,7 +174,8 @@ def test_nothing_that_acts_on_a_terminal_passes(text: str, shown: str) -> None:
 
 def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     reason = still.verdict.reasons[0].sentence
-    document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
+    result = LogEstimate({"motion": replace(still, findings=(Finding("no_flight", reason),))})
+    (document,) = log_documents(result)
     assert str(document.sections).count(reason) == 0
     assert str(document.card).count(reason.removesuffix(".")) == 1
 

@@ -1,4 +1,4 @@
-"""Declarations of identify, report, track, validate and frequency-response, whose work `results.py` does."""
+"""Declarations of identify, report, track, validate and frequency-response; help loads nothing else."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from eivor.cli.outputs import (
 
 
 def declared(
-    *sources: type[Struct], only: tuple[str, ...] = ()
+    *sources: type[Struct], only: tuple[str, ...] = (), home: str = "tools"
 ) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """A command done by the function of its name in `results.py`, which help does not load."""
+    """A command done by the function of its name in another module, which help does not load."""
 
     def made(command: Callable[P, None]) -> Callable[P, None]:
         @wraps(with_options(*sources, only=only)(command))
         def done(*args: P.args, **kwargs: P.kwargs) -> ExitCode:
-            return resolve_name(f"eivor.cli.results:{command.__name__}")(*args, **kwargs)
+            return resolve_name(f"eivor.cli.{home}:{command.__name__}")(*args, **kwargs)
 
         return guarded(done)
 
@@ -64,7 +64,7 @@ IDENTIFY_EXIT_CODES = (
 )
 
 
-@declared(LogWords, FlightWords)
+@declared(LogWords, FlightWords, home="results")
 def identify(
     *,
     needs: NeedsOption = "",
@@ -98,7 +98,7 @@ REPORT_EXIT_CODES = (
 )
 
 
-@declared(LogWords, FlightWords)
+@declared(LogWords, FlightWords, home="results")
 def report(
     *,
     needs: NeedsOption = "",

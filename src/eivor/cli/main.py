@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points, version
 from typing import TYPE_CHECKING, Annotated, Any
@@ -70,6 +71,7 @@ COMMANDS = {
 ENTRY_POINTS = "eivor.commands"
 
 
+@cache
 def _targets() -> dict[str, str]:
     """Where each command is, in the order of help."""
     listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}

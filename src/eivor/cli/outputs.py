@@ -64,11 +64,6 @@ def log_paths(text: str) -> Iterable[Path]:
     return resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
 
 
-def map_paths(text: str) -> Iterable[Path]:
-    """File of PATTERN=MAP."""
-    return [Path(text.rpartition("=")[2])]
-
-
 def fleet_paths(text: str) -> Iterable[Path]:
     """Files of a fleet's folder."""
     return _files_in(Path(text), (*FLEET_FILES, *FLEET_PARTS))

@@ -30,8 +30,6 @@ from eivor.logs.read import EXAMPLE_FLIGHT, example_flight
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.declaration import load_machine
 from eivor.motions.identify import identify_log, motions_of
-from eivor.planning.plan import Location
-from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
 from eivor.signals.channels import canonical_channel, family_members
 from eivor.signals.recording import DataSheet, Recording, interval_within
@@ -400,23 +398,12 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
         raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
 
 
-def position_of(text: str) -> Location:
+def position_of(text: str) -> tuple[float, float]:
     """Place of ``LAT,LON`` [deg]."""
     position = parse_pair(text, ",", (math.nan, math.nan))
     if any(map(math.isnan, position)):
         raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
     return position
-
-
-def flight_limits(
-    height: str = "3:8", speed: float = 2.0, acceleration: float = 3.0, tilt: float = 20.0, time: float = 60.0
-) -> FlightLimits:
-    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
-    low, high = parse_pair(height)
-    if not -math.inf < low < high < math.inf:
-        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
-        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
-    return FlightLimits((low, high), speed, acceleration, tilt, time)
 
 
 def channel_limits(texts: list[str]) -> dict[str, tuple[float, ...]]:

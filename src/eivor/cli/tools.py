@@ -1,12 +1,13 @@
-"""Commands around a result: inspect, export, plan, vehicle and example."""
+"""Inspect, plan, vehicle and example; the work of track, validate and frequency-response."""
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -17,7 +18,7 @@ import typer
 
 from eivor import checks
 from eivor.cli import parsing
-from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords
+from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords, LogWords, parse_pair
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -28,6 +29,7 @@ from eivor.cli.outputs import (
     command,
     complain,
     deliver_result,
+    figure_file,
     flag,
     group,
     guarded,
@@ -39,18 +41,24 @@ from eivor.cli.outputs import (
     write,
     write_out,
 )
+from eivor.cli.results import figure_part
 from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
+from eivor.flights.options import FlightOptions
+from eivor.flights.track import track as tracked_parameter
 from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body import vehicle as vehicle_files
 from eivor.planning.plan import WRITTEN, MachinePlan
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
-from eivor.report import inspection
+from eivor.report import frequency_responses, inspection
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
-from eivor.report.other_results import plan_document, plan_json
+from eivor.report.other_results import plan_document, plan_json, track_document, track_figure, track_json
 from eivor.report.outputs import saved_of
+from eivor.report.saved_fit import fit_among, load_fits
 from eivor.report.terminal import on_terminal
+from eivor.report.validation import validate as validated
+from eivor.report.validation import validation_document
 
 REGISTRY = "public_logs.toml"
 #: Folder of the downloads, in place of the user's cache folder.
@@ -302,7 +310,11 @@ def plan(
         raise UsageError(f"options of a plan of {which}", f"--{strange[0]}", "Leave it out.")
     limits: FlightLimits | dict[str, tuple[float, ...]] = parsing.channel_limits(limit)
     if not of_machine:
-        limits = parsing.flight_limits(height, speed, acceleration, tilt, time)
+        low, high = parse_pair(height)
+        if not -math.inf < low < high < math.inf:
+            expected = "--height LOW:HIGH with both ends, LOW below HIGH"
+            raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
+        limits = FlightLimits((low, high), speed, acceleration, tilt, time)
     shape = shape or ("steps" if qgc else "")
     with step("Planning"):
         made = planned(fit or vehicle, target=for_what, limits=limits, shape=shape, seed=seed, seconds=time)
@@ -434,3 +446,98 @@ def new_machine(
     """Write a machine's file to begin with: a shipped one, to be changed."""
     checks.index_of("a machine", like, shipped_machines())
     _begun("a machine", machine_text(like), file)
+
+
+def track(
+    *,
+    log: str,
+    memory: float | None,
+    parameter: str,
+    accelerometer_bias: float | None,
+    method: str,
+    json: str,
+    figure: str,
+    example: bool,
+    channel_map: str,
+    machine: str,
+    **given: Any,
+) -> ExitCode:
+    """Do what `eivor.cli.identify.track` declares."""
+    motions = parsing.named_motions("" if machine else DEFAULT_MODEL, machine=machine)
+    picture = figure_file(figure)
+    options = parsing.flight_options(motions, method=method, **given)
+    if accelerometer_bias is not None:
+        options = replace(options, accelerometer_bias=accelerometer_bias)
+    logs = [log] if log else None
+    result = parsing.pooled_result(motions, options, logs, example=example, channel_map=channel_map)
+    with step("Following it over the log"):
+        tracked = tracked_parameter(result.first, memory, parameter)
+    deliver_result(
+        lambda: on_terminal(track_document(tracked)),
+        lambda: json_text(track_json(tracked)),
+        json,
+        figure_part(picture, lambda: track_figure(tracked)),
+    )
+    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
+
+
+def validate(
+    *,
+    fit: Path,
+    log: str,
+    model: str,
+    json: str,
+    figure: str,
+    window: str,
+    max_tilt: float | None,
+    channel_map: str,
+) -> ExitCode:
+    """Do what `eivor.cli.identify.validate` declares."""
+    picture = figure_file(figure)
+    options = FlightOptions(window=parsing.parse_window(window) if window else None)
+    fits = load_fits(fit)
+    result = fit_among(fits, model, preferred=tuple(fits))
+    others = [name for name, other in fits.items() if other is not result and other.estimated is not None]
+    if others and not model:
+        complain(f"compared is the first motion of {fit.name}; others: --model {' or '.join(others)}")
+    if result.document.prediction is not None:
+        _ = result.motion  # whose channels the log may have
+    (recording,), (own_window,) = parsing.read_logs([log], options, example=False, channel_map=channel_map)
+    with step(f"Predicting {recording.name}"):
+        validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
+    deliver_result(
+        lambda: on_terminal(validation_document(validation)),
+        validation.to_json,
+        json,
+        figure_part(picture, validation.plot),
+    )
+    return ExitCode.IDENTIFIED if validation.agrees else ExitCode.NOT_IDENTIFIED
+
+
+def frequency_response(
+    *,
+    axis: str,
+    reference: str,
+    figure: str,
+    json: str,
+    logs: list[str] | None,
+    example: bool,
+    machine: str,
+    channel_map: str,
+    **given: Any,
+) -> ExitCode:
+    """Do what `eivor.cli.identify.frequency_response` declares."""
+    picture = figure_file(figure)
+    paths = frequency_responses.response_paths(axis, load_machine(machine) if machine else None)
+    options = parsing.flight_options(tuple(path.motion for path in paths.values()), **given)
+    recordings, windows = parsing.read_logs(logs, options, example=example, channel_map=channel_map)
+    with step("Estimating the frequency response"):
+        results = frequency_responses.log_responses(recordings, options, windows, paths, reference)
+    deliver_result(
+        lambda: on_terminal(*map(frequency_responses.response_document, results)),
+        lambda: json_text(frequency_responses.responses_json(results)),
+        json,
+        figure_part(picture, lambda: frequency_responses.response_figure(results)),
+    )
+    any_shown = any(item.response.is_shown.any() and not item.response.is_provisional for item in results)
+    return ExitCode.IDENTIFIED if any_shown else ExitCode.NOT_IDENTIFIED

@@ -113,11 +113,7 @@ def _of_rates(fitted: Fitted, supplied: Supplied) -> StateSpace:
     return StateSpace(A, B, C, np.zeros((n, n)), states, inputs, rates, delay, numbers)
 
 
-STATES = (
-    *(f"velocity_{axis}" for axis in "xyz"),
-    *TURNING,
-    *(f"angular_rate_{axis}" for axis in "xyz"),
-)
+STATES = (*(f"velocity_{axis}" for axis in "xyz"), *TURNING, *(f"angular_rate_{axis}" for axis in "xyz"))
 #: Of the difference quotients, and of the trimmed accelerations [m/s^2, rad/s^2].
 STEP, TRIMMED = 1e-5, 1e-6
 FORWARD_M_S = 5.0

@@ -83,7 +83,7 @@ def run_command(
             "more. Without, a shipped map whose columns all match.",
             "--map",
         ),
-        outputs.Reads(outputs.map_paths),
+        outputs.Reads(lambda text: [Path(text.rpartition("=")[2])]),
     ] = NO_TEXTS,
     vehicle_from: Annotated[
         str,

@@ -50,6 +50,7 @@ from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import SIMULATED, Simulated, shipped_file, study_from_table
 from eivor.lab.study import TOGETHER, MethodScore, StudyResult, failure, run_study, scores, study_executor
 from eivor.logs.table.columnar import write_recording
+from eivor.report.figures import save_figure
 from eivor.report.json_document import document, json_text
 from eivor.report.saved_fit import fit_among, load_fits
 from eivor.simulation.known_logs import KnownLog, log_of_rigid_body_flight, logs_of_flights
@@ -135,7 +136,9 @@ def _paper_report(
 
 def _draw(folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]]) -> None:
     with step("Drawing the figures"), writing(folder):
-        drawings.write_figures(figures(), folder)
+        for name, figure in figures():
+            for path in drawings.figure_files(folder, name):
+                save_figure(figure, path)
 
 
 def _folder(text: str) -> Path:
@@ -170,11 +173,7 @@ def simulate(
         Reads(),
     ],
     *,
-    out: Annotated[
-        str,
-        option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o"),
-        Writes(),
-    ],
+    out: Annotated[str, option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o"), Writes()],
     seed: Annotated[int, option("N", "Of all randomness: the same gives the same log.")] = 0,
     truth: Annotated[
         str, option("FILE.json", "Write the parameters and the noises that were added."), Writes()

@@ -20,7 +20,7 @@ from eivor.lab import paper
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions.table import wording_of
 from eivor.report import figure_panels as plots
-from eivor.report.figures import save_figure, signals_figure
+from eivor.report.figures import signals_figure
 from eivor.report.json_document import Json, plain
 from eivor.report.terminal import heading
 from eivor.signals.signals import Signals
@@ -212,13 +212,6 @@ FORMATS = ("svg", "png")
 PAPER_FIGURES = tuple(f"figure-{number}" for number in range(2, 9))
 #: What the columns of the printed tables are called in figures.
 WORDS = {"LS": "least squares", "IV": "extended IV", "GIV": "generalized IV"}
-
-
-def write_figures(figures: Iterable[tuple[str, Figure]], folder: Path) -> None:
-    """Write figures by their names, each as SVG and PNG, into a folder that exists."""
-    for name, figure in figures:
-        for path in figure_files(folder, name):
-            save_figure(figure, path)
 
 
 def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:

@@ -10,7 +10,6 @@ from shutil import copyfileobj
 from tempfile import TemporaryDirectory
 from typing import cast
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from eivor.errors import InputError, UsageError
 
@@ -30,6 +29,8 @@ def is_local(path: object) -> bool:
 def path_of(text: str) -> Path:
     """Path of a text; of an address one that does the same as far as logs and fleets need it."""
     if text.startswith("file://"):
+        from urllib.request import url2pathname  # with encryption and protocols, which few logs need
+
         return Path(url2pathname(urlsplit(text).path))
     if not is_address(text):
         return Path(text)

@@ -326,12 +326,6 @@ NUMBER_COLUMNS = (
 )
 
 
-def flight_document(result: FlightEstimate, *, card: bool = False) -> doc.Document:
-    """Document of a motion, with the flight card when that is wanted."""
-    (made,) = log_documents(LogEstimate({result.motion.name: result}), card=card)
-    return made
-
-
 def log_documents(result: LogEstimate, *, card: bool = False) -> tuple[doc.Document, ...]:
     """Documents of the motions of a log behind the card of all; the last says why others are left out."""
     results = tuple(result.motions.values())

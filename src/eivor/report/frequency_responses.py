@@ -461,9 +461,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def _lines(
-    item: LogResponse,
-) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, str]]:
+def _lines(item: LogResponse) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, str]]:
     """Responses to draw, where each is known, with words and look."""
     response, every = item.response, np.ones(item.response.frequency_hz.size, dtype=np.bool_)
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"

@@ -412,11 +412,7 @@ def _validation_json(validation: Validation) -> dict[str, Json]:
     return document(
         "eivor.validate/1",
         log={"name": log.name, "sha256": log.sha256 or None},
-        fit={
-            "logs": fitted.provenance.logs,
-            "model": fitted.model.name,
-            "verdict": validation.fit.verdict,
-        },
+        fit={"logs": fitted.provenance.logs, "model": fitted.model.name, "verdict": validation.fit.verdict},
         predicts=validation.predicts,
         contradicted=[item.fit.name for item in validation.contradictions],
         sentence=validation.sentence,

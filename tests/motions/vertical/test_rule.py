@@ -28,7 +28,7 @@ from eivor.motions.vertical.motion import Vertical, beyond, fitting_p_value, sup
 from eivor.motions.vertical.regression import ThrustDrift, check_terms
 from eivor.motions.vertical.select import QUANTITIES
 from eivor.motions.vertical.verdict import PARTS, RULES, VerticalChecks, near_ground
-from eivor.report.flight import flight_document
+from eivor.report.flight import log_documents
 from eivor.signals.thrust_map import input_map
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
@@ -511,9 +511,9 @@ def test_a_hover_by_balance_needs_no_instruments_and_no_thrust_is_not_compared(l
     biased = ev.identify_flight(wrong, ev.FlightOptions(input_map="linear", method="least_squares"))
     assert biased.quantities["input_gain"].verdict is not Status.IDENTIFIED
     assert biased.quantities["hover_input"].verdict is Status.IDENTIFIED
-    assert " -> " not in repr(flight_document(biased).card)
+    assert " -> " not in repr(log_documents(ev.LogEstimate({"motion": biased}))[0].card)
     rotors = changed(wrong, "input", rotor_command_1=wrong.channel("input").values)
-    card = repr(flight_document(ev.identify_flight(rotors)).card)
+    card = repr(log_documents(ev.LogEstimate({"motion": ev.identify_flight(rotors)}))[0].card)
     assert "->" not in card
     assert "outside the interval" not in card
 
