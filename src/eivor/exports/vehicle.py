@@ -552,9 +552,8 @@ def simulated_vehicle(made: VehicleDescription) -> Vehicle:
 
 def coefficients(made: VehicleDescription, *, lever: bool = True) -> Coefficients:
     """Equations of motion of the first vehicle, with its drags as they are."""
-    vehicle, (linear, quadratic, turning) = _flown(made, lever=lever)
-    known = coefficients_of(vehicle)
-    return replace(known, body_linear=linear, body_quadratic=quadratic, body_rotational=turning)
+    vehicle, drags = _flown(made, lever=lever)
+    return replace(coefficients_of(vehicle), body=tuple(drags))
 
 
 def turns(made: VehicleDescription) -> Float[np.ndarray, "4 rotors"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, cast
 
@@ -24,7 +24,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError
 from eivor.estimation.methods import by_name, identify
-from eivor.estimation.profile_sets import ParameterSets, ProfileSets
+from eivor.estimation.profile_sets import ProfileSets
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (
@@ -52,7 +52,6 @@ from eivor.flights.quantity import (
 from eivor.flights.references import CONSTANT, check_declared
 from eivor.flights.result import (
     Fit,
-    FitDiagnostics,
     FlightEstimate,
     fit_diagnostics,
     fit_numbers,
@@ -153,10 +152,7 @@ class FlightState:
     lag_prior: LagPrior | None = None
     without_prior: tuple[SeparableProblem, Estimate] | None = None
     findings: tuple[Finding, ...] = ()
-    checks: FitDiagnostics | Any = None
-    sets: Mapping[str, ParameterSets] = field(default_factory=dict)
-    profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-    result: FlightEstimate | Any = None
+    fit: Fit | Any = None
 
     @property
     def flying(self) -> tuple[PreparedFlight, ...]:
@@ -187,13 +183,10 @@ def pose_problem(state: FlightState) -> FlightState:
     ]
     check_declared(needed, state.method.name)
     state = replace(state, problem=posed(state))
-    comparison = motion.abilities.sensors
-    if comparison is None:
-        return state
-    sensors = comparison.agreement(state.problem, flying)
+    sensors = motion.abilities.sensors.agreement(state.problem, flying)
     if sensors is None or not sensors.significant:
         return replace(state, sensors=sensors)
-    corrected = comparison.corrected(state.prepared, sensors, state.options)
+    corrected = motion.abilities.sensors.corrected(state.prepared, sensors, state.options)
     state = replace(state, prepared=corrected, sensors=sensors)
     return replace(state, problem=posed(state))
 
@@ -264,14 +257,24 @@ def minimise_output_error(state: FlightState) -> FlightState:
 
 
 def diagnose_fit(state: FlightState) -> FlightState:
-    """Diagnostics of the estimate and of its residual."""
+    """The fit, with diagnostics of the estimate, of its residual and of the motion."""
     checks = fit_diagnostics(state.motion.traces(state.problem, state.estimate), state.estimate)
     if state.without_prior is not None:
         # what was given is compared with the flight by itself, and is nothing that instruments say
         checks = replace(checks, agreement=diagnose(state.without_prior[1]).over_identification)
     if state.agreement is not None and checks.agreement is not None:
         checks = replace(checks, agreement=state.agreement)
-    return replace(state, checks=checks)
+    fit = Fit(
+        state.problem,
+        state.estimate,
+        state.instruments.rule.label,
+        checks,
+        state.lag_prior,
+        sensors=state.sensors,
+        without_prior=state.without_prior,
+        motion_checks=state.motion.checks(state.problem, state.estimate, state.flying),
+    )
+    return replace(state, fit=fit)
 
 
 def build_confidence_sets(state: FlightState) -> FlightState:
@@ -284,7 +287,7 @@ def build_confidence_sets(state: FlightState) -> FlightState:
     known = {name: maker.of_parameter(name) for name in headline}
     sums = LAG_SUMS.items()
     lags = {name: maker.of_nuisances(parts) for name, parts in sums if name in state.motion.quantities}
-    weak = any(not F >= STRONG_FIRST_STAGE for F in state.checks.first_stage.values())
+    weak = any(not F >= STRONG_FIRST_STAGE for F in state.fit.checks.first_stage.values())
     if weak or any(item is not None and not item.profile.is_bounded for item in known.values()):
         known |= {name: maker.of_parameter(name) for name in linear if name not in known} | lags
     sets = {name: item for name, item in known.items() if item is not None}
@@ -297,25 +300,13 @@ def build_confidence_sets(state: FlightState) -> FlightState:
             # another solution of the same instruments fits as well
             pieces = (*profiles[name].intervals, state.estimate.interval(name))
             profiles[name] = ConfidenceSet.union(pieces)
-    return replace(state, sets=sets, profiles=profiles)
+    return replace(state, fit=replace(state.fit, sets=sets, profiles=profiles))
 
 
-def judge(state: FlightState) -> FlightState:
+def judge(state: FlightState) -> FlightEstimate:
     """The result: quantities with systematic parts and verdicts."""
-    fit = Fit(
-        state.problem,
-        state.estimate,
-        state.instruments.rule.label,
-        state.checks,
-        state.lag_prior,
-        state.sets,
-        state.sensors,
-        state.without_prior,
-        motion_checks=state.motion.checks(state.problem, state.estimate, state.flying),
-        profiles=state.profiles,
-    )
-    result = with_fit(state, fit, verdict_inputs(state, fit))
-    return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
+    result = with_fit(state, state.fit, verdict_inputs(state, state.fit))
+    return replace(result, findings=(*result.findings, *state.findings))
 
 
 STAGES = (
@@ -326,7 +317,6 @@ STAGES = (
     minimise_output_error,
     diagnose_fit,
     build_confidence_sets,
-    judge,
 )
 
 
@@ -341,13 +331,13 @@ def estimated(state: FlightState, progress: Progress = no_stage_callback) -> Fli
     if state.hopeless:
         return without_fit(state, state.hopeless, words.fly)
     try:
-        for stage in STAGES if state.checks is None else STAGES[STAGES.index(diagnose_fit) + 1 :]:
+        for stage in STAGES if state.fit is None else STAGES[STAGES.index(diagnose_fit) + 1 :]:
             if stage is diagnose_fit:
                 progress(Stage.DIAGNOSING)
             state = stage(state)
+        return judge(state)
     except (EstimationError, TooFewSamplesError) as error:
         return without_fit(state, str(error), "" if isinstance(error, MissingNoiseError) else words.fly)
-    return state.result
 
 
 def known_lag(state: FlightState) -> tuple[LagPrior | None, tuple[Finding, ...]]:
@@ -606,7 +596,7 @@ def _lag_by(
     except (EstimationError, TooFewSamplesError):
         return None
     prepared_states[motion.name] = state
-    return lag_measured_by(motion, judge(state).result.quantities[EFFECTIVE_LAG])
+    return lag_measured_by(motion, judge(state).quantities[EFFECTIVE_LAG])
 
 
 def _coarse_first_stage(state: FlightState) -> dict[str, float]:

@@ -254,10 +254,11 @@ class VehicleSupport:
 class SensorComparison(Generic[P]):
     """A motion with two measurements of one response."""
 
-    agreement: Callable[[P, Flights], SensorAgreement | None]  # None where flights have but one
-    sentence: Callable[[SensorAgreement], str]
+    #: None where flights have but one
+    agreement: Callable[[P, Flights], SensorAgreement | None] = lambda *_: None
+    sentence: Callable[[SensorAgreement], str] = lambda _agreement: ""
     #: Flights without differences of which it is known which measurement is wrong; to align, without others
-    corrected: Callable[[Flights, SensorAgreement, FlightOptions], Flights]
+    corrected: Callable[[Flights, SensorAgreement, FlightOptions], Flights] = lambda flights, *_: flights
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,7 @@ class Abilities:
         solve(problem),
     )
     refined_flights: Callable[[Flights, Any], Flights] = lambda flights, _problem: flights
-    sensors: SensorComparison[Any] | None = None
+    sensors: SensorComparison[Any] = SensorComparison()
     resampling: Resampling[Any] | None = None
     prediction: Prediction[Any] = Prediction()
     #: A parameter that is followed over a flight

@@ -223,8 +223,8 @@ def _members(
 def _result(state: FlightState, members: tuple[Member, ...], chosen: Instruments) -> FlightEstimate:
     motion, flights = state.motion, tuple(member.flight for member in members)
     logged = replace(state, prepared=tuple(member.logged for member in members), instruments=chosen)
-    state, problem, comparison = replace(logged, prepared=flights), posed(logged), motion.abilities.sensors
-    sensors = None if comparison is None else comparison.agreement(problem, logged.flying)
+    state, problem = replace(logged, prepared=flights), posed(logged)
+    sensors = motion.abilities.sensors.agreement(problem, logged.flying)
     if any(flight.corrected for flight in flights):
         problem = posed(state)
     fits = [member.fit for member in members]

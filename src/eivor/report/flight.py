@@ -138,9 +138,8 @@ def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
             f"{_tail(pool.agreement_p_value)} and "
             f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
         )
-    comparison = result.motion.abilities.sensors
-    if fit.sensors is not None and comparison is not None:
-        yield "sensors", comparison.sentence(fit.sensors)
+    if fit.sensors is not None:
+        yield "sensors", result.motion.abilities.sensors.sentence(fit.sensors)
 
 
 def _instruments(result: FlightEstimate, fit: Fit) -> Iterator[Check]:

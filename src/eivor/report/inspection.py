@@ -89,9 +89,9 @@ class Inspection(_Tried):
     @property
     def calibration(self) -> tuple[str, ...]:
         """Offset, scale and tilt between two measurements of one response, in words."""
-        comparison, fit = self.motion.abilities.sensors, None if self.result is None else self.result.fit
+        fit = None if self.result is None else self.result.fit
         sensors = None if fit is None else fit.sensors
-        return () if comparison is None or sensors is None else (comparison.sentence(sensors),)
+        return () if sensors is None else (self.motion.abilities.sensors.sentence(sensors),)
 
     @cached_property
     def compatibility(self) -> tuple[Calibration, ...]:

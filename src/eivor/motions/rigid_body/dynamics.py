@@ -24,7 +24,6 @@ Place: TypeAlias = tuple[Value, Value, Value, Value]
 class Coefficients:
     """Every number of the equations of motion; see `Vehicle` and `Rotors` for what they mean."""
 
-    rotors: int
     gyroscopic: bool
     weight_acceleration: float  # g [m/s^2]
     mass: Value  # shape (flights,), [kg]
@@ -41,9 +40,14 @@ class Coefficients:
     inflow: Value  # shape (flights,)
     translational_lift: Value  # shape (flights,)
     flapping: Value  # shape (flights,)
-    body_linear: tuple[Value, ...]
-    body_quadratic: tuple[Value, ...]
-    body_rotational: tuple[Value, ...]
+    body: tuple[tuple[Value, ...], ...]  # Linear, quadratic and rotational drag along or about each axis
+
+
+#: What rotors call by the same name.
+OF_ROTORS = (
+    *("thrust_linear", "thrust_quadratic", "torque_ratio"),
+    *("drag", "inflow", "translational_lift", "flapping"),
+)
 
 
 def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
@@ -51,26 +55,17 @@ def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
     rotors, drag, matrix = vehicle.rotors, vehicle.drag, vehicle.inertia_matrix
     places = zip(rotors.positions, rotors.spins, strict=True)
     return Coefficients(
-        rotors=rotors.count,
         gyroscopic=rotors.inertia > 0.0,
         weight_acceleration=gravity,
         mass=vehicle.mass,
         inertia=elements(matrix),
         inverse_inertia=elements(np.linalg.solve(matrix, np.eye(3))),
         places=tuple((x, y, z, float(spin)) for (x, y, z), spin in places),
-        thrust_linear=rotors.thrust_linear,
-        thrust_quadratic=rotors.thrust_quadratic,
-        torque_ratio=rotors.torque_ratio,
         rotor_inertia=rotors.inertia,
         rate_up=1.0 / rotors.lag_up,
         rate_down=1.0 / rotors.lag_down,
-        drag=rotors.drag,
-        inflow=rotors.inflow,
-        translational_lift=rotors.translational_lift,
-        flapping=rotors.flapping,
-        body_linear=drag.linear,
-        body_quadratic=drag.quadratic,
-        body_rotational=drag.rotational,
+        body=(drag.linear, drag.quadratic, drag.rotational),
+        **{name: getattr(rotors, name) for name in OF_ROTORS},
     )
 
 
@@ -85,7 +80,6 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     x, y, z, spin = (np.ascontiguousarray(positions[:, part]) for part in range(4))
     return stacked(
         each,
-        rotors=counts[0],
         gyroscopic=any(item.gyroscopic for item in each),
         weight_acceleration=gravity,
         places=((x, y, z, spin),),
@@ -295,7 +289,7 @@ def wrench(
     u, v, w = air
     p, q, r = rates
     swiftness = (u * u + v * v + w * w) ** 0.5
-    (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = c.body_linear, c.body_quadratic, c.body_rotational
+    (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = c.body
     fx = fy = fz = mx = my = mz = ZERO
     linear, quadratic, torque_ratio = c.thrust_linear, c.thrust_quadratic, c.torque_ratio
     drag, inflow, lifting, flapping = c.drag, c.inflow, c.translational_lift, c.flapping
