@@ -147,7 +147,7 @@ test_refused = table(
         (lambda: ev.Signals(5.0, {"input": hidden(Y, (7,))}),
             "'input' at every valid sample; received 1 .* at sample 7"),
         (lambda: ev.Column("a", 1.5), r"a whole number for lag; received 1.5 \(float\)"),
-        (lambda: ev.identify(ROWS, "least_squares"), r"least_squares\(\); received 'least_squares'. Call"),
+        (lambda: ev.identify(ROWS, "least_squares"), r"least_squares\(\) for method; received 'least"),
         (lambda: ev.bootstrap(ROWS, "least_squares"), r"least_squares\(\) for method; received 'least"),
         (lambda: ev.identify(SIGNALS, IV), "a model's regression, .*; received Signals"),
         (lambda: ev.read_log(3), r"a path, as a text or a Path for path; received 3 \(int\).*\"flight.ulg\""),

@@ -36,13 +36,13 @@ def text(name: str, value: object) -> None:
     kind(name, value, str, "text")
 
 
-def index_of(what: str, name: str, known: Iterable[str]) -> int:
+def index_of(what: str, name: str, known: Iterable[str], remedy: str = "Name one of them.") -> int:
     """Position of a name among those that are known; refuse any other, and propose the nearest."""
     names = list(known)
     text("name", name)
     if name not in names:
-        remedy = did_you_mean(name, names, "Name one of them.")
-        raise UsageError(f"{what} out of {', '.join(names)}", f"'{name}'", remedy)
+        expected = f"{what} out of {', '.join(names)}"
+        raise UsageError(expected, f"'{name}'", did_you_mean(name, names, remedy))
     return names.index(name)
 
 
@@ -85,6 +85,20 @@ def whole(name: str, value: object) -> None:
     kind(name, value, (int, np.integer), "a whole number")
     if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
         raise UsageError(f"a whole number below 9.2e18 for {name}", described(value), "Correct the call.")
+
+
+def seed(value: int) -> None:
+    """Refuse what is no seed."""
+    whole("seed", value)
+    if value < 0:
+        raise ParameterError("a seed of zero or more", f"{value}", "Any such integer will do.")
+
+
+def level(value: float) -> None:
+    """Refuse a confidence level that is none."""
+    number("level", value)
+    if not 0.0 < value < 1.0:
+        raise ParameterError("a confidence level between 0 and 1", f"{value}", "Use 0.95, for example.")
 
 
 def path(name: str, value: object) -> None:

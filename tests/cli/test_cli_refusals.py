@@ -95,7 +95,7 @@ COMMANDS = (
     ("--config lab.toml identify missing.ulg", 1, "'lab.toml', unreadable"),
     ("identfy", 2, "identify"),
     ("export fit.json", 2, "--to TARGET, --draws N or both"),
-    ("export fit.json --to px4 --draws 5", 2, "draws for rotorpy, mujoco, isaaclab"),
+    ("export fit.json --to px4 --draws 5", 2, "draws out of rotorpy, mujoco, isaaclab"),
     ("export fit.json --draws 5 --vehicle crazyflie-2x -o d.parquet", 2, "no vehicle for draws of a table"),
     ("export fit.json --to px", 2, "a target out of px4"),
     ("export fit.json --example --to px4", 2, "eivor identify --example --json fit.json"),

@@ -373,7 +373,7 @@ SOLVED_BY = "solved by least squares or total least squares; received fuller"
 DIAGNOSTIC = "a diagnostic out of first_stage, over_identification"
 MERGED = "Merge moments that one method made"
 FIRST_STEP = "errors' covariance was estimated"
-METHOD = r"eivor.methods.least_squares\(\); received 'least_squ"
+METHOD = r"eivor.methods.least_squares\(\) for method; received 'least_squ"
 SHARES = "no regressor and no response shares"
 OF_OTHERS = "whose measurement noise no regressor and no response"
 DERIVED = weak.fit_of(4.0)
@@ -448,7 +448,7 @@ WORDS = calls("words and numbers", UsageError,
     (lambda: of_a_flight().interval("K"), r"Expected a parameter out of viscous_friction, .*; received 'K'"),
     (lambda: ev.diagnose(of_arrays(LS))["first_stag"], DIAGNOSTIC),
     (lambda: identify(RESAMPLED, "least_squares"), METHOD),
-    (lambda: identify(RESAMPLED, M.least_squares), r"a method, such as .*; received function"),
+    (lambda: identify(RESAMPLED, M.least_squares), r"a method, such as .*; received <function"),
     (lambda: identify(np.zeros((10, 2)), LS), r"a problem: .*; received ndarray"),
     (lambda: bootstrap(RESAMPLED, LS, runs=1), "two runs"),
     (lambda: bootstrap(RESAMPLED, LS, block_length=0), "block length from 1"),

@@ -616,7 +616,7 @@ HOLED = {"input": np.array([0.0, np.nan, 1.0, np.inf])}
 FIRST_THREE = np.array([True, False, True, True])
 OF_CALLS = refusals.calls("call", None,
     (lambda: ev.estimate_long_memory(np.arange(100.0) % 7).order_interval(95.0), ParameterError,
-        r"a level between 0 and 1; received level=95"),
+        r"a confidence level between 0 and 1; received 95"),
     *((partial(DataSheet, **stated), UsageError, "Expected")
         for stated in ({}, {"density": -1.0}, {"step": float("inf")},
             {"density": 1.0, "bandwidth_hz": -1.0})),

@@ -657,7 +657,7 @@ test_refused = table(
     calls("choice", UsageError,
         (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
         (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
-        (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
+        (lambda: small_study(level=1.0), "Expected a confidence level between 0 and 1; received 1.0"),
         (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
         (choosing("generalized_iv"), r"lags = \[first, last\] for .* received 'generalized_iv' with none"),
         (choosing("extended_iv", (3, 1)), "Expected first <= last"),

@@ -12,6 +12,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+from eivor import checks
 from eivor.cli.options import NEEDS, FlightWords, LogWords, parse_pair
 from eivor.cli.outputs import step
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
@@ -68,9 +69,7 @@ def parse_lag(text: str) -> Prior | Bounds:
         return NO_LAG
     if text.startswith(TYPICAL):
         name = text.removeprefix(TYPICAL)
-        if name not in TYPICAL_LAGS:
-            remedy = did_you_mean(name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
-            raise UsageError(f"a class of vehicles out of {', '.join(TYPICAL_LAGS)}", f"'{name}'", remedy)
+        checks.index_of("a class of vehicles", name, TYPICAL_LAGS, "Or give the lag: --lag 70:15.")
         return TYPICAL_LAGS[name]
     between = ".." in text
     pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))

@@ -42,7 +42,7 @@ from eivor.cli.outputs import (
     write_out,
 )
 from eivor.cli.results import figure_part
-from eivor.errors import CorruptLogError, InputError, UsageError, did_you_mean
+from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.track import track as tracked_parameter
 from eivor.logs.read import EXAMPLE_FLIGHT
@@ -161,11 +161,10 @@ def fetch(
     The folder is the user's cache; EIVOR_CACHE names another one.
     """
     logs = public_logs()
-    by_file = {log.file_name: log for log in logs.values()}
-    log = logs.get(name) or by_file.get(name)
-    if log is None:
-        remedy = did_you_mean(name, logs, "See: eivor example list")
-        raise UsageError(f"a log out of {', '.join(logs)}", f"'{name}'", remedy)
+    by_file = {log.file_name: log.name for log in logs.values()}
+    name = by_file.get(name, name)
+    checks.index_of("a log", name, logs, "See: eivor example list")
+    log = logs[name]
     import pooch
 
     folder = Path(os.environ.get(CACHE_VARIABLE) or pooch.os_cache("eivor")).expanduser()

@@ -12,7 +12,7 @@ import scipy
 from eivor import checks
 from eivor.errors import EivorError, UsageError
 from eivor.estimation.estimate import Estimate, equation_map
-from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
 from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
@@ -294,7 +294,7 @@ def bootstrap(
     compensated methods subtract, C and c, is the declared one in every replicate. So is a weight that is
     made of residuals (`TwoStepRobust`); this changes the estimate to second order only.
     """
-    check_linear(method)
+    check_method(method)
     rows = _sample_rows(problem)
     try:
         kind = BlockScheme(scheme)
@@ -364,12 +364,8 @@ class _RowReplicates:
 
 
 def _sample_rows(problem: LinearProblem) -> Regression:
-    if not isinstance(problem, LinearProblem):
-        raise UsageError(
-            "a regression of rows in time",
-            type(problem).__name__,
-            "Use bootstrap_flights for flights; moments have no rows to draw again.",
-        )
+    remedy = "Use bootstrap_flights for flights; moments have no rows to draw again."
+    checks.kind("problem", problem, LinearProblem, "a regression of rows in time", remedy)
     rows = problem.rows()
     flights = rows.layout.flight_of_row
     if not isinstance(rows.layout, SampleRows) or np.any(flights != flights[0]):

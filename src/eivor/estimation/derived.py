@@ -13,7 +13,6 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
 from eivor.inference.covariance import CovariancePart, JointEstimate, Vector
-from eivor.inference.distributions import check_level
 from eivor.inference.regions import fieller_set
 
 #: Share of the half-width by which a function may bend before it is profiled.
@@ -52,7 +51,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     UsageError
         When the level is not between 0 and 1, or the function is not finite within the interval.
     """
-    check_level(level)
+    checks.level(level)
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not callable(function):
         raise UsageError(
@@ -117,7 +116,7 @@ def ratio(
     UsageError
         When a name is unknown, or the level is not between 0 and 1.
     """
-    check_level(level)
+    checks.level(level)
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     for name, item in (("numerator", numerator), ("denominator", denominator)):
         if not isinstance(item, str):

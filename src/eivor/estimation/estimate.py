@@ -25,7 +25,7 @@ from eivor.inference.covariance import (
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
-from eivor.inference.distributions import check_level, chi_square_tail
+from eivor.inference.distributions import chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Reason, Status, verdict
@@ -324,7 +324,7 @@ class Estimate:
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
         """Joint confidence region of two parameters; of several covariances, that whose region is largest."""
-        check_level(level)
+        checks.level(level)
         checks.text("name", name)
         checks.text("other", other)
         if name == other:
@@ -342,7 +342,7 @@ class Estimate:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter."""
-        check_level(level)
+        checks.level(level)
         direction = self.direction(name)
         value, half = float(direction @ self.values), self.joint_covariance.half_width(direction, level)
         return value - half, value + half

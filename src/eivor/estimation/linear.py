@@ -332,10 +332,10 @@ def _far_apart(what: str) -> Reason:
     return Reason(Status.WEAK, sentence, "Sample faster, or excite more slowly.")
 
 
-def check_linear(method: object) -> None:
-    """Refuse what is no linear method."""
+def check_method(method: object, kind: type = LinearMethod) -> None:
+    """Refuse what is no linear method, or none of another kind."""
     remedy = "Call the function of eivor.methods that is named so."
-    checks.kind("method", method, LinearMethod, "a method, such as eivor.methods.least_squares()", remedy)
+    checks.kind("method", method, kind, "a method, such as eivor.methods.least_squares()", remedy)
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:

@@ -9,10 +9,10 @@ from math import inf
 from numpy.typing import ArrayLike
 
 from eivor import checks
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import UsageError
 from eivor.estimation.diagnose import contradiction, periodic
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
+from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.method import OUTPUT_ERROR, Method, OutputError, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
 from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
@@ -72,12 +72,7 @@ def identify(problem: Problem, method: Method) -> Estimate:
             f"{type(problem).__name__}",
             "For a flight log use identify_flight.",
         )
-    if not isinstance(method, Method):
-        raise UsageError(
-            "a method, such as eivor.methods.least_squares()",
-            repr(method) if isinstance(method, str) else type(method).__name__,
-            "Call the function of eivor.methods that is named so.",
-        )
+    check_method(method, Method)
     estimate = method.estimate(problem)
     if not isinstance(problem, LinearProblem):
         return estimate
@@ -335,8 +330,5 @@ def by_name(name: str | Method) -> Method:
     first, _, last = name.rpartition("+")
     if first and last == OUTPUT_ERROR:
         return output_error(by_name(first))
-    if name not in TABLE:
-        raise UsageError(
-            f"a method out of {', '.join(TABLE)}", f"'{name}'", did_you_mean(name, TABLE, "Name one of them.")
-        )
+    checks.index_of("a method", name, TABLE)
     return TABLE[name]()

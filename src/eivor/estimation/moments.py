@@ -132,15 +132,19 @@ class Assembler(ABC):
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of the rows."""
 
+    def check_noise(self, problem: LinearProblem) -> None:
+        """Refuse instruments whose noise the rows share where the equations take none out."""
+        if self.plain_products and problem.instruments_share_noise():
+            raise InstrumentError(
+                "instruments whose measurement noise no regressor and no response shares",
+                "an instrument of the same channel and lag as a noisy regressor",
+                "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
+            )
+
     def noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"] | None:
         """Mean covariance of the noises of what equations are products of; None where none is taken out."""
+        self.check_noise(problem)
         if not self.compensates:
-            if self.needs_instruments and problem.instruments_share_noise():
-                raise InstrumentError(
-                    "instruments whose measurement noise no regressor and no response shares",
-                    "an instrument of the same channel and lag as a noisy regressor",
-                    "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
-                )
             return None
         if self.needs_instruments:
             return problem.instrument_noise_covariance()

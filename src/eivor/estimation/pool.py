@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
+from eivor.estimation.linear import LinearMethod, check_method, known_misfits, slope
 from eivor.estimation.methods import by_name
 from eivor.estimation.profile_sets import (
     DEGREES,
@@ -370,7 +370,7 @@ class Pooled:
         covariance: JointCovariance,
     ) -> Estimate:
         method, J = by_name(self.estimates[0].method), self.criterion.minimum[1]
-        check_linear(method)
+        check_method(method)
         solved = cast("LinearMethod", method).solve(rows)
         residual = solved.system.right - solved.system.matrix @ theta
         misfits, known = known_misfits(self.nuisances, self.values)

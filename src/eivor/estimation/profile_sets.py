@@ -405,7 +405,7 @@ class ProfileSets:
         )
 
     def of_parameter(self, name: str, level: float = 0.95) -> ParameterSets | None:
-        distributions.check_level(level)
+        checks.level(level)
         estimate, parameters = self.estimate, [item.name for item in self.estimate.rows.parameters]
         position = checks.index_of("a parameter", name, parameters)
         if not self.available:

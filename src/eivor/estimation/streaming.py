@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
+from eivor.errors import TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate, estimating_equation
-from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.methods import identify
 from eivor.estimation.moments import Assembler, CrossMoments, ProblemMoments
 from eivor.inference.covariance import (
@@ -77,7 +77,7 @@ def moments(
 
 def check_chunked(model: object, method: object, instruments: object) -> None:
     """Refuse arguments of other types than a model, a method and columns."""
-    check_linear(method)
+    check_method(method)
     checks.kind("model", model, SignalModel, "a model", "Make one: ev.VerticalMotion().")
     check_columns("instruments", instruments)
 
@@ -280,12 +280,7 @@ class TimedRows:
 
 def timed_rows(problem: SignalRegression, assembler: Assembler) -> Iterator[TimedRows]:
     """Rows of signals, stretch by stretch."""
-    if assembler.plain_products and problem.instruments_share_noise():
-        raise InstrumentError(
-            "instruments whose measurement noise no regressor and no response shares",
-            "an instrument of the same channel and lag as a noisy regressor",
-            "Use lags from 1 on, another channel, or generalized_iv.",
-        )
+    assembler.check_noise(problem)
     signals, first = problem.signals, problem.first
     if signals.sample_count <= first:
         return

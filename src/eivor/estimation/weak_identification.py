@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
-from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.moments import CrossMoments, Instrumental
 from eivor.inference.anderson_rubin import (
     LinearScores,
@@ -24,7 +24,6 @@ from eivor.inference.anderson_rubin import (
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.covariance import cosine_averages
 from eivor.inference.diagnostics.record import whitening
-from eivor.inference.distributions import check_level
 from eivor.inference.regions import ConfidenceRegion
 from eivor.models.regression import LinearProblem, Parameter, RowLayout, SampleRows
 from eivor.models.signal_regression import SignalRegression
@@ -96,7 +95,7 @@ class MomentRows:
 
 def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     """Rows of the moment equations that a method makes of a problem."""
-    check_linear(method)
+    check_method(method)
     remedy = "Make one by ev.regression(...) or VerticalMotion().regression(signals)."
     checks.kind("problem", problem, LinearProblem, "a regression", remedy)
     if not method.assembler.moment_equations:
@@ -341,7 +340,7 @@ def anderson_rubin_set(
     InstrumentError, MissingNoiseError, TooFewSamplesError
         When the method refuses the problem, or instruments or samples are too few.
     """
-    check_level(level)
+    checks.level(level)
     if errors is None:
         errors = AutocorrelatedErrors()
     checks.kind("errors", errors, ErrorAssumption, "AutocorrelatedErrors() or HomoskedasticErrors()")
@@ -389,8 +388,8 @@ def sign_perturbed_set(
     ParameterError
         When level and number of sums do not fit.
     """
-    check_linear(method)
-    check_level(level)
+    check_method(method)
+    checks.level(level)
     checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
     checks.whole("sums", sums)
     if not isinstance(method.assembler, Instrumental):

@@ -7,7 +7,8 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from eivor.errors import NotIdentifiedError, UsageError, did_you_mean
+from eivor import checks
+from eivor.errors import NotIdentifiedError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import JointEstimate
 from eivor.inference.verdict import Status
@@ -51,9 +52,7 @@ ACCEPTABLE = (Status.PROVISIONAL, Status.WEAK)
 def accepted_verdicts(word: str) -> frozenset[Status]:
     """Verdicts that are written: up to the one of this word."""
     words = {Status.IDENTIFIED.value: 0, Status.WEAK.value: 1, Status.PROVISIONAL.value: 2}
-    if word not in words:
-        remedy = did_you_mean(word, words, "A refused number is never written.")
-        raise UsageError(f"--accept {', '.join(words)}", f"'{word}'", remedy)
+    checks.index_of("a verdict to accept", word, words, "A refused number is never written.")
     return frozenset(ACCEPTABLE[len(ACCEPTABLE) - words[word] :])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eivor.errors import UsageError, did_you_mean
+from eivor import checks
 from eivor.exports.autopilots import AUTOPILOTS
 from eivor.exports.fitted import Target
 from eivor.exports.models import DRAWN_MODELS, MODELS
@@ -24,17 +24,12 @@ def motions_for(target: str) -> tuple[str, ...]:
 
 def randomisation_by_name(name: str) -> ExportOfDraws:
     """Randomisation of a word."""
-    if name not in RANDOMISATIONS:
-        known = ", ".join(RANDOMISATIONS)
-        remedy = did_you_mean(name, RANDOMISATIONS, "Name one of them, or none for a table.")
-        raise UsageError(f"draws for {known}", f"'{name}'", remedy)
+    checks.index_of("draws", name, RANDOMISATIONS, "Name one of them, or none for a table.")
     return RANDOMISATIONS[name]
 
 
 def target_by_name(name: str) -> Target:
     """Target of a word."""
-    if name not in TARGETS:
-        known = ", ".join(TARGETS)
-        remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."
-        raise UsageError(f"a target out of {known}", f"'{name}'", did_you_mean(name, TARGETS, remedy))
+    remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."
+    checks.index_of("a target", name, TARGETS, remedy)
     return TARGETS[name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import UsageError
 from eivor.estimation.method import Method
 from eivor.flights.references import Declared, check_noise
 from eivor.models.separable import Bounds, Prior
@@ -130,10 +130,7 @@ class FlightOptions:
             received = f"{self.lag.low:g} and {self.lag.high:g} s"
             remedy = "Give them in seconds: ev.Bounds(0.050, 0.090)."
             raise UsageError(f"bounds of the lag between 0 and {LONGEST_LAG_S:g} s", received, remedy)
-        if self.pool_friction not in POOL_FRICTIONS:
-            expected = f"pool_friction out of {', '.join(POOL_FRICTIONS)}"
-            remedy = did_you_mean(self.pool_friction, POOL_FRICTIONS, "The default is auto.")
-            raise UsageError(expected, f"'{self.pool_friction}'", remedy)
+        checks.index_of("pool_friction", self.pool_friction, POOL_FRICTIONS, "The default is auto.")
         if self.window is not None and not self.window[0] < self.window[1]:
             received = f"{self.window[0]:g}:{self.window[1]:g}"
             remedy = "Give both in seconds from the log's start."
@@ -146,7 +143,7 @@ class FlightOptions:
         check_order(self.order)
         if not isinstance(self.method, Method):
             checks.text("method", self.method)
-        for name in ("input", "input_map", "pool_friction"):
+        for name in ("input", "input_map"):
             checks.text(name, getattr(self, name))
         for name, example in (("instruments", "references"), ("terms", "quadratic-drag")):
             checks.items(name, getattr(self, name), str, "names", f'Give ("{example}",), for example.')

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eivor.errors import EstimationError, UsageError, did_you_mean
+from eivor import checks
+from eivor.errors import EstimationError
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name
@@ -38,7 +39,7 @@ from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics import residuals
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
-from eivor.inference.distributions import check_level, t_ratio
+from eivor.inference.distributions import t_ratio
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
@@ -420,10 +421,8 @@ class FlightEstimate:
         Of a derived quantity, another level than 0.95 has Student's t of the degrees of freedom of that one.
         """
         fit = self._fitted()
-        check_level(level)
-        if name not in self.quantities:
-            remedy = did_you_mean(name, self.quantities, "Name one of them.")
-            raise UsageError(f"a quantity out of {', '.join(self.quantities)}", f"'{name}'", remedy)
+        checks.level(level)
+        checks.index_of("a quantity", name, self.quantities)
         quantity, spec = self.quantities[name], self.motion.quantities[name]
         if name in fit.estimate.names or name in fit.by_sets:
             interval = fit.interval(name, level)
@@ -622,7 +621,6 @@ class LogEstimate:
 
     def plot(self, model: str = "") -> Figure:
         """Figure of the fit of a motion, by default of the first that has one: `FlightEstimate.plot`."""
-        if model and model not in self.motions:
-            remedy = did_you_mean(model, self.motions, "Name one of them.")
-            raise UsageError(f"a motion out of {', '.join(self.motions)}", f"'{model}'", remedy)
+        if model:
+            checks.index_of("a motion", model, self.motions)
         return (self.motions[model] if model else self.drawn).plot()

@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.inference.distributions import check_level, normal_quantile, t_quantile
+from eivor.inference.distributions import normal_quantile, t_quantile
 from eivor.tools import Float, Int
 
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
@@ -240,7 +240,7 @@ class Bootstrap:
             interval is asked of replicates without standard errors.
         """
         position = checks.index_of("a quantity", name, self.names)
-        check_level(level)
+        checks.level(level)
         try:
             chosen = IntervalKind(kind)
         except ValueError as error:

@@ -7,20 +7,10 @@ import math
 import numpy as np
 import scipy
 
-from eivor import checks
-from eivor.errors import UsageError
-
 #: Angles over which the distribution of a conditional likelihood ratio is integrated.
 ANGLES = 200
 #: A larger strength leaves no more than a normal variable has.
 MUCH = 1e6
-
-
-def check_level(level: float) -> None:
-    """Refuse a confidence level that is none."""
-    checks.number("level", level)
-    if not 0.0 < level < 1.0:
-        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
 
 
 def normal_quantile(level: float) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from eivor import checks
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.distributions import check_level, chi_square_quantile
+from eivor.inference.distributions import chi_square_quantile
 from eivor.tools import Bool, Float
 
 Point = Float[np.ndarray, " n_plus_1"]
@@ -377,7 +377,7 @@ class Ellipse:
 
 def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) -> float:
     """Value that Hotelling's T^2 stays below with probability `level`."""
-    check_level(level)
+    checks.level(level)
     if not degrees >= dimension:
         expected = f"at least {dimension} degrees of freedom for {dimension} estimates together"
         raise UsageError(expected, f"{degrees:g}", "Use more cosine averages, or intervals one by one.")

@@ -15,6 +15,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from eivor import checks
 from eivor.cli.export import supplied
 from eivor.cli.outputs import (
     PAPER_FILES,
@@ -135,6 +136,7 @@ def _paper_report(
 
 
 def _draw(folder: Path, figures: Callable[[], Iterable[tuple[str, Figure]]]) -> None:
+    """Draw figures by their names, each as SVG and PNG, into a folder that exists."""
     with step("Drawing the figures"), writing(folder):
         for name, figure in figures():
             for path in drawings.figure_files(folder, name):
@@ -208,8 +210,7 @@ def simulate(
     under control the reference too: reference_velocity_z, or reference_position_z beside position_z.
     Their input is a deviation from hover; with --hover it is the whole input.
     """
-    if seed < 0:
-        raise UsageError("a seed of zero or more", f"--seed {seed}", "Any such integer will do.")
+    checks.seed(seed)
     log_path = Path(out)
     if log_path.suffix not in LOG_FORMATS:
         remedy = "The ending chooses the format."

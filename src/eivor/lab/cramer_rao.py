@@ -81,15 +81,13 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
     """
     checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
     checks.whole("runs", runs)
-    checks.whole("seed", seed)
+    checks.seed(seed)
     if scenario.controlled:
         expected = "a scenario in open loop, for its bound"
         remedy = "Leave the control out; its bound is that of the open loop with the same input."
         raise ParameterError(expected, "one under control, whose input depends on the noises", remedy)
     if not 1 <= runs <= MOST_RUNS:
         raise ParameterError(f"1 to {MOST_RUNS} records", f"runs={runs}", f"Leave it out for {RUNS}.")
-    if seed < 0:
-        raise ParameterError("a seed of zero or more", f"seed={seed}", "Give another.")
     power = disturbance_power(scenario, seed)
     information = np.mean(
         [_information(scenario, record, power) for record in _records(scenario, seed, runs)], axis=0

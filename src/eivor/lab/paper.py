@@ -14,7 +14,8 @@ from typing import get_type_hints
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from eivor.errors import EivorError, UsageError, did_you_mean
+from eivor import checks
+from eivor.errors import EivorError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod, first_stage_strengths
 from eivor.estimation.moments import CrossMoments, Moments
@@ -193,10 +194,7 @@ def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     """Readings of those names, in the order of the names; all for none."""
     known = {reading.name: reading for reading in READINGS}
     for name in names:
-        if name not in known:
-            expected = f"readings out of {', '.join(known)}"
-            remedy = did_you_mean(name, known, "Name some of them, with commas between.")
-            raise UsageError(expected, f"'{name}'", remedy)
+        checks.index_of("readings", name, known, "Name some of them, with commas between.")
     return tuple(known[name] for name in names) or READINGS
 
 

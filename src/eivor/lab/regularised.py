@@ -10,7 +10,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.linear import LinearMethod, check_method
 from eivor.estimation.method import Method, Problem
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
 from eivor.linalg.total_least_squares import (
@@ -197,7 +197,7 @@ def regularised(
     UsageError
         When the method cannot be regularised, or an argument is of another kind.
     """
-    check_linear(method)
+    check_method(method)
     if isinstance(towards, Method):
         _shrunk(method, Tikhonov(parameter))  # refuses what cannot be regularised
         return ShrunkTowards(f"{method.name}_tikhonov", method, parameter, towards)

@@ -186,10 +186,8 @@ class Study:
     def __post_init__(self) -> None:
         if not 1 <= self.runs <= MOST_RUNS:
             raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{self.runs}", "Ask for a number of trials.")
-        if self.seed < 0:
-            raise UsageError("a seed of zero or more", f"{self.seed}", "Any such integer will do.")
-        if not 0.0 < self.level < 1.0:
-            raise UsageError("a level between 0 and 1", f"{self.level}", "Use 0.95, for example.")
+        checks.seed(self.seed)
+        checks.level(self.level)
         labels = [choice.label for choice in self.methods]
         if not labels or len(set(labels)) < len(labels) or any("." in label for label in labels):
             expected = "one method or more, with labels of their own that have no dot in them"

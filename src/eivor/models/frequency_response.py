@@ -446,8 +446,7 @@ def frequency_response(
     """
     checks.number("rate_hz", rate_hz)
     checks.positive("rate_hz", rate_hz)
-    checks.number("level", level)
-    checks.require(0.0 < level < 1.0, "a level between 0 and 1", f"level={level}")
+    checks.level(level)
     parts = _stretches(u if reference is None else reference, u, y)
     runs = _runs(parts, float(rate_hz), period_s)
     longest = max(run.length_s for run in runs)

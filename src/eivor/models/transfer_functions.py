@@ -434,8 +434,7 @@ def transfer_functions(
         checks.number("hold_s", hold_s)
         checks.require(0.0 <= hold_s <= 1.0, "a hold between 0 and 1 s", f"hold_s={hold_s}")
     checked_response("sensor_filter", sensor_filter)
-    checks.number("level", level)
-    checks.require(0.0 < level < 1.0, "a level between 0 and 1", f"level={level}")
+    checks.level(level)
     if not orders or any(order not in OF_ORDER for order in orders):
         raise UsageError("orders out of 1, 2, 3 and 4", f"{orders}", "Leave out the others.")
     hold = 1.0 / response.rate_hz if hold_s is None else hold_s

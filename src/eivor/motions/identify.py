@@ -10,7 +10,7 @@ from types import MappingProxyType, NoneType
 from typing import Any, TypedDict, Unpack
 
 from eivor import checks
-from eivor.errors import EivorError, InputError, PoolingError, UsageError, did_you_mean
+from eivor.errors import EivorError, InputError, PoolingError, UsageError
 from eivor.estimation.method import Method
 from eivor.flights.estimate import FlightState
 from eivor.flights.identify import identified, with_coupled_axes
@@ -225,11 +225,8 @@ def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOpti
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}
-    unknown = [name for name in choices if name not in known]
-    if unknown:
-        received, remedy = ", ".join(f"'{name}'" for name in unknown), "Name one of them."
-        remedy = did_you_mean(unknown[0], known, remedy)
-        raise UsageError(f"choices out of {', '.join(known)}", received, remedy)
+    for name in choices:
+        checks.index_of("choices", name, known)
     twice = ", ".join(name for name in choices if getattr(start, name) != known[name])
     if twice:
         raise UsageError("each choice once", f"{twice} in options= and by name", "Leave out one of them.")

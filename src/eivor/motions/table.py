@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from eivor import checks
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import QuantitySpec
 from eivor.motions.declaration import ENDING, load_machine, machine_of, shipped_machines
@@ -83,9 +83,8 @@ def loaded_motion(name: str) -> Motion[Any]:
         own_motion: Motion[Any] = getattr(import_module(module), attribute)()
         return own_motion
     if name not in (added := _added()):
-        known, remedy = motion_names(), "Name one of them with --model, or a machine with --machine."
-        expected = f"a motion out of {', '.join(known)}"
-        raise UsageError(expected, f"'{name}'", did_you_mean(name, known, remedy))
+        remedy = "Name one of them with --model, or a machine with --machine."
+        checks.index_of("a motion", name, motion_names(), remedy)  # refuses
     motion = _loaded(added[name])
     declare_channels(*motion.channels.added)
     return motion

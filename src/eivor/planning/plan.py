@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import InputError, UsageError, did_you_mean
+from eivor.errors import InputError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.distributions import normal_quantile
@@ -279,15 +279,9 @@ def make_plan(
     checks.kind("vehicle", vehicle, VehicleGuess, "a VehicleGuess", "Give ev.VehicleGuess(hover_input=0.5).")
     limits = FlightLimits() if limits is None else limits
     checks.kind("limits", limits, FlightLimits, "FlightLimits", "Give ev.FlightLimits(), or nothing.")
-    _check_choices(target, shape, seed)
+    checks.text("target", target)
     target = target or vehicle.requested or "friction"
-    if target not in TARGETS:
-        known = ", ".join(TARGETS)
-        remedy = did_you_mean(target, TARGETS, f"Plan for one of {known}.")
-        raise UsageError(f"one of {known}", f"{target!r}", remedy)
-    if shape not in ("", *KINDS):
-        remedy = did_you_mean(shape, KINDS, "Or nothing, for the better one.")
-        raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", remedy)
+    _check_choices(target, TARGETS, shape, seed)
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
     flown_within = _within_limits(finalists, vehicle, limits, seed)
     best = min(flown_within, key=lambda each: _half_width(identify_flight(each[0].recording), target))
@@ -308,12 +302,11 @@ def make_plan(
     return FlightPlan(vehicle, limits, target, best[0].shape, predicted, reached)
 
 
-def _check_choices(target: str, shape: str, seed: int) -> None:
-    checks.text("target", target)
+def _check_choices(target: str, targets: Iterable[str], shape: str, seed: int) -> None:
+    checks.index_of("a target", target, targets)
     checks.text("shape", shape)
-    checks.whole("seed", seed)
-    if seed < 0:
-        raise UsageError("a seed of zero or more", f"{seed}", "Any such integer will do.")
+    checks.index_of("a shape", shape or KINDS[0], KINDS, "Or nothing, for the better one.")
+    checks.seed(seed)
 
 
 def _finalists(
@@ -453,12 +446,11 @@ def plan_machine(
         raise InputError(
             expected, f"one without ({error})", "Log a reference, and identify it again."
         ) from None
-    _check_choices(target, shape, seed)
-    checks.index_of("a shape", shape or KINDS[0], KINDS)
     values = {name: item.value for name, item in quantities.items()}
     known = [name for name in answers.std_errors if name in machine.quantities]
+    checks.text("target", target)
     target = target or ALL
-    checks.index_of("a target", target, (ALL, *known))
+    _check_choices(target, (ALL, *known), shape, seed)
     inputs = [item.name for item in machine.logged if item.role == "input"]
     allowed = {name: answers.sizes[name] for name in (*answers.references, *inputs)}
     for name, sizes in limits.items():

@@ -13,14 +13,14 @@ import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError, did_you_mean
+from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
 from eivor.exports.models import StateSpace, state_space
 from eivor.exports.targets import randomisation_by_name, target_by_name
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
-from eivor.inference.distributions import check_level, normal_quantile
+from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.machine import Machine
@@ -104,7 +104,7 @@ class SavedFit:
             For an unknown name, a level that is none, or another than .95 for a derived quantity or for a
             parameter whose interval is that of a set.
         """
-        check_level(level)
+        checks.level(level)
         if name in self.quantities and level == 0.95:
             return self.quantities[name].interval
         if name not in self.names:
@@ -353,9 +353,8 @@ def load_fit(file: str | Path, model: str = "") -> SavedFit:
 def fit_among(fits: Mapping[str, SavedFit], model: str = "", preferred: Sequence[str] = ()) -> SavedFit:
     """The fit of a motion that is named or preferred, or the only one with an estimate."""
     checks.text("model", model)
-    if model and model not in fits:
-        remedy = did_you_mean(model, fits, "Name one of them, or identify it.")
-        raise UsageError(f"a motion of the result: {', '.join(fits)}", f"'{model}'", remedy)
+    if model:
+        checks.index_of("a motion of the result", model, fits, "Name one of them, or identify it.")
     fitted = [name for name, fit in fits.items() if fit.estimated is not None] or list(fits)
     wanted = sorted((name for name in preferred if name in fits), key=lambda name: name not in fitted)
     candidates = [model] if model else wanted[:1] or fitted

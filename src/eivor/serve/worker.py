@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from eivor import checks
 from eivor.atomic_file import write_atomically
 from eivor.cli import parsing
 from eivor.cli.export import supplied
@@ -212,9 +213,7 @@ def _file_name(stem: str, target: Target) -> str:
 
 def plan(folder: Path, stem: str, words: WordsOf) -> File:
     """Plan the flight that would identify, and write it in a form."""
-    if words["form"] not in WRITTEN:
-        remedy = did_you_mean(words["form"], WRITTEN, "Name one of them.")
-        raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{words['form']}'", remedy)
+    checks.index_of("a plan", words["form"], WRITTEN)
     form, home, position = WRITTEN[words["form"]], words.get("home", ""), None
     if form.is_mission:
         parsing.check_mission("it", home, "")

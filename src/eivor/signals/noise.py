@@ -325,9 +325,7 @@ class LongMemory:
 
     def order_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Interval that covers the order with this probability."""
-        checks.number("level", level)
-        if not 0.0 < level < 1.0:
-            raise ParameterError("a level between 0 and 1", f"level={level}", "Give 0.95 for 95 %.")
+        checks.level(level)
         width = NormalDist().inv_cdf(0.5 + level / 2.0) * self.order_error
         return self.order - width, self.order + width
 
