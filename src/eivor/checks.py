@@ -87,11 +87,16 @@ def whole(name: str, value: object) -> None:
         raise UsageError(f"a whole number below 9.2e18 for {name}", described(value), "Correct the call.")
 
 
+def counted(name: str, value: int, least: int, expected: str, remedy: str) -> None:
+    """Refuse what is no whole number, or less than some."""
+    whole(name, value)
+    if value < least:
+        raise ParameterError(expected, f"{value}", remedy)
+
+
 def seed(value: int) -> None:
     """Refuse what is no seed."""
-    whole("seed", value)
-    if value < 0:
-        raise ParameterError("a seed of zero or more", f"{value}", "Any such integer will do.")
+    counted("seed", value, 0, "a seed of zero or more", "Any such integer will do.")
 
 
 def level(value: float) -> None:
@@ -104,6 +109,12 @@ def level(value: float) -> None:
 def path(name: str, value: object) -> None:
     """Refuse what is no path: a number would be taken for an open file."""
     kind(name, value, (str, os.PathLike), "a path, as a text or a Path", 'Give its text: "flight.ulg".')
+
+
+def function(expected: str, value: object, remedy: str) -> None:
+    """Refuse what cannot be called."""
+    if not callable(value):
+        raise UsageError(expected, described(value), remedy)
 
 
 def flag(name: str, value: object) -> None:

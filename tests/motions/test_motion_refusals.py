@@ -143,7 +143,7 @@ MACHINES = calls("machine", None,
     (lambda: side_by_side([TWO_ROTORED, replace(TWO_ROTORED, rotors=THREE_ROTORS)]), UsageError,
         "equally many rotors"),
     (lambda: ev.identify_flight(LOG, model=7), UsageError,
-        "Expected the name of a motion, or a motion; received int"),
+        "Expected the name of a motion, or a motion for model; received 7"),
 )  # fmt: skip
 
 

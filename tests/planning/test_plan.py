@@ -190,7 +190,7 @@ test_refused = table(
         ({}, FLOWN, r"under prediction\.flown"),
     ),
     calls("call", None,
-        (lambda: ev.plan(ev.VehicleGuess(), target="drag"), UsageError, "a target out of friction, gain, lag"),
+        (lambda: ev.plan(ev.VehicleGuess(), target="drag"), UsageError, "out of friction, gain, lag"),
         (lambda: ev.plan(ev.VehicleGuess(), shape="chirp"), UsageError, "a shape out of multisine, steps"),
         (lambda: vehicle_of_result("rover_motion", "square", QUANTITIES, {}), UsageError, "'rover_motion'"),
         (of_file, InputError, "mass"),

@@ -78,7 +78,7 @@ def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
 @pytest.mark.parametrize("name", ["ratios-of-variances", "central-5-lags", "weights-as-printed"])
 def test_shared_moments_give_what_identify_gives(name):
     chosen = reading(name)
-    signals = paper.record(chosen, paper.EXAMPLES[0], paper.trial_generator(3)).signals
+    signals = paper.record(chosen, paper.EXAMPLES[0], paper.stream(paper.SEED, 3)).signals
     model = VerticalMotion(intercept=False)
     instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
     for method, item in zip(paper.METHODS, paper.estimates(chosen, signals)[0], strict=True):
@@ -98,7 +98,7 @@ def test_shared_moments_give_what_identify_gives(name):
 def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     """(29), (30) and (32) from sums over all rows, with the 1 of H in its row and N there or not."""
     chosen = reading("larger-on-input", compensation=compensation)
-    signals = paper.record(chosen, paper.EXAMPLES[0], paper.trial_generator(4)).signals
+    signals = paper.record(chosen, paper.EXAMPLES[0], paper.stream(paper.SEED, 4)).signals
     velocity, drive, response = (signals.channels[n] for n in ("velocity_z", "input", "acceleration_z"))
     first, count = chosen.lags, signals.sample_count
     Psi = np.column_stack([drive[first - lag : count - lag] for lag in range(chosen.lags + 1)])
@@ -140,7 +140,7 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
 
 def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
     """The disturbance likewise: ratios of the paper to what is in a record."""
-    made = paper.record(reading("ratios-of-std"), paper.EXAMPLES[1], paper.trial_generator(2))
+    made = paper.record(reading("ratios-of-std"), paper.EXAMPLES[1], paper.stream(paper.SEED, 2))
     noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
     # 4000 samples tell a standard deviation to 1.1 %
     assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
@@ -174,7 +174,7 @@ def test_alternating_noise_has_the_autocovariance_of_its_weights():
 
 @pytest.mark.parametrize("name", [item.name for item in paper.READINGS])
 def test_every_reading_makes_records_of_the_papers_length(name):
-    made = paper.record(reading(name), paper.EXAMPLES[1], paper.trial_generator(0))
+    made = paper.record(reading(name), paper.EXAMPLES[1], paper.stream(paper.SEED, 0))
     assert made.signals.sample_count == made.truth.sample_count == 4000
     assert np.isfinite(list(made.signals.channels.values())).all()
 

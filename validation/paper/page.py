@@ -21,6 +21,7 @@ from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.lab.disturbances import RandomCoefficientMovingAverage
+from eivor.lab.experiments import stream
 from eivor.lab.figures import (
     SCORE_WORDS,
     by_reading,
@@ -47,7 +48,6 @@ from eivor.lab.paper import (
     nrmse,
     record,
     run_paper,
-    trial_generator,
 )
 from eivor.lab.records import SimulatedRecord
 from eivor.linalg.system import LinearSystem
@@ -135,7 +135,7 @@ class Erratum(NamedTuple):
 def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
     """Every place with its check, computed anew."""
     reading = replace(named_readings(("ratios-of-variances",))[0], ratio=Ratio.VARIANCE)
-    records = [record(reading, STRONG, trial_generator(index)) for index in range(runs)]
+    records = [record(reading, STRONG, stream(SEED, index)) for index in range(runs)]
     return (
         Erratum(
             "(1) rows 1 to 3",

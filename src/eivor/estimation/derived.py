@@ -53,12 +53,8 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     """
     checks.level(level)
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
-    if not callable(function):
-        raise UsageError(
-            "a function of the parameters",
-            checks.described(function),
-            'Give lambda p: p["theta_1"] ** 2, for example.',
-        )
+    remedy = 'Give lambda p: p["theta_1"] ** 2, for example.'
+    checks.function("a function of the parameters", function, remedy)
 
     def of_vector(values: Vector) -> float:
         result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))

@@ -171,12 +171,8 @@ def identify_chunks(
     """
     check_chunked(model, method, instruments)
     check_covariance_estimator(covariance)
-    if not callable(chunks):
-        raise UsageError(
-            "a function that gives the chunks anew in every pass",
-            checks.described(chunks),
-            "Give lambda: ev.read_chunks(file, ...), for example.",
-        )
+    remedy = "Give lambda: ev.read_chunks(file, ...), for example."
+    checks.function("a function that gives the chunks anew in every pass", chunks, remedy)
     first = moments(chunks(), model=model, method=method, instruments=instruments)
     estimate = identify(first, method)
     total = first.moments

@@ -141,9 +141,8 @@ class AutocorrelatedErrors(ErrorAssumption):
 
     def __post_init__(self) -> None:
         if self.averages is not None:
-            checks.whole("averages", self.averages)
-            if self.averages < 1:
-                raise UsageError("one cosine average or more", f"{self.averages}", "Leave averages out.")
+            remedy = "Leave averages out."
+            checks.counted("averages", self.averages, 1, "one cosine average or more", remedy)
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
         """Region of the robust test; refused where averages are fewer than equations, or too many."""

@@ -78,9 +78,8 @@ class TwoStepRobust(EquationWeighting):
 
     def __post_init__(self) -> None:
         if self.bandwidth is not None:
-            checks.whole("bandwidth", self.bandwidth)
-            if self.bandwidth < 0:
-                raise UsageError("a bandwidth of zero or more lags", f"{self.bandwidth}", "Zero sees no lag.")
+            expected = "a bandwidth of zero or more lags"
+            checks.counted("bandwidth", self.bandwidth, 0, expected, "Zero sees no lag.")
 
     def equations(
         self, system: LinearSystem, moments: Moments, problem: LinearProblem | None, theta: Vector | None, /

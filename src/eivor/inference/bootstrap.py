@@ -136,11 +136,9 @@ def piece_sums(
     return total
 
 
-def check_draws(runs: object, seed: object) -> None:
+def check_draws(runs: int, seed: object) -> None:
     """Refuse fewer replicates than two, and a seed that is none."""
-    checks.whole("runs", runs)
-    if isinstance(runs, int | np.integer) and runs < 2:
-        raise UsageError("two runs or more", f"runs={runs}", "A thousand are usual.")
+    checks.counted("runs", runs, 2, "two runs or more", "A thousand are usual.")
     if isinstance(seed, np.random.Generator):
         return
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer):

@@ -289,9 +289,7 @@ class EqualWeightedCosines(CovarianceEstimator):
     averages: int = COSINE_AVERAGES
 
     def __post_init__(self) -> None:
-        checks.whole("averages", self.averages)
-        if self.averages < 1:
-            raise UsageError("one cosine average or more", f"{self.averages}", "Eight are the default.")
+        checks.counted("averages", self.averages, 1, "one cosine average or more", "Eight are the default.")
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n B)."""

@@ -17,6 +17,7 @@ from rich.text import Text
 
 from eivor.errors import UsageError
 from eivor.lab import paper
+from eivor.lab.experiments import stream
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions.table import wording_of
 from eivor.report import figure_panels as plots
@@ -229,7 +230,7 @@ def paper_figures(results: Sequence[paper.PaperResult]) -> Iterator[tuple[str, F
 def signal_figure(reading: paper.PaperReading, example: paper.Example) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
-    truth = paper.record(exact, example, paper.trial_generator(0)).truth
+    truth = paper.record(exact, example, stream(paper.SEED, 0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
     height = paper.integrated_height(velocity, drive, intersample=reading.intersample)
     signals = Signals(truth.rate_hz, {"input": drive, "position_z": height})
@@ -351,7 +352,7 @@ def _plain(*columns: str) -> Table:
 
 def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> dict[str, Json]:
     """Document of the study, ready for `json_text`."""
-    made: dict[str, Json] = {
+    made = {
         "schema": "eivor.paper/1",
         "version": version("eivor"),
         "runs": len(results[0].estimates),
@@ -360,7 +361,7 @@ def paper_document(results: Sequence[paper.PaperResult], *, seconds: float) -> d
         "verdict": verdict_sentence(results),
         "readings": [_reading(group) for group in by_reading(results).values()],
     }
-    return {name: plain(value) for name, value in made.items()}
+    return plain(made)
 
 
 def _reading(group: Sequence[paper.PaperResult]) -> Json:

@@ -229,9 +229,7 @@ class FractionalTerm:
     lag: int = 0  # Samples back, zero or more
 
     def __post_init__(self) -> None:
-        checks.whole("lag", self.lag)
-        if self.lag < 0:
-            raise UsageError("a lag of zero or more samples", f"{self.lag}", "Only past samples have a part.")
+        checks.counted("lag", self.lag, 0, "a lag of zero or more samples", "Only past samples have a part.")
         if isinstance(self.order, UnknownOrder):
             return
         checks.number("order", self.order)
@@ -648,9 +646,7 @@ class FractionalDifferenceModel:
             When a parameter is missing or not finite, the equation has no y(k) to solve for, or it is
             unstable: the response would grow without bound.
         """
-        checks.whole("count", count)
-        if count < 1:
-            raise ParameterError("one sample or more", f"{count}", "Give the length of the response.")
+        checks.counted("count", count, 1, "one sample or more", "Give the length of the response.")
         inverse = self._solved_for_output(parameters, count, rate_hz=rate_hz)
         return filtered(inverse, self._side("input", parameters, rate_hz).weights(count))
 

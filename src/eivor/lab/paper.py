@@ -27,7 +27,7 @@ from eivor.lab.study import Spread, spread_of
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.process_pool import in_order, local_executor
-from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_difference
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
 from eivor.tools import Bool, Float
@@ -213,19 +213,18 @@ class AlternatingNoise(MeasurementNoise):
     std: float
     order: float
 
+    @property
+    def _fractional(self) -> FractionalNoise:
+        return FractionalNoise(self.std, self.order)
+
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
-        return (-1.0) ** lag * FractionalNoise(self.std, self.order).autocovariance(lag, start, count)
+        return (-1.0) ** lag * self._fractional.autocovariance(lag, start, count)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        signs = 1.0 - 2.0 * (np.arange(count) % 2)
-        return signs * FractionalNoise(self.std, self.order).moving_average(count)
+        return (-1.0) ** np.arange(count) * self._fractional.moving_average(count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        signs = 1.0 - 2.0 * (np.arange(count) % 2)
-        return self.std * signs * fractional_difference(rng.standard_normal(count), self.order)
-
-    def with_std(self, std: float) -> AlternatingNoise:
-        return replace(self, std=std)
+        return (-1.0) ** np.arange(count) * self._fractional.sample(count, rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -469,17 +468,12 @@ def run_together(
     weak = np.empty((len(readings), runs, len(METHODS)), dtype=np.bool_)
     with threadpool_limits(limits=1):
         for index in range(runs):
-            signals = record(readings[0], example, trial_generator(index, seed)).signals
+            signals = record(readings[0], example, stream(seed, index)).signals
             for item, reading in enumerate(readings):
                 theta[item, index], weak[item, index] = estimates(reading, signals)
     return [
         PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
     ]
-
-
-def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
-    """Generator of one run."""
-    return stream(seed, index)
 
 
 def run_paper(

@@ -390,11 +390,11 @@ class ReadOptions:
     max_bytes: int = 1 << 30  # Largest file that is read, which bounds what its content may become
 
 
-def advised(
-    of_all: Sequence[str], of_channel: Callable[[str], tuple[str, ...]]
-) -> Callable[[str], tuple[str, ...]]:
-    """Return the `LogFormat.advice` of sentences on all channels, and of what gives those on one."""
-    return lambda channel: of_channel(channel) if channel else tuple(of_all)
+def advised(advice: Mapping[str, Any], of_channel: Callable[[str], tuple[str, ...]]) -> dict[str, Any]:
+    """Fields of a `LogFormat` that advise: a table's, whose `all` is on all channels, and what is on one."""
+    of_all = tuple(advice["all"])
+    others = {name: words for name, words in advice.items() if name != "all"}
+    return {"advice": lambda channel: of_channel(channel) if channel else of_all, **others}
 
 
 def begins_with(*magic: bytes) -> Callable[[bytes, Path], bool]:

@@ -619,7 +619,6 @@ FORMATS = (
         lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
         read_crazyflie,
         takes_map=True,
-        advice=common.advised(_TABLES["advice"]["all"], _advice),
-        setpoints=_TABLES["advice"]["setpoints"],
+        **common.advised(_TABLES["advice"], _advice),
     ),
 )

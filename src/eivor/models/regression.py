@@ -58,13 +58,11 @@ class Column:
     def __post_init__(self) -> None:
         checks.text("channel", self.channel)
         checks.text("gain_channel", self.gain_channel)
-        checks.whole("lag", self.lag)
+        remedy = "Only past samples are regressors."
+        checks.counted("lag", self.lag, 0, "a lag of zero or more samples", remedy)
         checks.number("gain", self.gain)
         if not np.isfinite(self.gain):
             raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
-        if self.lag < 0:
-            remedy = "Only past samples are regressors."
-            raise UsageError("a lag of zero or more samples", f"{self.lag}", remedy)
 
     @property
     def name(self) -> str:

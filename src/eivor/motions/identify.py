@@ -100,10 +100,7 @@ def identify_flight(
         When the flights are of vehicles with different input maps or parameters.
     """
     motion = motion_by_name(model) if isinstance(model, str) else model
-    if not isinstance(motion, Motion):
-        raise UsageError(
-            "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
-        )
+    checks.kind("model", motion, Motion, "the name of a motion, or a motion", 'The default is "vertical".')
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
     if vehicle:
         motion = of_vehicle(motion, str(vehicle))
@@ -207,8 +204,7 @@ def _task(
         raise UsageError("recordings", ", ".join(sorted({type(log).__name__ for log in logs})), READ_FIRST)
     if not logs:
         raise UsageError("at least one recording", "none", "Give one or several.")
-    if not callable(progress):
-        raise UsageError("a function of what begins", checks.described(progress), "Give progress=print.")
+    checks.function("a function of what begins", progress, "Give progress=print.")
     chosen = _chosen(options, choices)
     if windows is None:
         windows = [None] * len(logs)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -16,10 +15,6 @@ from eivor.report.flight_figures import flight_figure
 from eivor.report.html import asset, rendered
 from eivor.report.json_document import json_document, json_text, log_document
 from eivor.report.saved_fit import SavedFit, fit_among, fit_of, load_fits
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def saved_fit(result: FlightEstimate) -> SavedFit:
@@ -44,17 +39,11 @@ def saved_of(source: object, expected: str, remedy: str, preferred: Sequence[str
 class FlightOutputs:
     """What a flight's result asks for; an entry point registers it."""
 
+    saved, figure = staticmethod(saved_fit), staticmethod(flight_figure)
+
     def json(self, result: FlightEstimate | LogEstimate) -> str:
         made = log_document(result) if isinstance(result, LogEstimate) else json_document(result)
         return json_text(made)
-
-    def saved(self, result: FlightEstimate) -> SavedFit:
-        return saved_fit(result)
-
-    def figure(
-        self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
-    ) -> Figure:
-        return flight_figure(result, axes)
 
     def card(self, results: Sequence[FlightEstimate]) -> str:
         """HTML of the report's card, for notebooks: with the style of a page in it, and no buttons."""

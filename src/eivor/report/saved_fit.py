@@ -367,8 +367,7 @@ def fit_among(fits: Mapping[str, SavedFit], model: str = "", preferred: Sequence
 
 def load_fits(file: str | Path) -> dict[str, SavedFit]:
     """Read back the fit of every motion of a document, by the motion's name: see `load_fit`."""
-    if not isinstance(file, str | Path):
-        raise UsageError("the path of a JSON file", type(file).__name__, 'Such as ev.load_fit("fit.json").')
+    checks.kind("file", file, (str, Path), "the path of a JSON file", 'Such as ev.load_fit("fit.json").')
     path = Path(file)
     try:
         if path.stat().st_size > LARGEST_BYTES:
@@ -415,21 +414,19 @@ def fit_of(document: Mapping[str, Any], provenance: json_document.JsonProvenance
 
 
 def _read_quantities(given: json_document.FitDocument | json_document.JsonRow) -> dict[str, Quantity]:
-    return {name: _quantity(item) for name, item in {**given.parameters, **given.derived}.items()}
-
-
-def _quantity(given: json_document.JsonQuantity) -> Quantity:
-    low, high = given.interval
-    return Quantity(
-        value=_number(given.value, math.nan),
-        unit=given.unit,
-        std_error=_number(given.std_error, math.nan),
-        interval=(_number(low, -math.inf), _number(high, math.inf)),
-        verdict=given.verdict,
-        by_run=tuple(_number(value, math.nan) for value in given.by_segment or ()),
-        reasons=tuple(Reason(given.verdict, sentence) for sentence in given.reasons),
-        systematic_uncertainties=tuple(given.systematic),
-    )
+    return {
+        name: Quantity(
+            value=_number(item.value, math.nan),
+            unit=item.unit,
+            std_error=_number(item.std_error, math.nan),
+            interval=(_number(item.interval[0], -math.inf), _number(item.interval[1], math.inf)),
+            verdict=item.verdict,
+            by_run=tuple(_number(value, math.nan) for value in item.by_segment or ()),
+            reasons=tuple(Reason(item.verdict, sentence) for sentence in item.reasons),
+            systematic_uncertainties=tuple(item.systematic),
+        )
+        for name, item in {**given.parameters, **given.derived}.items()
+    }
 
 
 def _joint(given: json_document.JsonCovariance, quantities: Mapping[str, Quantity]) -> JointEstimate:

@@ -171,10 +171,7 @@ FORMATS = (
         "ArduPilot DataFlash",
         lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
         read_dataflash,
-        advice=common.advised(ardupilot.TABLES["advice"]["all"], _advice),
-        setpoints=ardupilot.TABLES["advice"]["setpoints"],
-        sweeps=ardupilot.TABLES["advice"]["sweeps"],
-        faster=ardupilot.TABLES["advice"]["faster"],
         endings=(".bin", ".log"),
+        **common.advised(ardupilot.TABLES["advice"], _advice),
     ),
 )

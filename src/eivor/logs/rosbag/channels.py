@@ -301,10 +301,9 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         lambda head, file: head.startswith(magic) or (folders and bool(containers.bag_candidates(file))),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
-        advice=common.advised(_TABLES["advice"]["all"], _advice),
-        setpoints=_TABLES["advice"]["setpoints"],
         endings=(ending,),
         parts=lambda folder: containers.bag_parts(folder) if folders else common.FolderParts(),
+        **common.advised(_TABLES["advice"], _advice),
     )
 
 

@@ -557,19 +557,16 @@ def _typed(value: Any, kind: type) -> Any:
 
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADVISED = common.advised(
-    [
+_ADVICE = {
+    "all": (
         "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
         "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or "
         "the vertical acceleration, the attitude, and the height reference.",
         "Log setpoints as they are commanded, not filtered or interpolated.",
-    ],
-    lambda channel: (f"Add a column '{channel}', or map one in a channel map.",),
-)
-_SETPOINTS = (
-    "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
-    "(the stick, when a pilot flies)."
-)
+    ),
+    "setpoints": "reference_position_z (the height reference), rotor_command_1.. or input (the command), "
+    "pilot_throttle (the stick, when a pilot flies).",
+}
 
 
 def _is_csv(head: bytes, _file: Path) -> bool:
@@ -610,9 +607,10 @@ def _table(
         )
         return restore(recording, source.metadata) if alone else recording
 
-    return common.LogFormat(
-        name, label, sniff, read, takes_map=True, advice=_ADVISED, setpoints=_SETPOINTS, endings=endings
+    advised = common.advised(
+        _ADVICE, lambda channel: (f"Add a column '{channel}', or map one in a channel map.",)
     )
+    return common.LogFormat(name, label, sniff, read, takes_map=True, endings=endings, **advised)
 
 
 TEXTS = (_table("csv", "CSV", _is_csv, lambda file, _: open_csv(file), ".csv", ".tsv"),)

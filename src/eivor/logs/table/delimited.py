@@ -23,7 +23,6 @@ from eivor.errors import (
     EmptyLogError,
     InputError,
     UnknownFormatError,
-    UsageError,
 )
 from eivor.logs.common import Columns, element_of, noted
 from eivor.logs.mapping import known_unit
@@ -90,9 +89,7 @@ def read_chunks(
         checks.mapping("channels", channels, str, "columns")
     if noise is not None:
         checks.mapping("noise", noise, MeasurementNoise, "noises")
-    checks.whole("rows", rows)
-    if rows < 1:
-        raise UsageError("one row or more in a chunk", f"rows={rows}", "A million are the default.")
+    checks.counted("rows", rows, 1, "one row or more in a chunk", "A million are the default.")
     return _chunks(path, rate_hz, channels, dict(noise or {}), rows)
 
 

@@ -7,7 +7,6 @@ import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from mmap import mmap as memory_map
 from pathlib import Path
 
@@ -454,20 +453,16 @@ def _topics(content: UlogContent, findings: list[Finding]) -> dict[str, px4.Topi
     }
 
 
-_row = partial(
-    common.LogFormat,
-    advice=common.advised(px4.TABLES["advice"]["all"], _advice),
-    setpoints=px4.TABLES["advice"]["setpoints"],
-    faster=px4.TABLES["advice"]["faster"],
-)
+_ADVISED = common.advised(px4.TABLES["advice"], _advice)
 #: ULog, and a folder of the tables that `ulog2csv` makes of one.
 FORMATS = (
-    _row("ulog", "ULog", common.begins_with(MAGIC), read_ulog, endings=ULOG_ENDINGS),
-    _row(
+    common.LogFormat("ulog", "ULog", common.begins_with(MAGIC), read_ulog, endings=ULOG_ENDINGS, **_ADVISED),
+    common.LogFormat(
         "ulog2csv",
         "ulog2csv folder",
         lambda _, folder: bool(tables_of(folder)),
         read_csv_folder,
         parts=csv_parts,
+        **_ADVISED,
     ),
 )
