@@ -26,7 +26,7 @@ import numpy as np
 
 import eivor as ev
 from eivor.errors import EivorError
-from eivor.exports.targets import TARGETS
+from eivor.exports.simulators import TARGETS
 from eivor.logs.channel_map import load_channel_map
 from eivor.motions.declaration import load_machine
 from eivor.motions.rigid_body.vehicle import load_vehicle

@@ -15,7 +15,7 @@ from eivor.cli.main import app
 from eivor.errors import UsageError
 from eivor.estimation.methods import by_name, identify
 from eivor.exports.fitted import Fitted, Supplied
-from eivor.exports.targets import target_by_name
+from eivor.exports.simulators import target_by_name
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Quantity

@@ -15,7 +15,7 @@ from eivor.cli import outputs
 from eivor.cli.options import NO_TEXTS, parse_pair
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, known_number, one_line
-from eivor.exports.targets import RANDOMISATIONS, TARGETS, motions_for
+from eivor.exports.simulators import RANDOMISATIONS, TARGETS, motions_for
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.report.saved_fit import SavedFit, draws_table, fit_among, load_fits

@@ -1,4 +1,4 @@
-"""Exports to simulators, and random draws of vehicles for them: a table, a function and a template each."""
+"""Exports to simulators: a table, a function and a template each, and draws of vehicles; targets by name."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from eivor import checks
 from eivor.exports import vehicle
-from eivor.exports.autopilots import ARDUPILOT, PX4, qgroundcontrol, single
+from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, qgroundcontrol, single
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
+from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
 from eivor.motions.vertical.model import GRAVITY, share_of
 from eivor.signals.thrust_map import Mixed
@@ -541,3 +543,27 @@ SIMULATORS = (
     Target("drone-models", "a vehicle of drone-models (Python file with dynamics)", ".py", _drone_models),
 )
 DRAWN: dict[str, ExportOfDraws] = {"rotorpy": _rotorpy, "mujoco": _mujoco_draws, "isaaclab": _isaac_lab}
+#: Files of draws by their word on the command line.
+RANDOMISATIONS: dict[str, ExportOfDraws] = DRAWN | DRAWN_MODELS
+TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *MODELS, *SIMULATORS)}
+
+
+def motions_for(target: str) -> tuple[str, ...]:
+    """Names of the motions that a target takes, the preferred one first."""
+    if target in {item.name for item in MODELS}:
+        return ("vertical", "rigid-body", "rates")
+    is_autopilot = target in {item.name for item in AUTOPILOTS}
+    return ("vertical",) if is_autopilot else ("rigid-body", "vertical")
+
+
+def randomisation_by_name(name: str) -> ExportOfDraws:
+    """Randomisation of a word."""
+    checks.index_of("draws", name, RANDOMISATIONS, "Name one of them, or none for a table.")
+    return RANDOMISATIONS[name]
+
+
+def target_by_name(name: str) -> Target:
+    """Target of a word."""
+    remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."
+    checks.index_of("a target", name, TARGETS, remedy)
+    return TARGETS[name]

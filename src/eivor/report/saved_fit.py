@@ -16,7 +16,7 @@ from eivor import checks
 from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import Exported, Fitted, Supplied, accepted_verdicts, known_number
 from eivor.exports.models import StateSpace, state_space
-from eivor.exports.targets import randomisation_by_name, target_by_name
+from eivor.exports.simulators import randomisation_by_name, target_by_name
 from eivor.flights.motion import Motion
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws

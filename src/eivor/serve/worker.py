@@ -19,7 +19,7 @@ from eivor.cli.export import supplied
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
-from eivor.exports.targets import TARGETS, motions_for, target_by_name
+from eivor.exports.simulators import TARGETS, motions_for, target_by_name
 from eivor.logs import read_log
 from eivor.logs.channel_map import shipped_maps
 from eivor.logs.read import FURTHER_ENDINGS, readable_formats
