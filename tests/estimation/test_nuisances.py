@@ -384,6 +384,11 @@ def test_robust_weights_are_those_of_the_sample():
     assert result.values == pytest.approx(theta(np.arange(ROWS)))
 
 
+def test_two_step_weights_search_for_no_lag():
+    with pytest.raises(ev.errors.UsageError, match=r"two-step weights in a search of it. Use reference_iv"):
+        ev.identify(problem(lag(), KNOWN_SHARE), methods.extended_iv(methods.TwoStepRobust()))
+
+
 def test_the_seed_decides_and_is_told():
     problem = rows_of(np.arange(ROWS), compensated=True)
     make = partial(ev.bootstrap, problem, methods.generalized_iv(), runs=30)

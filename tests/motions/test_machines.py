@@ -107,6 +107,9 @@ def test_commands_that_a_log_may_lack_have_a_delay_that_is_estimated_with_the_pa
     truth, signals, noise, disturbance = axis_case(np.random.default_rng(3), 20_000, step_s)
     errors = {"noise": noise, "disturbance": disturbance}
     columns = machine.simulate(truth, signals, seconds=20.0, step_s=step_s, **errors, records=2)
+    calm = machine.simulate(truth, signals, seconds=20.0, step_s=step_s, disturbance=(0.01, 0.02))
+    whole = ev.identify_flight(ev.recording_from_columns(calm), model=machine)
+    assert whole.quantities["M"].value == pytest.approx(truth["M"], rel=8e-5)
     for log in logs_of({name: item[::5] for name, item in columns.items()}):
         rates = (None, 1000.0)
         fit, told = (ev.identify_flight(log, model=machine, controller_rate_hz=rate) for rate in rates)
@@ -431,14 +434,12 @@ def test_a_file_and_python_declare_the_same(tmp_path):
     (tmp_path / "m.toml").write_text(ROLL)
     of_file = ev.load_machine(tmp_path / "m.toml")
     assert ev.motion_by_name(str(tmp_path / "m.toml")) == of_file
+    channels = {"p": {"unit": "rad/s", "noise": 0.003}, "aileron": ev.input("1")}
+    channels |= {"phi_reference": ev.reference("rad")}
     in_python = ev.machine(
         "roll",
         response="ddt(p)",
-        channels={
-            "p": {"unit": "rad/s", "noise": 0.003},
-            "aileron": ev.input("1"),
-            "phi_reference": ev.reference("rad"),
-        },
+        channels=channels,
         let={"drag": {"is": "2 * p", "unit": "rad/s"}},
         terms={"L_p": "drag", "L_da": ev.behind("aileron", "servo", unit="rad/s^2")},
         actuators={"servo": ev.actuator(lag_s=(0.002, 0.3))},

@@ -339,7 +339,11 @@ def check_method(method: object, kind: type = LinearMethod) -> None:
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
-    start = problem.warm_start
+    searched, start = [item for item in problem.nuisances if item.searched], problem.warm_start
+    if searched and method.equation_weighting.passes > 1:  # each value would have weights of its residual
+        remedy = "Use reference_iv, or extended_iv with TwoStage()."
+        expected = f"weights that do not change with {', '.join(item.name for item in searched)}"
+        raise UsageError(expected, "two-step weights in a search of it", remedy)
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
@@ -349,7 +353,6 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         weights = weights.renewed(solution.theta, at)
         at, solution, profiles = _minimum(method, problem, weights, at)
     solved = method.solve(weights.rows(at))
-    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
     columns = [slope(weights, nuisance, at, solution.theta) for nuisance in searched]
     misfits, known = known_misfits(problem.nuisances, at)
     criterion = weights.criterion(solved.theta, at)

@@ -266,9 +266,12 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
     usual = float(np.sort(distances)[distances.size // 2])  # one of them: of two kinds the median is neither
     for _ in range(3):  # to the middle of those around it
         usual = float(distances[np.abs(distances - usual) <= SAME * usual].mean())
-    fewest = ODD_SHARE * distances.size
+    fewest, most = ODD_SHARE * distances.size, int(usual / SHORTEST_STEP_S)
+    away = np.abs(distances / usual - np.rint(distances / usual))
+    if np.count_nonzero(away * most > 0.49) <= fewest:  # of fewer parts no more distances are odd
+        return None
     fits: dict[float, float] = {}
-    for parts in range(2, int(usual / SHORTEST_STEP_S) + 1):
+    for parts in range(2, most + 1):
         turns = distances * (parts / usual)
         near = np.cos(2.0 * np.pi * turns)
         odd = near[np.rint(turns) % parts != 0]

@@ -296,6 +296,13 @@ class LaggedRuns(SeparableProblem):
                 results.append((index, X.reshape(len(between.points), *seen.shape[1:])))
         return results
 
+    def with_instruments(self, instruments: Sequence[Float[np.ndarray, "n p"]]) -> LaggedRuns:
+        """The same with other instruments of each flight and axis."""
+        pairs = zip(self.columns, instruments, strict=True)
+        result = replace(self, columns=tuple(replace(item, instruments=made) for item, made in pairs))
+        vars(result).update(_bin_layout=self._bin_layout, _memo=self._memo)
+        return result
+
     def combined(
         self,
         columns: tuple[AxisColumns, ...],

@@ -538,16 +538,14 @@ def _term(
     ):
         expected, received = "a derivative of what was measured", f"'{given.of}' of a held input"
         raise section.wrong("of", expected, received, "Put the term behind an actuator, or leave ddt out.")
-    symbol = given.symbol or name
     declared = over(response_unit, unit)
-    text_of_unit = unit_text(declared)
     if given.unit is not None:
         written = _unit(section, "unit", lambda: parsed_unit(given.unit or ""))
         if written != declared:
-            expected = f"the unit that makes the term one of the response, {text_of_unit or '1'}"
+            expected = f"the unit that makes the term one of the response, {unit_text(declared) or '1'}"
             raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or the expression.")
-        text_of_unit = given.unit
-    return Term(name, text, symbol, text_of_unit, behind=bool(given.behind))
+    shown = unit_text(declared) if given.unit is None else given.unit
+    return Term(name, text, given.symbol or name, shown, behind=bool(given.behind))
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:

@@ -100,9 +100,14 @@ class AxisEquation:
     instruments_of: tuple[str, ...] = ()  # Expressions over references, in place of these
     averaged: tuple[str, ...] = ()  # Inputs that hold: what acts around a sample is the mean of two
 
-    def columns(self, signals: Signals, texts: Sequence[str]) -> Float[np.ndarray, "n k"]:
-        """Columns of expressions, in which inputs do not lag."""
-        held = {name: _around_samples(signals.channel(name)) for name in self.averaged}
+    def columns(
+        self, signals: Signals, texts: Sequence[str], delay_s: float = 0.0
+    ) -> Float[np.ndarray, "n k"]:
+        """Columns of expressions, in which inputs do not lag, but may be late."""
+        held = {}
+        for name in self.averaged:
+            late = shifted_by(signals.channel(name)[:, None], step_s=signals.step_s, delay_s=delay_s)
+            held[name] = _around_samples(late[:, 0])
         columns = [_evaluated(parsed(text), signals, held) for text in texts]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
@@ -116,22 +121,23 @@ class AxisEquation:
         columns = [_evaluated(term.expression, signals, states) for term in terms]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
+    @cached_property
+    def explains_inputs(self) -> bool:
+        """Whether what is explained is itself an input, such as the force of a motor."""
+        return any(name in self.inputs for text in self.response for name in parsed(text).columns)
+
+    def is_late(self, term: Term) -> bool:
+        """Whether a delay of the inputs that hold moves a term."""
+        moved = self.explains_inputs or not {*self.averaged}.isdisjoint(term.expression.columns)
+        return term.is_steady and moved
+
     def late(self, signals: Signals) -> Callable[[Values], Float[np.ndarray, "n m"]]:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
-        texts, step_s = [term.of for term in self.terms if term.is_steady], signals.step_s
-        # what is explained may itself be an input, such as the force of a motor
-        if any(name in self.inputs for text in self.response for name in parsed(text).columns):
-            early = self.columns(signals, texts)
-            return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
-
-        def moved(at: Values) -> Float[np.ndarray, "n m"]:
-            delayed = {
-                name: shifted_by(signals.channel(name)[:, None], step_s=step_s, delay_s=at[DELAY.name])[:, 0]
-                for name in self.averaged
-            }
-            return self.columns(replace(signals, channels={**signals.channels, **delayed}), texts)
-
-        return moved
+        texts, step_s = [term.of for term in self.terms if self.is_late(term)], signals.step_s
+        if not self.explains_inputs:
+            return lambda at: self.columns(signals, texts, at[DELAY.name])
+        early = self.columns(signals, texts)
+        return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
 
     def instruments(self, signals: Signals, rule: InstrumentRule, others: set[str]) -> np.ndarray:
         """Its own references with their lags, and the curves of terms of them; or past inputs."""
@@ -159,6 +165,16 @@ def _around_samples(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     # a hold has the gain sinc(f h) and is half a step late: so have these weights, up to f^3
     padded = np.pad(values, (2, 1), mode="edge")
     return (13.0 * (padded[1:-2] + padded[2:-1]) - padded[:-3] - padded[3:]) / 24.0
+
+
+def _as_smooth(flight: PreparedFlight, names: Sequence[str]) -> Signals:
+    """Signals of a flight; held inputs that are means over steps are no smoother than states that are."""
+    # means lose a share of (pi f h)^2 / 6, and an input as much again by its hold; of n samples 4 / n^2 less
+    lost = max(1.0 - 4.0 / (flight.rates_hz["command"] * flight.signals.step_s) ** 2, 0.0)
+    channels = dict(flight.signals.channels)
+    for name in names:
+        channels[name] = channels[name] - lost / 24.0 * np.diff(np.pad(channels[name], 1, mode="edge"), 2)
+    return replace(flight.signals, channels=channels) if names else flight.signals
 
 
 @cache
@@ -203,19 +219,20 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
         behind = tuple(term.parameter for axis in logged for term in axis.terms if term.behind)
         slack_s = max(flight.command_slack_s for flight in flights)
         late = not behind and slack_s > 0.0 and any(axis.averaged for axis in logged)
-        fixed, moving = ((), steady) if late else (steady, behind)
+        delayed = tuple(t.parameter for axis in logged for t in axis.terms if axis.is_late(t))
+        fixed, moving = (tuple(p for p in steady if p not in delayed), delayed) if late else (steady, behind)
         columns = []
         for number, flight in enumerate(flights):
-            signals = flight.signals
             for axis in logged:
-                index = self.axes.index(axis)
+                signals, index = _as_smooth(flight, axis.averaged), self.axes.index(axis)
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
-                stays = [term for term in axis.terms if term.is_steady and not late]
-                moves = [term for term in axis.terms if (term.is_steady if late else term.behind)]
-                whole = np.zeros((signals.sample_count, len(fixed)))
-                whole[:, [fixed.index(term.parameter) for term in stays]] = axis.columns(
-                    signals, [term.of for term in stays]
+                moves = [term for term in axis.terms if (axis.is_late(term) if late else term.behind)]
+                stays = [term for term in axis.terms if term.is_steady and term not in moves]
+                whole, at = (
+                    np.zeros((signals.sample_count, len(fixed))),
+                    [fixed.index(t.parameter) for t in stays],
                 )
+                whole[:, at] = axis.columns(signals, [term.of for term in stays])
                 columns.append(
                     AxisColumns(
                         signals.step_s,
@@ -238,7 +255,7 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
             # a command of every sample, the likeliest, is late by all of the slack
             grid = np.linspace(-1.5 * slack_s, 1.5 * slack_s, LATE_VALUES)
             lag, prior = lag.known_at(0.0), Prior(0.0, slack_s)
-            delay = replace(delay, grid=grid, prior=prior, tolerance=1e-4 * slack_s)
+            delay = replace(delay, grid=grid, prior=prior, tolerance=1e-3 * slack_s)
         return LaggedRuns(tuple(columns), (*fixed, *moving), (lag, delay))
 
     def instruments(self, number: int, signals: Signals, rule: InstrumentRule) -> np.ndarray:
@@ -283,9 +300,8 @@ def response_predictions(
     for number in problem.axes:
         words, unit, *_ = axes[number].trace
         measured, predicted, _ = problem.series_in_band(index, number, theta, ()).T
-        results.append(
-            quantity.PredictedQuantity(quantity.Horizon.ONE_STEP, words, unit, measured, predicted)
-        )
+        made = (quantity.Horizon.ONE_STEP, words, unit, measured, predicted)
+        results.append(quantity.PredictedQuantity(*made))
     return tuple(results)
 
 
@@ -351,10 +367,8 @@ def _propagated(
     ]
     others = [term for term in of_axis if term not in steady]
     moving = [term for term in axis.terms if term.behind]
-    columns = np.column_stack(
-        [axis.driven(signals, values), axis.columns(signals, [term.of for term in others])]
-    )
-    driven = columns @ np.array([values[term.name] for term in (*moving, *others)])
+    driven = axis.driven(signals, values) @ np.array([values[term.name] for term in moving])
+    driven += axis.columns(signals, [term.of for term in others]) @ [values[term.name] for term in others]
 
     def of_state(of: np.ndarray) -> np.ndarray:
         parts = [values[term.name] * term.expression.evaluate({channel: of}) for term in steady]
@@ -362,7 +376,7 @@ def _propagated(
 
     driven = driven + motion.trim(flight, time_derivative(state, signals.step_s) - of_state(state) - driven)
     force = starts.over_step(driven)
-    started = state[starts.samples][None, :]
+    started = state[None, starts.samples]
     return starts.propagate(started, lambda now, sample: force[sample] + of_state(now))[:, 0]
 
 

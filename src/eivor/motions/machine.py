@@ -436,6 +436,7 @@ class Machine(DeclaredMotion):
         late, decay = round(delay_s / h), math.exp(-h / lag_s) if lag_s > 0.0 else 0.0
         logged = {item.name: np.zeros(shape) for item in self.logged}
         push = np.zeros((len(equations), shape[1]))
+        series_of, still = [(name, signals[name]) for name in given], np.zeros(shape[1])
         queue: list[dict[str, np.ndarray]] = []
         acting: dict[str, np.ndarray] = {}
 
@@ -448,11 +449,7 @@ class Machine(DeclaredMotion):
         for k in range(shape[0]):
             drawn = {name: noises.get(name, 0.0) * rng.standard_normal(shape[1]) for name in logged}
             measured = {name: state[name] + drawn[name] for name in state if name in logged}
-            made: dict[str, Any] = {name: signals[name] for name in given}
-            now = {n: made[n](k * step_s, measured) if callable(made[n]) else made[n][k] for n in given}
-            now = {
-                name: np.broadcast_to(np.asarray(value, np.float64), shape[1]) for name, value in now.items()
-            }
+            now = {n: still + (of(k * step_s, measured) if callable(of) else of[k]) for n, of in series_of}
             for part in range(parts):
                 queue.append({item.name: now[item.name] for item in self.logged if item.role == "input"})
                 driving = queue.pop(0) if len(queue) > late else queue[0]
@@ -473,8 +470,9 @@ class Machine(DeclaredMotion):
         names = [item.name for item in self._of_role("input")]
         if options.input not in ("", *names):
             expected = f"the inputs that the machine declares ({', '.join(names)})"
-            received = f"--input {options.input}"
-            raise UsageError(expected, received, "Leave it out, or name another channel in the declaration.")
+            raise UsageError(
+                expected, f"--input {options.input}", "Leave it out, or declare another channel."
+            )
         commands = tuple(self._channel(log, item) for item in self._of_role("input"))
         states = {item.name: self._channel(log, item) for item in self._of_role("state")}
         known = [item for item in self._of_role("response") if item.name in log.channels]
@@ -514,9 +512,8 @@ class Machine(DeclaredMotion):
 
         def lagging(lag_s: float) -> LaggedRuns:
             made = replace(rule, lags=(count, lag_s))
-            signals = ((item, flights[item.flight].signals) for item in first.columns)
-            columns = (replace(i, instruments=self.instruments(i.axis, of, made)) for i, of in signals)
-            return replace(first, columns=tuple(columns))
+            signals = ((item.axis, flights[item.flight].signals) for item in first.columns)
+            return first.with_instruments([self.instruments(axis, of, made) for axis, of in signals])
 
         return max(map(lagging, lags), key=partial(_strength, _sought(first)))
 
@@ -566,12 +563,12 @@ class Machine(DeclaredMotion):
         return (verdict.clock_part((*LAGS, EFFECTIVE_LAG)),) if self.has_lag else ()
 
     def view(self, flight: PreparedFlight) -> FlightView:
-        states = {
-            f"{item.name.replace('_', ' ')}\n[{item.unit}]": item.name for item in self._of_role("state")
-        }
         behind = " behind a lag τ and a delay d" if self.has_lag else ""
         inputs = ", ".join(item.name for item in self._of_role("input"))
-        panels = (flight.plot_data(label, of=name) for label, name in states.items())
+        labels = {
+            item.name: f"{item.name.replace('_', ' ')}\n[{item.unit}]" for item in self._of_role("state")
+        }
+        panels = (flight.plot_data(label, of=name) for name, label in labels.items())
         return FlightView(f"{inputs}{behind}", tuple(panels))
 
     def _of_role(self, role: str) -> tuple[MachineChannel, ...]:

@@ -17,15 +17,8 @@ from eivor.logs.common import UNITS
 Unit = Mapping[str, Fraction]
 
 #: What units that are products of others are made of.
-_MADE_OF = {
-    "N": "kg m/s^2",
-    "J": "kg m^2/s^2",
-    "W": "kg m^2/s^3",
-    "Pa": "kg/m/s^2",
-    "Hz": "1/s",
-    "rad": "",
-    "1": "",
-}
+_MADE_OF = {"N": "kg m/s^2", "J": "kg m^2/s^2", "W": "kg m^2/s^3", "Pa": "kg/m/s^2", "Hz": "1/s"}
+_MADE_OF |= {"rad": "", "1": ""}
 _BASE = ("kg", "m", "s", "A", "V", "K", "degC", "us")
 #: Products that are shown by a name.
 _SHOWN = {"kg m/s^2": "N", "kg m^2/s^2": "N m", "kg/s": "N s/m", "kg m^2/s": "N m s"}

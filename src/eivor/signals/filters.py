@@ -58,12 +58,12 @@ def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
         f * (1.0 + f) * (2.0 - f) / 2.0,
         f * (1.0 + f) * (f - 1.0) / 6.0,
     )
-    index = np.arange(values.shape[0]) - whole
-    last = values.shape[0] - 1
+    count = values.shape[0]
+    around = values[np.clip(np.arange(-2, count + 1) - whole, 0, count - 1)]
     shifted = np.zeros_like(values)
-    for weight, offset in zip(weights, (1, 0, -1, -2), strict=True):
+    for weight, first in zip(weights, (3, 2, 1, 0), strict=True):
         if weight:
-            shifted += weight * values[np.clip(index + offset, 0, last)]
+            shifted += weight * around[first : first + count]
     return shifted
 
 
