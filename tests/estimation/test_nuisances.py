@@ -382,11 +382,8 @@ def test_robust_weights_are_those_of_the_sample():
     away = (result.replicates - renewed).std(axis=0) / renewed.std(axis=0)
     assert (away < 0.5).all()
     assert result.values == pytest.approx(theta(np.arange(ROWS)))
-
-
-def test_two_step_weights_search_for_no_lag():
     with pytest.raises(ev.errors.UsageError, match=r"two-step weights in a search of it. Use reference_iv"):
-        ev.identify(problem(lag(), KNOWN_SHARE), methods.extended_iv(methods.TwoStepRobust()))
+        ev.identify(problem(lag(), KNOWN_SHARE), method)
 
 
 def test_the_seed_decides_and_is_told():

@@ -61,8 +61,7 @@ def table(monkeypatch):
 
 def held(rng, count, step_s, size, lasting):
     """Levels to both sides that last from one time to another [s]."""
-    levels = np.zeros(count)
-    begin = 0
+    levels, begin = np.zeros(count), 0
     while begin < count:
         end = begin + int(rng.uniform(*lasting) / step_s)
         levels[begin:end] = size * rng.uniform(-1.0, 1.0)
@@ -111,13 +110,11 @@ def test_commands_that_a_log_may_lack_have_a_delay_that_is_estimated_with_the_pa
     whole = ev.identify_flight(ev.recording_from_columns(calm), model=machine)
     assert whole.quantities["M"].value == pytest.approx(truth["M"], rel=8e-5)
     for log in logs_of({name: item[::5] for name, item in columns.items()}):
-        rates = (None, 1000.0)
-        fit, told = (ev.identify_flight(log, model=machine, controller_rate_hz=rate) for rate in rates)
+        fit, told = (ev.identify_flight(log, model=machine, controller_rate_hz=r) for r in (None, 1000.0))
         for name in ("M", "Fv", "Fc"):
             for result in (fit, told):
-                low, high = result.quantities[name].interval
-                half = 0.5 * (high - low)
-                assert low - half < truth[name] < high + half
+                item = result.quantities[name]
+                assert abs(item.value - truth[name]) < 2.0 * item.half_width
         # commands of half the distance of stamps are assumed, which hold 1.25 ms; these hold 0.5 ms
         low, high = fit.quantities["delay"].interval
         assert low < -0.00075 < high

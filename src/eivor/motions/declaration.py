@@ -352,8 +352,7 @@ def machine_of(top: TomlTable) -> Machine:
     axes = tuple(_axis(name, part, names, tuple(delays)) for name, part in sections.items())
     terms = {term.name: term for axis in axes for term in axis.terms}
     if len(terms) < sum(len(axis.terms) for axis in axes):
-        twice = "the same name in two axes"
-        raise top.wrong("axes", "parameters with names of their own", twice, "Rename one.")
+        raise top.wrong("axes", "parameters with names of their own", "one name in two axes", "Rename one.")
     derived = _derived(top, terms)
     quality = top.part("quality").convert(_Quality) if given.quality else _Quality()
     headline = tuple(quality.headline) or tuple(t.name for t in terms.values() if not t.is_intercept)

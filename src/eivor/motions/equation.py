@@ -121,20 +121,16 @@ class AxisEquation:
         columns = [_evaluated(term.expression, signals, states) for term in terms]
         return np.column_stack(columns) if columns else np.empty((signals.sample_count, 0))
 
-    @cached_property
-    def explains_inputs(self) -> bool:
-        """Whether what is explained is itself an input, such as the force of a motor."""
-        return any(name in self.inputs for text in self.response for name in parsed(text).columns)
-
     def is_late(self, term: Term) -> bool:
         """Whether a delay of the inputs that hold moves a term."""
-        moved = self.explains_inputs or not {*self.averaged}.isdisjoint(term.expression.columns)
-        return term.is_steady and moved
+        columns = {name for text in (term.of, *self.response) for name in parsed(text).columns}
+        return term.is_steady and not columns.isdisjoint(self.averaged)
 
     def late(self, signals: Signals) -> Callable[[Values], Float[np.ndarray, "n m"]]:
         """Columns of the steady terms where held inputs come later than they are logged, by a delay."""
         texts, step_s = [term.of for term in self.terms if self.is_late(term)], signals.step_s
-        if not self.explains_inputs:
+        # what is explained may itself be an input, such as the force of a motor
+        if not any(name in self.averaged for text in self.response for name in parsed(text).columns):
             return lambda at: self.columns(signals, texts, at[DELAY.name])
         early = self.columns(signals, texts)
         return lambda at: shifted_by(early, step_s=step_s, delay_s=-at[DELAY.name])
@@ -362,9 +358,7 @@ def _propagated(
     signals, (channel, *_) = flight.signals, axis.state or ("",)
     state = signals.channel(channel)
     of_axis = [term for term in axis.terms if term.is_steady]
-    steady = [
-        term for term in of_axis if term.expression.of_moments and term.expression.columns == (channel,)
-    ]
+    steady = [t for t in of_axis if t.expression.of_moments and t.expression.columns == (channel,)]
     others = [term for term in of_axis if term not in steady]
     moving = [term for term in axis.terms if term.behind]
     driven = axis.driven(signals, values) @ np.array([values[term.name] for term in moving])

@@ -166,9 +166,7 @@ def motions_of(models: Sequence[str | Motion[Any]], vehicle: str = "") -> tuple[
     motions = [motion_by_name(model) if isinstance(model, str) else model for model in named]
     if vehicle and all(motion.abilities.vehicle is None for motion in motions):
         of_vehicle(motions[0], vehicle)  # refuses
-    return tuple(
-        of_vehicle(motion, vehicle) if vehicle and motion.abilities.vehicle else motion for motion in motions
-    )
+    return tuple(of_vehicle(m, vehicle) if vehicle and m.abilities.vehicle else m for m in motions)
 
 
 @dataclass(frozen=True)
@@ -211,9 +209,8 @@ def _task(
     elif "window" in choices:
         raise UsageError("one window, or a window for each log", "both", "Give either window= or windows=.")
     checks.items("windows", windows, (tuple, list, NoneType), "windows", "Give (START, END), or None.")
-    for window in windows:
-        if window is not None:
-            check_window(window)
+    for window in (item for item in windows if item is not None):
+        check_window(window)
     return _Task(logs, chosen, list(windows), progress)
 
 

@@ -91,11 +91,9 @@ class MachineChannel:
     @property
     def canonical(self) -> CanonicalChannel:
         """The channel as logs know it."""
-        set_beforehand = self.role == "reference" and not self.feedback
+        clean = self.role == "reference" and not self.feedback
         free = self.role == "input" and not self.unit
-        return CanonicalChannel(
-            self.name, self.unit, held=self.held, free_unit=free, exogenous=set_beforehand
-        )
+        return CanonicalChannel(self.name, self.unit, held=self.held, free_unit=free, exogenous=clean)
 
 
 @dataclass(frozen=True, slots=True)

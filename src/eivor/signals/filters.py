@@ -60,11 +60,8 @@ def shifted_by(values: Columns, *, step_s: float, delay_s: float) -> Columns:
     )
     count = values.shape[0]
     around = values[np.clip(np.arange(-2, count + 1) - whole, 0, count - 1)]
-    shifted = np.zeros_like(values)
-    for weight, first in zip(weights, (3, 2, 1, 0), strict=True):
-        if weight:
-            shifted += weight * around[first : first + count]
-    return shifted
+    pairs = zip(weights, (3, 2, 1, 0), strict=True)
+    return np.asarray(sum(weight * around[first : first + count] for weight, first in pairs if weight))
 
 
 def first_order_lag(values: Series, *, step_s: float, lag_s: float) -> Series:
