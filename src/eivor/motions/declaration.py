@@ -543,8 +543,8 @@ def _term(
         if written != declared:
             expected = f"the unit that makes the term one of the response, {unit_text(declared) or '1'}"
             raise section.wrong("unit", expected, f"'{given.unit}'", "Correct it, or the expression.")
-    shown = unit_text(declared) if given.unit is None else given.unit
-    return Term(name, text, given.symbol or name, shown, behind=bool(given.behind))
+    listed = unit_text(declared) if given.unit is None else given.unit
+    return Term(name, text, given.symbol or name, listed, behind=bool(given.behind))
 
 
 def _refuse_references(section: TomlTable, key: str, names: _Names, texts: Sequence[str]) -> None:
