@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import cast
@@ -363,19 +363,16 @@ class LaggedRuns(SeparableProblem):
             results.append(whole)
         return results
 
-    @cached_property
-    def _instruments(self) -> list[Float[np.ndarray, "_ p"]]:
-        """Instruments of every run: each axis has columns of its own."""
+    def _instruments(self) -> Iterator[Float[np.ndarray, "_ p"]]:
+        """Instruments of every run: each axis has columns of its own. They are large, and used once."""
         widths = {column.axis: column.instruments.shape[1] for column in self.columns}
         first = dict(zip(self.axes, np.cumsum([0, *(widths[axis] for axis in self.axes)]), strict=False))
-        results = []
         for item, run in self._cut():
             columns = np.zeros((run.stop - run.start, sum(widths.values())))
             columns[:, first[item.axis] : first[item.axis] + widths[item.axis]] = item.instruments[run]
-            results.append(columns)
-        return results
+            yield columns
 
-    def _timed(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
+    def _timed(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
         """Samples of all runs that count, without mean and line of their run when it has an intercept."""
         rows: list[np.ndarray] = []
         for (item, run), block in zip(self._cut(), blocks, strict=True):
@@ -391,8 +388,8 @@ class LaggedRuns(SeparableProblem):
     @cached_property
     def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
         """[y fixed] and instruments of all runs."""
-        fixed = [np.column_stack([item.responses[run, 0], item.fixed[run]]) for item, run in self._cut()]
-        return self._timed(fixed), self._timed(self._instruments)
+        fixed = (np.column_stack([item.responses[run, 0], item.fixed[run]]) for item, run in self._cut())
+        return self._timed(fixed), self._timed(self._instruments())
 
     @cached_property
     def _row_layout(self) -> RowLayout:
@@ -424,7 +421,7 @@ class LaggedRuns(SeparableProblem):
     def _bin_layout(self) -> BinRows:
         return BinRows(tuple(item.spectral(run) for item, run in self._cut()))
 
-    def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
+    def _spectra(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
         runs = self._bin_layout.runs
         return [run.spectrum(block) for run, block in zip(runs, blocks, strict=True)]
 
@@ -436,12 +433,14 @@ class LaggedRuns(SeparableProblem):
             for axis in self.axes
         }
         most, known = max(common.values()), self.columns[0].fixed.shape[1]
-        blocks = []
-        for (item, run), instruments in zip(self._cut(), self._instruments, strict=True):
-            responses = item.responses[run, -common[item.axis] :]
-            twice = [responses] * (most - responses.shape[1] + 1)
-            blocks.append(np.column_stack([*twice, item.fixed[run], instruments]))
-        spectra = np.concatenate(self._spectra(blocks))
+
+        def blocks() -> Iterator[np.ndarray]:
+            for (item, run), instruments in zip(self._cut(), self._instruments(), strict=True):
+                responses = item.responses[run, -common[item.axis] :]
+                twice = [responses] * (most - responses.shape[1] + 1)
+                yield np.column_stack([*twice, item.fixed[run], instruments])
+
+        spectra = np.concatenate(self._spectra(blocks()))
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
     @property

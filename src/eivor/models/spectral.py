@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -90,7 +90,8 @@ class SpectralRun:
         full = np.zeros((self.length // 2 + 1, spectrum.shape[1]), dtype=np.complex128)
         full[self.bins] = spectrum
         series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
-        return series * np.sqrt(self.length)
+        series *= np.sqrt(self.length)
+        return series
 
     def spread(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "length columns"]:
         """Rows of the samples that count at their places in the run, and zeros between them."""
@@ -192,22 +193,26 @@ class BinRows(RowLayout):
 
     def complex_blocks(
         self, rows: Float[np.ndarray, "rows columns"]
-    ) -> list[Complex[np.ndarray, "_ columns"]]:
+    ) -> Iterator[Complex[np.ndarray, "_ columns"]]:
         """Complex columns of each run; the inverse of `stacked`."""
         halves = (np.split(block, 2) for block in np.split(rows, 2 * self.ends))
-        return [real + 1j * imaginary for real, imaginary in halves]
+        return (real + 1j * imaginary for real, imaginary in halves)
 
     def series(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "samples columns"]:
         """Time series of real rows, run after run."""
-        blocks = self.complex_blocks(rows)
-        return np.concatenate([run.series(block) for run, block in zip(self.runs, blocks, strict=True)])
+        ends = np.cumsum([run.length for run in self.runs]).tolist()
+        whole = np.empty((ends[-1], rows.shape[1]))  # at once: rows of minutes of six axes are large
+        for run, end, block in zip(self.runs, ends, self.complex_blocks(rows), strict=True):
+            whole[end - run.length : end] = run.series(block)
+        return whole
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
         """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
         series = self.series(np.column_stack([test, residual]))
-        scores = 0.5 * series[:, :-1] * series[:, -1:]
+        scores = series[:, :-1]
+        scores *= 0.5 * series[:, -1:]
         if len({run.axis for run in self.runs}) < 2:
             return scores
         ends = np.cumsum([run.length for run in self.runs])[:-1]
