@@ -42,8 +42,7 @@ def write_page(result: LogEstimate, position: str) -> None:
 def _write_residuals(result: LogEstimate, folder: Path) -> None:
     with outputs.step("Writing residuals"), outputs.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        files = resolve_name("eivor.report.other_results:residual_files")(result.drawn)
-        for name, text in files.items():
+        for name, text in resolve_name("eivor.report.other_results:residual_files")(result.drawn).items():
             write_atomically(folder / name, text)
 
 

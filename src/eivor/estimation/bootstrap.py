@@ -216,12 +216,12 @@ def over_sensitivity(
 ) -> Float[np.ndarray, "k n"]:
     """Rows of scores times (A'A + correction)^-1, without A'A."""
     R = triangular_root(A)
-    inner = scipy.linalg.solve_triangular(R, scores.T, trans="T")
+    inner = scipy.linalg.lapack.dtrtrs(R, scores.T, trans=1)[0]  # itself: of thousands of replicates
     if correction.any():
         half = scipy.linalg.solve_triangular(R, correction, trans="T")
         S = scipy.linalg.solve_triangular(R, half.T, trans="T")
         inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
-    return scipy.linalg.solve_triangular(R, inner).T
+    return scipy.linalg.lapack.dtrtrs(R, inner)[0].T
 
 
 def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:

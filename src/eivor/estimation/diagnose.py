@@ -80,8 +80,7 @@ def _of_rows(estimate: Estimate) -> Record:
         psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
     step_s, thinning = None, None
     if isinstance(rows.layout, BinRows):
-        series = rows.layout.series(np.column_stack([psi, jacobian, residual]))
-        series /= np.sqrt(2.0)
+        series = rows.layout.series(np.column_stack([psi, jacobian, residual]) / np.sqrt(2.0))
         psi, jacobian, residual = np.split(series, [psi.shape[1], series.shape[1] - 1], axis=1)
         residual = residual[:, 0]
         step_s = rows.layout.runs[0].step_s

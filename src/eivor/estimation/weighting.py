@@ -231,12 +231,8 @@ class WhitenedRows(WeightedRows):
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         between = self.problem.interpolation
         if between is None:
-            return np.concatenate([self._products(part) for part in self._batches(points)])
+            return self._products(points)
         return np.tensordot(between.weights(points), self._at_nodes, 1)
-
-    def _batches(self, points: Sequence[Values]) -> Iterator[Sequence[Values]]:
-        count = max(BATCH_NUMBERS // self.basis.shape[0], 1)
-        return (points[first : first + count] for first in range(0, len(points), count))
 
     @cached_property
     def _at_nodes(self) -> Float[np.ndarray, "nodes p n_plus_1"]:
@@ -281,18 +277,12 @@ class WhitenedRows(WeightedRows):
         self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Q' [phi y] and [phi y]' [phi y] of each run, at many values of the nuisances."""
-        if self.problem.interpolation is not None:
-            yield from self._sums(points, basis)
+        between, size = self.problem.interpolation, max(BATCH_NUMBERS // self.basis.shape[0], 1)
+        if between is None and len(points) > size:
+            parts = (points[first : first + size] for first in range(0, len(points), size))
+            for run in zip(*[list(self.sums(part, basis)) for part in parts], strict=True):
+                yield np.concatenate([E for E, _ in run]), np.concatenate([P for _, P in run])
             return
-        parts = [list(self._sums(part, basis)) for part in self._batches(points)]
-        for run in zip(*parts, strict=True):
-            E, P = map(np.concatenate, zip(*run, strict=True))
-            yield E, P
-
-    def _sums(
-        self, points: Sequence[Values], basis: Float[np.ndarray, "rows q"]
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        between = self.problem.interpolation
         nodes = points if between is None else between.points
         W = None if between is None else between.weights(points)
         for functions, known, at, j, X in self._runs(nodes, basis):

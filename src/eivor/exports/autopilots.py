@@ -126,10 +126,7 @@ def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iter
 
 
 PX4 = Autopilot(
-    "PX4",
-    AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS),
-    THR_MDL_FAC,
-    ("dataflash",),
+    "PX4", AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8, HOVER_WORDS), THR_MDL_FAC, ("dataflash",)
 )
 #: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
 REAL32, VEHICLE, COMPONENT = 9, 1, 1

@@ -421,10 +421,6 @@ class LaggedRuns(SeparableProblem):
     def _bin_layout(self) -> BinRows:
         return BinRows(tuple(item.spectral(run) for item, run in self._cut()))
 
-    def _spectra(self, blocks: Iterable[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
-        runs = self._bin_layout.runs
-        return [run.spectrum(block) for run, block in zip(runs, blocks, strict=True)]
-
     @cached_property
     def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"], np.ndarray]:
         """Candidate responses that all flights of an axis have, fixed columns, and instruments."""
@@ -433,14 +429,13 @@ class LaggedRuns(SeparableProblem):
             for axis in self.axes
         }
         most, known = max(common.values()), self.columns[0].fixed.shape[1]
-
-        def blocks() -> Iterator[np.ndarray]:
-            for (item, run), instruments in zip(self._cut(), self._instruments(), strict=True):
-                responses = item.responses[run, -common[item.axis] :]
-                twice = [responses] * (most - responses.shape[1] + 1)
-                yield np.column_stack([*twice, item.fixed[run], instruments])
-
-        spectra = np.concatenate(self._spectra(blocks()))
+        blocks = []
+        runs = zip(self._cut(), self._bin_layout.runs, self._instruments(), strict=True)
+        for (item, run), layout, instruments in runs:
+            responses = item.responses[run, -common[item.axis] :]
+            twice = [responses] * (most - responses.shape[1] + 1)
+            blocks.append(layout.spectrum(np.column_stack([*twice, item.fixed[run], instruments])))
+        spectra = np.concatenate(blocks)
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
     @property
@@ -452,7 +447,8 @@ class LaggedRuns(SeparableProblem):
         key = tuple(nuisance_values[nuisance.name] for nuisance in self.nuisances)
         result = self._memo.get(key)
         if result is None:
-            result = self._spectra(self._moving(nuisance_values))
+            moving = zip(self._bin_layout.runs, self._moving(nuisance_values), strict=True)
+            result = [run.spectrum(block) for run, block in moving]
             if (len(self._memo) + 1) * sum(block.size for block in result) <= MEMO_NUMBERS:
                 self._memo[key] = result
         return result

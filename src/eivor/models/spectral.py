@@ -90,8 +90,7 @@ class SpectralRun:
         full = np.zeros((self.length // 2 + 1, spectrum.shape[1]), dtype=np.complex128)
         full[self.bins] = spectrum
         series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
-        series *= np.sqrt(self.length)
-        return series
+        return series * np.sqrt(self.length)
 
     def spread(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "length columns"]:
         """Rows of the samples that count at their places in the run, and zeros between them."""
@@ -211,8 +210,7 @@ class BinRows(RowLayout):
     ) -> Float[np.ndarray, "samples n"]:
         """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
         series = self.series(np.column_stack([test, residual]))
-        scores = series[:, :-1]
-        scores *= 0.5 * series[:, -1:]
+        scores = 0.5 * series[:, :-1] * series[:, -1:]
         if len({run.axis for run in self.runs}) < 2:
             return scores
         ends = np.cumsum([run.length for run in self.runs])[:-1]

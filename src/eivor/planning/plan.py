@@ -641,10 +641,6 @@ def rotorpy_text(plan: FlightPlan) -> str:
     return _program("trajectory.txt", numbers)
 
 
-#: Latitude and longitude [deg].
-Location = tuple[float, float]
-
-
 @dataclass(frozen=True, slots=True)
 class WrittenPlan:
     """A kind of file."""
@@ -654,7 +650,7 @@ class WrittenPlan:
     write: Callable[..., str]  # Of a plan; of a mission, of a plan and its place
     is_mission: bool = False
 
-    def text(self, plan: FlightPlan, position: Location | None) -> str:
+    def text(self, plan: FlightPlan, position: tuple[float, float] | None) -> str:
         """Content of the file; a mission has the place too."""
         return self.write(plan, position) if self.is_mission else self.write(plan)
 
