@@ -30,7 +30,6 @@ LEAST_USED_S = 3.0
 LONGEST_EXCURSION_S = 1.0
 LEAST_COUNTED_SHARE = 0.5
 #: Parameters that hold the rate of the loop that issues commands [Hz]: ArduPilot's, and of simulated flights.
-#: PX4's IMU_GYRO_RATEMAX is not of them: its thrust is that of the position controller, which is slower.
 CONTROLLER_RATES = ("SCHED_LOOP_RATE", CONTROLLER_RATE)
 #: So much of a long log is read beside the window: more than actuators remember [s].
 BESIDE_S = 30.0
@@ -144,7 +143,7 @@ def _selected(
 
 def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, Clock]:
     """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
-    rates = (rate_hz, selected.command_rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
+    rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
     known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
     others = [name for name in log.channels if name not in names]
@@ -153,7 +152,9 @@ def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[
         if known_hz:
             return known_clock(command, known_hz)
         # made one at a time: those of a long log do not fit into memory together
-        return command_clock(command, map(log.channels.__getitem__, others), selected.issued_within_s)
+        by_stamps = command_clock(command, map(log.channels.__getitem__, others), selected.issued_within_s)
+        nominal_hz = log.parameters.get(selected.rate_parameter)
+        return known_clock(command, nominal_hz) if nominal_hz and not by_stamps.is_known else by_stamps
 
     return {command.name: clock(command) for command in selected.commands if command.held}
 

@@ -184,7 +184,8 @@ class Selection:
     findings: tuple[Finding, ...] = ()  # What a reader of the result should know of the choice
     #: The longest that the next command can be waited for [s], where the command's stamps do not show
     issued_within_s: float = math.inf
-    command_rate_hz: float | None = None  # Where the log is known to hold every command [Hz]
+    #: The autopilot's parameter of the rate [Hz] at which commands are issued, by about a fifth
+    rate_parameter: str = ""
     step_s: float | None = None  # Step of the grid [s]. Default: by the rates of commands and responses.
     #: What was measured is a line between its stamps, and is spread over time as the line between the stamps
     #: of a thinned command spreads what was issued, so that both sides of the equation are; the band is then

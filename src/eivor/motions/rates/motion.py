@@ -114,6 +114,8 @@ BAND_HZ = (0.3, 8.0)
 BAND_SHARE = 0.2
 #: Steps of the grid [s], and from which rate of the gyroscope on the fine one is taken [Hz].
 FINE_STEP_S, STEP_S, FINE_FROM_HZ = 0.005, 0.010, 95.0
+#: PX4 issues torques, not thrust, at this rate, which its gyroscope's buffer rounds.
+RATE_PARAMETER = "IMU_GYRO_RATEMAX"
 #: What determines that a vehicle flies where no land detector is logged, by its mean.
 LEVELS = ("input", "rotor_command", "rotor_speed")
 #: No vehicle turns so fast; values beyond are in degrees a second [rad/s].
@@ -150,6 +152,7 @@ def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) 
             for name in missing
         ),
         issued_within_s=float(np.median(np.diff(rates[axes[0].name].time_s))),  # once a rate, or oftener
+        rate_parameter=RATE_PARAMETER,
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
         matched_interpolation_filter=True,
         active=active,
@@ -423,7 +426,7 @@ class Rates(DeclaredMotion):
         (),
         REFERENCES,
         parameters=(
-            "IMU_GYRO_RATEMAX",
+            RATE_PARAMETER,
             "IMU_GYRO_CUTOFF",
             "IMU_DGYRO_CUTOFF",
             "MC_ROLLRATE_P",

@@ -20,7 +20,7 @@ from eivor.flights.timestamps import with_corrected_stamps
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.equation import simple_models
-from eivor.motions.rates.motion import AXES, active, rate_panel, rates_std, refuse_degrees
+from eivor.motions.rates.motion import AXES, RATE_PARAMETER, active, rate_panel, rates_std, refuse_degrees
 from eivor.motions.rigid_body import verdict
 from eivor.motions.rigid_body.compatibility import comparisons, with_one_clock
 from eivor.motions.rigid_body.dynamics import ATTITUDE, continuous, vector_part
@@ -175,6 +175,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
             *_findings(forces, moving),
         ),
         issued_within_s=step_s,
+        rate_parameter=RATE_PARAMETER,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         matched_interpolation_filter=True,
         active=settled,
