@@ -59,7 +59,7 @@ def turned(
 ):
     """A log of attitude steps of some size [rad] about each axis.
 
-    `injected` is added to the torques, and `swept` to the attitude that is asked for.
+    `injected` is added to the torques and logged, and `swept` is added to the attitude setpoint.
     """
     flight, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
     effect = np.array(flight.effectiveness)
@@ -97,6 +97,9 @@ def turned(
     channels = {}
     for axis, (name, letter) in enumerate(zip(AXES, LETTERS, strict=True)):
         command = issued[flight.delayed : flight.delayed + count : every, axis]
+        if injected is not None:
+            name_of_sweep = f"injected_torque_{letter}"
+            channels[name_of_sweep] = logged(name_of_sweep, time, injected[:, axis])
         for channel, item, values, unit, held in (
             (f"angular_rate_{letter}", time[::seen], rates[::seen, axis], "rad/s", False),
             (f"torque_setpoint_{letter}", time[::every], command, "", True),

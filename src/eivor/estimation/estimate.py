@@ -80,6 +80,8 @@ class Estimate:
     flight_criterion: float | None = None
     #: What a finer discretisation would change of the joint vector.
     discretisation: Float[np.ndarray, " n"] | None = None
+    #: Parameters and nuisances at another order of the response, which fits as well
+    other_order: Mapping[str, float] = field(default_factory=dict)
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
 
     def __getstate__(self) -> dict[str, object]:

@@ -21,6 +21,7 @@ from eivor.estimation.weighting import WeightedRows, WhitenedRows
 from eivor.inference import distributions
 from eivor.inference.anderson_rubin import Allowed, allowed, concentrated, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.models.regression import Regression
 from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -382,6 +383,15 @@ class ParameterSets:
         return union if self.conditional is None else self.conditional
 
 
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What some equations say of the nuisances."""
+
+    criterion: Criterion
+    degrees: float  # Instruments less unknowns, but for what the set is of
+    strange: tuple[str, ...]  # Parameters of other equations alone
+
+
 @dataclass(frozen=True)
 class ProfileSets:
     """Confidence sets of linear parameters and of nuisances, from the criterion over the nuisances."""
@@ -410,65 +420,76 @@ class ProfileSets:
         position = checks.index_of("a parameter", name, parameters)
         if not self.available:
             return None
-        rows = estimate.rows
-        involved = np.concatenate([np.full(size, present[position]) for size, present in self._runs])
-        moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
-        criterion, instruments = self._of_all_rows, np.eye(rows.instruments.shape[1])
-        if not (involved.all() and moving.size == len(parameters)):
-            if not involved.all():
-                _, sizes, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
-                instruments = V[sizes > INDEPENDENT].T / sizes[sizes > INDEPENDENT]
-            criterion = self._criterion(involved, moving, instruments)
-            position = int(np.sum(moving < position))
-            parts = [member.equations for member in criterion.members]
+        part = self._part([bool(present[position]) for _, present in self._runs])
+        if part.criterion is not self._of_all_rows:
+            position -= sum(parameters.index(other) < position for other in part.strange)
+            products = [member.equations for member in part.criterion.members]
             if all(
-                len(E) > 1 and E.size > 0 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max() for E in parts
+                len(E) > 1 and E.size > 0 and np.ptp(E, axis=0).max() <= SAME * np.abs(E).max()
+                for E in products
             ):
                 return None  # an equation that no nuisance moves
-        strange = tuple(other for number, other in enumerate(parameters) if number not in moving)
-        unknowns = estimate.unknowns - len(strange) - 1
-        degrees = criterion.instruments + len(estimate.misfits) - unknowns + estimate.undetermined
         wald = estimate.interval(name, level)
-        return self._sets(
-            criterion, lambda bound: criterion.below(bound, position)[0], wald, degrees, level, strange
-        )
+        return self._sets(part, lambda bound: part.criterion.below(bound, position)[0], wald, level)
 
     def of_nuisances(self, names: Sequence[str], level: float = 0.95) -> ParameterSets | None:
         """Sets of the sum of some nuisances; None where none of them is searched for."""
         searched = {axis.nuisance.name for axis in self.nodes.axes}
         if not self.available or not searched & set(names):
             return None
-        estimate, criterion = self.estimate, self._of_all_rows
-        degrees = estimate.rank + len(estimate.misfits) - estimate.theta.size
+        estimate, part = self.estimate, self._excited
         direction = sum(estimate.direction(name) for name in names if name in searched)
         here = sum(estimate.nuisances[name] for name in names)
         half = estimate.joint_covariance.half_width(np.asarray(direction), level)
         wald = (here - half, here + half)
         return self._sets(
-            criterion, lambda bound: criterion.of_sum(names, estimate.nuisances, bound), wald, degrees, level
+            part, lambda bound: part.criterion.of_sum(names, estimate.nuisances, bound), wald, level
         )
+
+    @cached_property
+    def _excited(self) -> _Part:
+        """Equations with a parameter of strong instruments; all of them where none has."""
+        strong = np.array(self.estimate.first_stage) >= STRONG_FIRST_STAGE
+        used = [bool(strong[: present.size][present].any()) for _, present in self._runs]
+        return self._part(used if any(used) else [True] * len(used))
+
+    def _part(self, used: Sequence[bool]) -> _Part:
+        """Criterion of some runs, by the regressors that move and the instruments that act in them."""
+        estimate, rows, count = self.estimate, self.estimate.rows, self.estimate.rows.regressors.shape[1]
+        sizes = [size for size, _ in self._runs]
+        involved = np.repeat(used, sizes)
+        moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
+        criterion = self._of_all_rows
+        if not (involved.all() and moving.size == count):
+            instruments = np.eye(rows.instruments.shape[1])
+            if not involved.all():
+                _, lengths, V = np.linalg.svd(rows.instruments[involved], full_matrices=False)
+                instruments = V[lengths > INDEPENDENT].T / lengths[lengths > INDEPENDENT]
+            criterion = self._criterion(involved, moving, instruments)
+        strange = tuple(item.name for k, item in enumerate(rows.parameters) if k not in moving)
+        degrees = criterion.instruments + len(estimate.misfits) + estimate.undetermined
+        return _Part(criterion, degrees - (estimate.unknowns - len(strange) - 1), strange)
 
     def _sets(
         self,
-        criterion: Criterion,
+        part: _Part,
         below: Callable[[float], ConfidenceSet],
         wald: tuple[float, float],
-        degrees: float,
         level: float,
-        strange: tuple[str, ...] = (),
     ) -> ParameterSets | None:
         try:
-            least = float(criterion.minima.min())
+            least = float(part.criterion.minima.min())
         except np.linalg.LinAlgError:
             return None
         stages = zip(self.estimate.names, self.estimate.first_stage, strict=True)
-        strength = degrees * float(min(F for name, F in stages if name not in strange))
+        degrees = part.degrees
+        strength = degrees * float(min(F for name, F in stages if name not in part.strange))
         excess = distributions.t_quantile(level, DEGREES) ** 2
         profile = conditional = below(least + excess)
         if (more := distributions.conditional_ratio_quantile(level, degrees, strength)) > excess:
             conditional = below(least + more)
         anderson_rubin = below(distributions.chi_square_quantile(level, max(degrees, 1)))
-        return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, strange, conditional)
+        return ParameterSets(ConfidenceSet((wald,)), profile, anderson_rubin, part.strange, conditional)
 
     @cached_property
     def _of_all_rows(self) -> Criterion:

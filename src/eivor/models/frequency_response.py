@@ -560,10 +560,13 @@ def _runs(
         kept = [values[: fast_length(len(values))] for values in runs if len(values) >= SHORTEST_S * rate_hz]
     else:
         kept = _whole_periods(runs, rate_hz, period_s)
-    spectra = (np.fft.rfft(values - values.mean(axis=0), axis=0) / np.sqrt(len(values)) for values in kept)
-    return tuple(
-        Spectra(len(values) / rate_hz, spectrum) for values, spectrum in zip(kept, spectra, strict=True)
-    )
+    return spectra(kept, 1.0 / rate_hz)
+
+
+def spectra(runs: Sequence[Float[np.ndarray, "n 3"]], step_s: float) -> tuple[Spectra, ...]:
+    """Spectra of reference, input and output of each run."""
+    made = (np.fft.rfft(values - values.mean(axis=0), axis=0) / np.sqrt(len(values)) for values in runs)
+    return tuple(Spectra(len(values) * step_s, spectrum) for values, spectrum in zip(runs, made, strict=True))
 
 
 def _whole_periods(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 
@@ -19,6 +20,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, check_vehicle, chosen_input
 from eivor.flights.references import ReferenceSource
 from eivor.inference.verdict import Status
+from eivor.models.frequency_response import local_polynomials, spectra
 from eivor.models.lagged_runs import (
     ACTUATOR_LAG,
     DELAY,
@@ -26,10 +28,11 @@ from eivor.models.lagged_runs import (
     SECOND_STAGE,
     STAGES,
     TOLERANCE_S,
+    AxisColumns,
     LaggedRuns,
     of_order,
 )
-from eivor.models.separable import AT_END, WarmStart
+from eivor.models.separable import AT_END, InstrumentRule, LaggedReferences, WarmStart
 from eivor.motions.equation import AxisEquation, DeclaredMotion, Term, equation_prediction, simple_models
 from eivor.signals.recording import HELICOPTER, Channel, Finding, Recording
 from eivor.tools import Float
@@ -96,6 +99,7 @@ def _equation(axis: Axis) -> AxisEquation:
 
 
 EQUATIONS = tuple(_equation(axis) for axis in AXES)
+TERMS = tuple(term.name for equation in EQUATIONS for term in equation.terms)
 EFFECTS = tuple(f"{axis.name}_effectiveness" for axis in AXES)
 
 
@@ -109,8 +113,9 @@ def rate_panel(flight: PreparedFlight, axis: Axis) -> quantity.PlotData:
 
 INPUTS = (InputFamily(TORQUE, numbered=False),)
 REFERENCES = tuple(source for axis in AXES for source in axis.references)
-#: Band of spectral rows [Hz], of rates that are logged fast; else up to this share of their rate.
-BAND_HZ = (0.3, 8.0)
+#: Band of spectral rows [Hz], and how far it reaches where references move the setpoints.
+BAND_HZ, FURTHEST_HZ = (0.3, 8.0), 20.0
+#: It ends at this share of a log's rate.
 BAND_SHARE = 0.2
 #: Steps of the grid [s], and from which rate of the gyroscope on the fine one is taken [Hz].
 FINE_STEP_S, STEP_S, FINE_FROM_HZ = 0.005, 0.010, 95.0
@@ -159,6 +164,28 @@ def selected(log: Recording, options: FlightOptions, alone: Axis | None = None) 
     )
 
 
+#: Frequencies in a doubling at which coherence of reference and setpoint is tested, and p-value of each.
+LOOKED_AT, CHANCE = 6, 0.01
+
+
+def _up_to_reach(columns: AxisColumns, flight: PreparedFlight) -> AxisColumns:
+    """Equation of an axis up to the frequency at which its references' coherence with the setpoint ends."""
+    (low, high), axis = columns.band_hz, AXES[columns.axis]
+    furthest = min(FURTHEST_HZ, BAND_SHARE * min(flight.rates_hz[name] for name in (axis.name, "command")))
+    if high < BAND_HZ[1] or furthest <= high:
+        return columns
+    frequency = np.geomspace(high, furthest, math.ceil(LOOKED_AT * math.log2(furthest / high)) + 1)
+    setpoint = columns.moving({ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0})[:, 0]
+    for reference in columns.instruments.T[:: REFERENCE_LAGS[0] + 1]:
+        pair = np.column_stack([reference, setpoint, setpoint])
+        runs = spectra([pair[run] for run in columns.runs], columns.step_s)
+        moved = local_polynomials(runs, frequency).significance < CHANCE
+        last = np.flatnonzero(moved[1:] & moved[:-1])
+        if last.size:
+            high = max(high, float(frequency[last[-1] + 1]))
+    return replace(columns, band_hz=(low, high))
+
+
 def refuse_degrees(rate: Channel, log: Recording) -> None:
     """Refuse a rate that is faster than any vehicle turns."""
     fastest = float(np.nanmax(np.abs(rate.values), initial=0.0))
@@ -199,29 +226,40 @@ def _imitated_s(lag_s: float) -> float:
     return IMITATED_SHARE * lag_s if lag_s > 0.0 else float(LAGS_S[0])
 
 
+@dataclass(frozen=True)
+class OrderChecks(verdict.MotionChecks):
+    """What a second stage of the actuators, which the flights leave open, would change of quantities."""
+
+    changes: Mapping[str, float] = field(default_factory=dict)
+
+
 def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
-    """What one order takes from the delay and adds to the lag, where the other is true, at both ends [s]."""
+    """What the order that is not chosen would take from a quantity and add to it."""
     lag_s, second = inputs.quantities[ACTUATOR_LAG.name].value, inputs.quantities.get(SECOND_LAG)
     if inputs.order_given:
         return 0.0, 0.0
-    if second is None:
-        less, more = _imitated_s(lag_s), 0.0
-    else:
-        less, more = 0.0, lag_s - math.hypot(lag_s - second.value, second.value)
-    return (less, more) if name == DELAY.name else (more, less)
+    change = inputs.checks.changes.get(name, 0.0)
+    imitated_s = (
+        _imitated_s(lag_s) if second is None else math.hypot(lag_s - second.value, second.value) - lag_s
+    )
+    by_name = {DELAY.name: -imitated_s, ACTUATOR_LAG.name: imitated_s}
+    ends = 0.0, change, by_name.get(name, 0.0)
+    return -min(ends), max(ends)
 
 
 def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
     less, more = (1e3 * end for end in _second_stage(inputs, DELAY.name))
-    what = f"of the lag {more:.2g} ms may be delay" if more else f"of the delay {less:.2g} ms may be lag"
+    what = (
+        f"of the lag {more:.2g} ms may be delay" if more > less else f"of the delay {less:.2g} ms may be lag"
+    )
     return f"A motor and its controller lag in two stages, which one lag and a delay imitate: {what}."
 
 
 PARTS = (
-    verdict.disagreement_part((*LAGS, *(term.name for equation in EQUATIONS for term in equation.terms))),
+    verdict.disagreement_part((*LAGS, *TERMS)),
     verdict.clock_part(LAGS),
     verdict.SystematicPart(
-        (ACTUATOR_LAG.name, DELAY.name),
+        (*LAGS, DELAY.name, *TERMS),
         quantity.Counts.ADDED,
         _second_stage,
         _second_stage_sentence,
@@ -235,6 +273,8 @@ PARTS = (
     ),
 )
 
+#: Two lags that are nearly equal, and one that is next to none: their product over the square of their sum.
+EQUAL_STAGES, LEAST_STAGE = 0.2, 0.02
 #: A second stage is one where it is so many standard errors from none: Akaike's criterion falls by 2.
 STAGE_ERRORS = 2.0
 
@@ -254,15 +294,20 @@ def chosen_order(
     elif DELAY.name not in estimate.names or estimate.std_error(DELAY.name) > _imitated_s(lag_s):
         return problem, estimate  # nothing to gain: a second stage changes the delay by less than is known
     else:
-        start = WarmStart(estimate.theta, {**estimate.nuisances, SECOND_STAGE.name: 0.0})
-        candidate = replace(staged, warm_start=start)
+        # from two equal lags that the one imitates: from none on, the criterion falls to neither side
+        delay_s = max(estimate.nuisances[DELAY.name] - _imitated_s(lag_s), 0.0)
+        both_s = min(2.0**0.5 * lag_s, float(LAGS_S[-1]))
+        values = {ACTUATOR_LAG.name: both_s, DELAY.name: delay_s, SECOND_STAGE.name: EQUAL_STAGES}
+        candidate = replace(staged, warm_start=WarmStart(estimate.theta, values))
     try:
         other = solve(candidate)
     except EstimationError:
         return problem, estimate
     if without_lag or other.nuisances[SECOND_STAGE.name] > STAGE_ERRORS * other.std_error(SECOND_STAGE.name):
         return candidate, other
-    return problem, estimate
+    if other.nuisances[SECOND_STAGE.name] < LEAST_STAGE:
+        return problem, estimate
+    return problem, replace(estimate, other_order={**other.parameters, **other.nuisances})
 
 
 FLY = (
@@ -447,6 +492,19 @@ class Rates(DeclaredMotion):
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         return selected(log, options)
+
+    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+        problem = super().problem(flights, rule)
+        if not isinstance(rule, LaggedReferences):
+            return problem
+        columns = (_up_to_reach(column, flights[column.flight]) for column in problem.columns)
+        return replace(problem, columns=tuple(columns))
+
+    def checks(self, _problem: LaggedRuns, estimate: Estimate, _flights: Flights, /) -> OrderChecks:
+        other, here = estimate.other_order, {**estimate.parameters, **estimate.nuisances}
+        changes = {name: other[name] - value for name, value in here.items() if name in other}
+        lags = [changes.get(item.name, 0.0) for item in (ACTUATOR_LAG, DELAY)]
+        return OrderChecks({**changes, EFFECTIVE_LAG: sum(lags)})
 
     def view(self, flight: PreparedFlight) -> FlightView:
         symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
