@@ -93,16 +93,17 @@ def turned(
         inputs = np.stack([controlled, torque[k]], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S
-    every, seen = round(1.0 / (command_hz * STEP_S)), round(1.0 / (rate_hz * STEP_S))
+    looked = np.arange(0.0, seconds - 0.5 * STEP_S, 1.0 / command_hz)
+    kept, seen = np.unique(np.rint(looked / STEP_S).astype(int)), round(1.0 / (rate_hz * STEP_S))
     channels = {}
     for axis, (name, letter) in enumerate(zip(AXES, LETTERS, strict=True)):
-        command = issued[flight.delayed : flight.delayed + count : every, axis]
+        command = issued[flight.delayed + kept, axis]
         if injected is not None:
             name_of_sweep = f"injected_torque_{letter}"
             channels[name_of_sweep] = logged(name_of_sweep, time, injected[:, axis])
         for channel, item, values, unit, held in (
             (f"angular_rate_{letter}", time[::seen], rates[::seen, axis], "rad/s", False),
-            (f"torque_setpoint_{letter}", time[::every], command, "", True),
+            (f"torque_setpoint_{letter}", time[kept], command, "", True),
             (f"reference_{name}", time[::8], reference[::8, axis], "rad", True),
         ):
             channels[channel] = replace(logged(channel, item, values), unit=unit, source="", held=held)

@@ -95,6 +95,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.measured,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in thinned), default=0.0),
+        locked_s=max((clock.locked_s for clock in thinned), default=0.0),
         noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),

@@ -333,6 +333,8 @@ class PreparedFlight:
     command_slack_s: float = 0.0
     #: Time between two commands where the log holds but some of them; zero where it holds every one [s]
     unlogged_step_s: float = 0.0
+    #: How far a command may lie from the middle of what a loop in step with the log holds, see `Clock` [s]
+    locked_s: float = 0.0
     noise: Mapping[str, NoiseLevel] = field(default_factory=dict)  # Measurement noise by channel
     states: tuple[str, ...] = ()  # Channels of the selection's states, which are regressors
     #: Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ

@@ -146,6 +146,8 @@ ODD_SHARE = 0.002
 MOST_COMMAND_STAMPS = 20_000
 #: No controller of a vehicle's height runs at shorter steps [s].
 SHORTEST_STEP_S = 0.001
+#: Loops of the attitude, whose demands a faster loop follows, take at most so long for a step [s].
+SLOWEST_LOOP_S = 0.010
 #: A command logged more rarely [s] than this is not searched for a shorter period: the search grows with it.
 RARELY_LOGGED_S = 1.0
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
@@ -174,6 +176,13 @@ class Clock:
     issued_s: float  # Time between two commands h_c that is assumed [s]
     is_known: bool = True
     looked: bool = False
+    is_even: bool = False  # Stamps are even: a slower loop of the controller may run in step with them
+
+    @property
+    def locked_s(self) -> float:
+        """How far a stamp may lie from the middle of what such a loop holds [s]."""
+        held_s = min(self.logged_s, SLOWEST_LOOP_S)
+        return 0.5 * max(held_s - self.issued_s, 0.0) if self.is_even else 0.0
 
     @property
     def thinned(self) -> bool:
@@ -211,7 +220,9 @@ class Clock:
 def known_clock(command: Channel, rate_hz: float) -> Clock:
     """Clock of a held command whose controller's rate [Hz] is known."""
     logged = float(np.median(np.diff(command.time_s)))
-    return Clock(logged, logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz)
+    issued = logged if 1.0 / rate_hz > (1.0 - SAME) * logged else 1.0 / rate_hz
+    is_even = not has_jitter(command) and (logged > RARELY_LOGGED_S or finer_step(command.time_s) is None)
+    return Clock(logged, issued, is_even=is_even)
 
 
 def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf) -> Clock:
@@ -232,7 +243,7 @@ def command_clock(command: Channel, others: Iterable[Channel], issued_within_s: 
         if time_s.size > 1:
             quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
     as_logged = Clock(logged, logged)
-    unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
+    unknown = Clock(logged, 0.5 * min(logged, issued_within_s), is_known=False, is_even=not jitter)
     looked_at, turns, quick = truth_of(jitters), steps / logged, logged <= QUICK_STEP_S
     # distances are multiples of the usual one, but for a logger's slips
     even = float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE

@@ -133,6 +133,11 @@ class VerdictInputs:
         return max((flight.command_slack_s for flight in self.flights), default=0.0)
 
     @property
+    def locked_s(self) -> float:
+        """How far commands may lie from the middle of what a loop in step with the log holds [s]."""
+        return max((flight.locked_s for flight in self.flights), default=0.0)
+
+    @property
     def half_hold_s(self) -> float:
         """Half the time between commands that the log lacks; of its own where that is not known [s]."""
         without_lag = self.lag_prior is not None and self.lag_prior.known == NO_LAG
@@ -203,6 +208,35 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
         lambda inputs: (
             "The log does not show how often its command was issued: the lag may be "
             f"{1e3 * inputs.command_slack_s:.2g} ms longer or shorter than the data say."
+        ),
+    )
+
+
+#: What a loop in step with the log does to gains, as a share of what it may do to the lag.
+GAIN_LOCKED = 0.6
+LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
+
+
+def locked_parts(
+    lags: tuple[str, ...], gains: tuple[str, ...], lag: str
+) -> tuple[SystematicPart, SystematicPart]:
+    """Rows of commands that are always logged at one point of what a slower loop holds."""
+
+    def share(inputs: VerdictInputs) -> float:
+        return GAIN_LOCKED * inputs.locked_s / max(inputs.value(lag), inputs.locked_s, 1e-9)
+
+    return (
+        SystematicPart(
+            lags,
+            Counts.INDEPENDENT,
+            lambda inputs, _: inputs.locked_s,
+            lambda inputs: f"{LOCKED}the lag may be {1e3 * inputs.locked_s:.2g} ms longer or shorter.",
+        ),
+        SystematicPart(
+            gains,
+            Counts.INDEPENDENT,
+            lambda inputs, name: share(inputs) * abs(inputs.value(name)),
+            lambda inputs: f"{LOCKED}it may be {100.0 * share(inputs):.2g} % larger or smaller.",
         ),
     )
 
@@ -334,23 +368,14 @@ CONTRADICTION = 1e-6
 GIVE_LAG = "Or give the lag, where it is known: --lag MS:STD or --lag LOW..HIGH."
 
 
-def record_rules(logged: str, least_hz: float, needs: str, remedy: str, least_s: float) -> tuple[Rule, Rule]:
-    """Rows of commands that are logged slowly, and of few seconds."""
-    return (
-        Rule(
-            (),
-            lambda inputs: inputs.command_rate_hz < least_hz,
-            Status.WEAK,
-            lambda inputs: f"The {logged} are logged at {inputs.command_rate_hz:.0f} Hz; {needs}.",
-            remedy,
-        ),
-        Rule(
-            (),
-            lambda inputs: inputs.used_s < least_s,
-            Status.WEAK,
-            lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {least_s:.0f} s are needed.",
-            "Fly longer, or pool several flights.",
-        ),
+def seconds_rule(least_s: float) -> Rule:
+    """Row of few seconds."""
+    return Rule(
+        (),
+        lambda inputs: inputs.used_s < least_s,
+        Status.WEAK,
+        lambda inputs: f"Only {inputs.used_s:.3g} s could be used; {least_s:.0f} s are needed.",
+        "Fly longer, or pool several flights.",
     )
 
 

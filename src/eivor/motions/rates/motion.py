@@ -258,6 +258,7 @@ def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
 PARTS = (
     verdict.disagreement_part((*LAGS, *TERMS)),
     verdict.clock_part(LAGS),
+    *verdict.locked_parts(LAGS, EFFECTS, EFFECTIVE_LAG),
     verdict.SystematicPart(
         (*LAGS, DELAY.name, *TERMS),
         quantity.Counts.ADDED,
@@ -316,7 +317,7 @@ FLY = (
 )
 TURN_LONGER = "Fly turns that last longer."
 QUICKER = "Fly quicker steps, and log setpoints and rates faster."
-COMMAND_RATE_HZ, LEAST_S = 45.0, 15.0
+LEAST_S = 15.0
 FLIGHT_WORDS = verdict.FlightWords(
     fly=FLY,
     log_reference="Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more.",
@@ -397,13 +398,7 @@ QUANTITIES = quantity.QuantityTable(
     }
 )
 RULES = (
-    *verdict.record_rules(
-        "torque setpoints",
-        COMMAND_RATE_HZ,
-        f"below {COMMAND_RATE_HZ:.0f} Hz the intervals do not hold",
-        "Log them at 50 Hz or more.",
-        LEAST_S,
-    ),
+    verdict.seconds_rule(LEAST_S),
     *verdict.flight_rules(FLIGHT_WORDS, (*LAGS, DELAY.name), (ACTUATOR_LAG.name,), EFFECTIVE_LAG),
     verdict.Rule(
         (*LAGS, DELAY.name),

@@ -62,54 +62,17 @@ from eivor.tools import Complex, Float
 
 # -- Systematic parts --
 
-#: Root of 1 - x + x log x = .05, see above.
-POINT_WITHIN = 0.701
 #: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
 STEPS_OF_FILTER = 4.0
 
 LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
-_UNLOGGED = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
 _FILTERED = "How often the gyroscope's filter runs is not known: "
 
 
-def _point(inputs: verdict.VerdictInputs) -> float:
-    """How far from the middle of a tooth the logs' commands may lie throughout [s]."""
-    return max(
-        POINT_WITHIN * flight.unlogged_step_s if flight.command_slack_s else 0.5 * flight.unlogged_step_s
-        for flight in inputs.flights
-    )
-
-
-def _shift_parts(
-    shift: Callable[[verdict.VerdictInputs], float], counts: Counts, why: str
-) -> tuple[verdict.SystematicPart, verdict.SystematicPart]:
-    """What a lag that is wrong by a shift does to it and to the gains; one that is added, to one side."""
-    both = counts is Counts.INDEPENDENT
-    shorter, larger = (" or shorter", "larger or ") if both else ("", "")
-
-    def sizes(inputs: verdict.VerdictInputs) -> tuple[float, float]:
-        """Of the lag [s], and of the gains as a share."""
-        shift_s, lag_s = shift(inputs), inputs.value(EFFECTIVE_LAG)
-        return (shift_s, shift_s / lag_s) if lag_s > shift_s else (0.0, 0.0)
-
-    def of_gain(inputs: verdict.VerdictInputs, name: str) -> tuple[float, float]:
-        part = sizes(inputs)[1] * abs(inputs.value(name))
-        return part, part if both else 0.0
-
-    return (
-        verdict.SystematicPart(
-            LAGS,
-            counts,
-            lambda inputs, _: (sizes(inputs)[0] if both else 0.0, sizes(inputs)[0]),
-            lambda inputs: f"{why}the lag may be {1e3 * sizes(inputs)[0]:.2g} ms longer{shorter}.",
-        ),
-        verdict.SystematicPart(
-            tuple(item.name for item in GAIN),
-            counts,
-            of_gain,
-            lambda inputs: f"{why}the gain may be {100.0 * sizes(inputs)[1]:.2g} % {larger}smaller.",
-        ),
-    )
+def _early(inputs: verdict.VerdictInputs) -> float:
+    """What the gyroscope's filter may be less late than it is taken to be, as a share of the lag."""
+    early_s, lag_s = inputs.checks.filter_early_s, inputs.value(EFFECTIVE_LAG)
+    return early_s / lag_s if lag_s > early_s else 0.0
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -570,7 +533,7 @@ FLIGHT_WORDS = verdict.FlightWords(
     moves="moves",
     undisturbed="Fly in calm air and away from the ground, and keep the motors from their limits.",
 )
-COMMAND_RATE_HZ, LEAST_S = 45.0, 10.0
+LEAST_HZ, LEAST_S = 45.0, 10.0
 LONGER = "Fly larger and quicker steps, or longer."
 GAIN_LIMIT = verdict.Limit(0.1, 0.25, zero=Status.REFUSED, narrower=LONGER, away_from_zero=FLY)
 SLOW_LIMIT = verdict.Limit(0.5, zero=Status.WEAK, narrower=LONGER, away_from_zero=FLY)
@@ -591,16 +554,35 @@ ACROSS = tuple(item.name for item in (*DRAG[:2], *QUADRATIC_DRAG[:2]))
 PARTS = (
     verdict.disagreement_part((*LAGS, *(item.name for item in (THRUST, *GAIN)))),
     verdict.clock_part(LAGS, Counts.INDEPENDENT),
-    *_shift_parts(_point, Counts.INDEPENDENT, _UNLOGGED),
-    *_shift_parts(lambda inputs: inputs.checks.filter_early_s, Counts.ADDED, _FILTERED),
+    *verdict.locked_parts(LAGS, tuple(item.name for item in GAIN), EFFECTIVE_LAG),
+    verdict.SystematicPart(
+        LAGS,
+        Counts.ADDED,
+        lambda inputs, _: (0.0, inputs.checks.filter_early_s if _early(inputs) else 0.0),
+        lambda inputs: f"{_FILTERED}the lag may be {1e3 * inputs.checks.filter_early_s:.2g} ms longer.",
+    ),
+    verdict.SystematicPart(
+        tuple(item.name for item in GAIN),
+        Counts.ADDED,
+        lambda inputs, name: (_early(inputs) * abs(inputs.value(name)), 0.0),
+        lambda inputs: f"{_FILTERED}the gain may be {100.0 * _early(inputs):.2g} % smaller.",
+    ),
 )
 
 
 def all_rules(wording: Mapping[str, QuantitySpec]) -> tuple[verdict.Rule, ...]:
     """Rows of every quantity of the rigid body."""
-    rotors = f"{COMMAND_RATE_HZ:.0f} Hz are needed"
     rules = [
-        *verdict.record_rules("rotors", COMMAND_RATE_HZ, rotors, "Log them at 100 Hz or more.", LEAST_S),
+        verdict.Rule(
+            (),
+            lambda inputs: inputs.command_rate_hz < LEAST_HZ,
+            Status.WEAK,
+            lambda inputs: (
+                f"Rotors are logged at {inputs.command_rate_hz:.0f} Hz; {LEAST_HZ:.0f} Hz are needed."
+            ),
+            "Log them at 100 Hz or more.",
+        ),
+        verdict.seconds_rule(LEAST_S),
         _check_rule("order", status=Status.REFUSED),
         _check_rule("lags"),
         _check_rule("filters"),
