@@ -308,11 +308,9 @@ def test_a_motor_s_controller_is_a_second_stage_and_no_delay():
 @pytest.mark.thorough
 def test_a_sweep_identifies_two_stages_up_to_where_it_reaches_though_yaw_rests():
     """Up to 8 Hz one lag was taken for two, and yaw, which nothing moved, left the lag without a bound."""
-    vehicle, seconds, injected = Vehicle(second_s=0.02), 26.0, np.zeros((24_000, 3))
-    since = np.arange(0.0, seconds, STEP_S)
-    for axis, start_s in enumerate((2.0, 31.0)):
-        sweep = 0.1 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 19.7 / seconds * since**2))
-        injected[round(start_s / STEP_S) :, axis][: since.size] = sweep
+    vehicle, injected, since = Vehicle(second_s=0.02), np.zeros((24_000, 3)), np.arange(0.0, 26.0, STEP_S)
+    sweep = 0.1 * np.sin(2.0 * np.pi * (0.3 * since + 0.379 * since**2))
+    injected[800:, 0][: since.size] = injected[12_400:, 1][: since.size] = sweep
     quick = {"command_hz": 400.0, "rate_hz": 400.0, "seconds": 60.0, "disturbance": 1.0}
     fit = ev.identify_flight(turned(5, vehicle=vehicle, size=0.0, injected=injected, **quick), model="rates")
     assert fit.quantities["yaw_effectiveness"].verdict is ev.Status.REFUSED
@@ -326,12 +324,11 @@ def test_a_sweep_identifies_two_stages_up_to_where_it_reaches_though_yaw_rests()
 @pytest.mark.thorough
 def test_steps_that_leave_the_order_open_have_intervals_of_both():
     """The lag of the order that fits as well is in the interval: without it .63 of such flights missed it."""
-    vehicle, quick = Vehicle(second_s=0.02), {"command_hz": 200.0, "rate_hz": 400.0, "seconds": 60.0}
-    fit = ev.identify_flight(turned(1000, vehicle=vehicle, **quick), model="rates")
+    log = turned(1000, vehicle=Vehicle(second_s=0.02), command_hz=200.0, rate_hz=400.0, seconds=60.0)
+    fit = ev.identify_flight(log, model="rates")
     assert "second_lag" not in fit.quantities
-    other = fit.fit.estimate.other_order
     low, high = fit.quantities["effective_lag"].interval
-    assert low <= other["actuator_lag"] + other["delay"] <= high
+    assert low <= sum(fit.fit.estimate.other_order[name] for name in ("actuator_lag", "delay")) <= high
 
 
 @pytest.mark.thorough

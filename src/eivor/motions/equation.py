@@ -224,11 +224,10 @@ class DeclaredMotion(motion.Motion[LaggedRuns]):
                 known = [text for text in axis.response if {*parsed(text).columns} <= {*signals.channels}]
                 moves = [term for term in axis.terms if (axis.is_late(term) if late else term.behind)]
                 stays = [term for term in axis.terms if term.is_steady and term not in moves]
-                whole, at = (
-                    np.zeros((signals.sample_count, len(fixed))),
-                    [fixed.index(t.parameter) for t in stays],
+                whole = np.zeros((signals.sample_count, len(fixed)))
+                whole[:, [fixed.index(term.parameter) for term in stays]] = axis.columns(
+                    signals, [term.of for term in stays]
                 )
-                whole[:, at] = axis.columns(signals, [term.of for term in stays])
                 columns.append(
                     AxisColumns(
                         signals.step_s,
