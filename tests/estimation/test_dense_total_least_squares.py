@@ -16,10 +16,7 @@ from scipy.signal import lfilter
 
 import eivor as ev
 import shape_checks
-from eivor.errors import (
-    CollinearError,
-    InstrumentError,
-)
+from eivor.errors import CollinearError, InstrumentError
 from eivor.estimation import methods, unknown_noise
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import identify, least_squares, reference_iv, total_least_squares

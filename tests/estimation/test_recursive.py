@@ -11,10 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eivor as ev
-from eivor.errors import (
-    EstimationError,
-    InputError,
-)
+from eivor.errors import EstimationError, InputError
 from eivor.estimation.moments import CrossMoments, TriangularMoments
 from eivor.estimation.recursive import newest_reference
 from eivor.lab.scenario_files import shipped_scenario

@@ -15,12 +15,7 @@ from dataflash_writer import told
 from ulog_writer import flight
 
 import eivor as ev
-from eivor.errors import (
-    EmptyLogError,
-    InputError,
-    LogTooLargeError,
-    UnknownFormatError,
-)
+from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UnknownFormatError
 
 
 def test_file_names_with_glob_characters(tmp_path):

@@ -28,11 +28,7 @@ from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.logs.read import declare_format, log_formats, readable_formats
 from eivor.logs.rosbag import topics
-from eivor.logs.rosbag.messages import (
-    decoded,
-    message_layout,
-    parsed_definition,
-)
+from eivor.logs.rosbag.messages import decoded, message_layout, parsed_definition
 from eivor.logs.table.columnar import write_recording
 from eivor.logs.ulog.topics import _release
 from eivor.motions.vertical.select import INPUTS

@@ -18,12 +18,7 @@ from pyulog.ulog2csv import convert_ulog2csv
 from scipy.io import savemat
 
 import eivor as ev
-from eivor.errors import (
-    ChannelMapError,
-    EivorError,
-    EmptyLogError,
-    InputError,
-)
+from eivor.errors import ChannelMapError, EivorError, EmptyLogError, InputError
 
 
 def csv(tmp_path, text, **options):

@@ -20,11 +20,7 @@ from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import vehicle as vehicles
 from eivor.motions.rigid_body import verdict
-from eivor.motions.rigid_body.dynamics import (
-    body_derivative,
-    coefficients_of,
-    effective_parameters,
-)
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
 from eivor.motions.rigid_body.regression import (
     DRAG_MOMENT,

@@ -18,14 +18,7 @@ from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import controller_gains
 from eivor.planning import plan as planning
 from eivor.planning import vehicle as vehicles
-from eivor.planning.plan import (
-    ExpectedInterval,
-    csv_text,
-    levels,
-    mavsdk_text,
-    qgc_text,
-    ranked_std_errors,
-)
+from eivor.planning.plan import ExpectedInterval, csv_text, levels, mavsdk_text, qgc_text, ranked_std_errors
 from eivor.planning.vehicle import ROOM, STEP_S, Shape, candidates, read_vehicle, vehicle_of_result
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
