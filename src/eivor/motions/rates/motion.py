@@ -239,9 +239,10 @@ def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, floa
     if inputs.order_given:
         return 0.0, 0.0
     change = inputs.checks.changes.get(name, 0.0)
-    imitated_s = (
-        _imitated_s(lag_s) if second is None else math.hypot(lag_s - second.value, second.value) - lag_s
-    )
+    if second is None:
+        imitated_s = _imitated_s(lag_s)
+    else:
+        imitated_s = math.hypot(lag_s - second.value, second.value) - lag_s
     by_name = {DELAY.name: -imitated_s, ACTUATOR_LAG.name: imitated_s}
     ends = 0.0, change, by_name.get(name, 0.0)
     return -min(ends), max(ends)
@@ -249,9 +250,8 @@ def _second_stage(inputs: verdict.VerdictInputs, name: str) -> tuple[float, floa
 
 def _second_stage_sentence(inputs: verdict.VerdictInputs) -> str:
     less, more = (1e3 * end for end in _second_stage(inputs, DELAY.name))
-    what = (
-        f"of the lag {more:.2g} ms may be delay" if more > less else f"of the delay {less:.2g} ms may be lag"
-    )
+    of, by_ms, other = ("lag", more, "delay") if more > less else ("delay", less, "lag")
+    what = f"of the {of} {by_ms:.2g} ms may be {other}"
     return f"A motor and its controller lag in two stages, which one lag and a delay imitate: {what}."
 
 
