@@ -15,7 +15,8 @@ import scipy.linalg
 from _shared import EIVOR, arguments, least_seconds, machine, process_seconds
 from threadpoolctl import threadpool_limits
 
-from eivor.lab.paper import EXAMPLES, METHODS, READINGS, estimates, record, trial_generator
+from eivor.lab.experiments import stream
+from eivor.lab.paper import EXAMPLES, METHODS, READINGS, SEED, estimates, record
 from eivor.motions.vertical.model import VerticalMotion
 
 #: Direct fits of each record: least squares and total least squares.
@@ -41,7 +42,7 @@ def main() -> None:
     small = arguments(__doc__).small
     print(machine())
     reading, runs = READINGS[1], 2 if small else 100
-    signals = [record(reading, EXAMPLES[0], trial_generator(index)).signals for index in range(20)]
+    signals = [record(reading, EXAMPLES[0], stream(SEED, index)).signals for index in range(20)]
 
     def fits() -> None:
         for signal in signals:
