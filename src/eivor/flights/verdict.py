@@ -212,8 +212,8 @@ def clock_part(quantities: tuple[str, ...], counts: Counts = Counts.ADDED) -> Sy
     )
 
 
-#: What a loop in step with the log does to gains, as a share of what it may do to the lag.
-GAIN_LOCKED = 0.6
+#: What a loop of the attitude in step with the log does to gains, as a share of the lag's part.
+GAIN_LOCKED = 0.3
 LOCKED = "The log's stamps are even, and a slower loop of the controller may run in step with them: "
 
 
