@@ -66,7 +66,7 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "bootstrap": {"runs": {"whole"}, "block_length": {"none", "whole"}, "seed": {"whole", "huge"}},
     "ChangeDetector": {
         "threshold drift limit": NUMBER,
-        "scale_looks least_looks kept_looks held_looks": {"whole"},
+        "held_looks": {"whole"},
     },
     "RecursiveIdentification": {"instruments": {"list"}, "detector": {"none"}},
     # a stream is looked at as it comes
@@ -120,8 +120,6 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
         "frequency_hz": {"none", *NUMBER},
         "period_s": {"none", *NUMBER},
     },
-    "transfer_functions": {"hold_s": {"none"}},
-    "proposed_controllers": {"phase_margin_deg": NUMBER},
     "iv": {"names": {"none", "texts"}, "Z": {"none"}},
     "regression": {"names": {"none", "texts"}, "noise_covariance instrument_noise_covariance": {"none"}},
     "Regression": {"regressor_noise instrument_noise": {"none"}},
@@ -171,7 +169,6 @@ ACCEPTED: dict[str, dict[str, set[str]]] = {
     "methods.generalized_fuller": {"strength": NUMBER},
     "bounds.cramer_rao": {"runs seed": {"whole"}},
     "covariances.EqualWeightedCosines": {"averages": {"whole"}},
-    "covariances.ClusteredByFlight": {"least_flights": {"whole", "negative"}},
     "covariances.KernelRobust": {"fixed_b": {"flag"}},
     "covariances.FixedBandwidth": {"bandwidth": NUMBER},
 }
@@ -315,7 +312,6 @@ def doors(folder):
         "bounds.cramer_rao": {"scenario": noisy, "runs": 1},
         "fleet.open": {"folder": write_fleet(folder / "fleet", [row("a")])},
         "covariances.EqualWeightedCosines": {"averages": 8},
-        "covariances.ClusteredByFlight": {"least_flights": 8},
         "covariances.FixedBandwidth": {"bandwidth": 3.0},
         "covariances.Widest": {"estimators": (ev.covariances.Classical(),)},
     }

@@ -133,7 +133,7 @@ def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
     scores = np.random.default_rng(seed).standard_normal((count, 2))
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     wanted = scores.T @ np.maximum(0.0, 1.0 - apart / (bandwidth + 1.0)) @ scores / count
-    covariance = kernels.bartlett_covariance(scores, bandwidth)
+    covariance = kernels.kernel_sum_covariance([scores], count, cov.Bartlett(), bandwidth) / count
     np.testing.assert_allclose(covariance, wanted, atol=1e-12)
     assert np.linalg.eigvalsh(covariance)[0] > -1e-12
 

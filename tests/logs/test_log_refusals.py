@@ -46,7 +46,6 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import logging_advice
 from eivor.logs.rosbag.messages import UnsoundMessageError
 from eivor.logs.table.columnar import write_recording
 from eivor.signals.recording import Channel
@@ -373,7 +372,6 @@ FILES = calls("file", None,
     (partial(of_content, DATAFLASH), EmptyLogError, "LOG_BITMASK"),
     (lambda: ev.recording_from_columns(tables.COLUMNS, estimated=("vz",)), UsageError, OUT_OF),
     (without_descriptions, EmptyLogError, "where messages are described"),
-    (lambda: logging_advice("gzip"), UsageError, "'gzip'"),
     (of_no_text, InputError, r"Expected a path in UTF-8; received b'.*\\x[0-9a-f]{2}"),
 )  # fmt: skip
 PARQUET = rows("parquet", InputError, of_parquet,

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import eivor as ev
 from eivor.errors import CorruptLogError, EivorError, InputError, UnknownFormatError, UsageError
 from eivor.flights.grid import upward
-from eivor.logs import common, log_format, logging_advice
+from eivor.logs import common, log_format
 from eivor.logs import read as reading
 from eivor.logs.channel_map import parse_expression
 from eivor.logs.common import KeptChannels, LogFormat, begins_with
@@ -172,15 +172,15 @@ def test_every_source_and_every_advice_names_a_channel():
     assert all(canonical_channel(name) is not None for name in names | (set(TO_LOG)))
     assert set(TO_LOG) <= names
     assert log_format("crazyflie").takes_map
-    assert logging_advice("crazyflie", "battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
-    assert logging_advice("crazyflie", "pilot_throttle") == ()
-    assert "stateEstimate.z, .vz" in logging_advice("crazyflie")[0]
+    assert log_format("crazyflie").advice("battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
+    assert log_format("crazyflie").advice("pilot_throttle") == ()
+    assert "stateEstimate.z, .vz" in log_format("crazyflie").advice("")[0]
 
 
 def test_advice_names_the_bits():
-    assert "LOG_BITMASK" in logging_advice("dataflash")[0]
-    assert "IMU_FAST" in logging_advice("dataflash", "specific_force_body_z")[0]
-    assert logging_advice("dataflash", "nonsense") == ()
+    assert "LOG_BITMASK" in log_format("dataflash").advice("")[0]
+    assert "IMU_FAST" in log_format("dataflash").advice("specific_force_body_z")[0]
+    assert log_format("dataflash").advice("nonsense") == ()
 
 
 def all_messages(path):
@@ -326,13 +326,13 @@ def test_a_written_recording_keeps_its_origin(tmp_path):
 
 
 def test_advice():
-    assert any("SDLOG_PROFILE" in sentence for sentence in logging_advice())
-    assert "bit 4 (high rate)" in logging_advice("ulog", "input")[0]
-    assert "10 Hz." in logging_advice("ulog", "velocity_z")[0]
-    assert logging_advice("ulog", "nonsense") == ()
-    assert logging_advice("csv")
-    assert "'input'" in logging_advice("parquet", "input")[0]
-    assert "vehicle_thrust_setpoint" in logging_advice("mcap", "input")[0]
+    assert any("SDLOG_PROFILE" in sentence for sentence in log_format("ulog").advice(""))
+    assert "bit 4 (high rate)" in log_format("ulog").advice("input")[0]
+    assert "10 Hz." in log_format("ulog").advice("velocity_z")[0]
+    assert log_format("ulog").advice("nonsense") == ()
+    assert log_format("csv").advice("")
+    assert "'input'" in log_format("parquet").advice("input")[0]
+    assert "vehicle_thrust_setpoint" in log_format("mcap").advice("input")[0]
 
 
 @pytest.fixture
@@ -372,7 +372,7 @@ def test_a_format_from_outside(table, tmp_path):
     r = ev.read_log(path)
     assert (r.format, len(r.sha256)) == ("wheels", 64)
     assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
-    assert logging_advice("wheels") == ("Turn on everything.",)
+    assert log_format("wheels").advice("") == ("Turn on everything.",)
     assert logging_advice_for(r, "input") == ("Turn on input.",)
     with pytest.raises(UsageError, match="a channel map with the Wheels log"):
         ev.read_log(path, channel_map="rotorpy")

@@ -56,6 +56,8 @@ NORMAL_MEDIAN = 1.4826
 #: Looks after a change that are listened to only: one memory, until what was kept of before has
 #: exponentially weighted.
 REST = 8
+#: Looks that the scale is the median of, before the first that is summed, and that are kept after a change.
+SCALE_LOOKS, LEAST_LOOKS, KEPT_LOOKS = 80, 20, 3
 #: Least of what a look shows of a parameter over what looks do on average, to show anything.
 LEAST_SEEN = 0.1
 #: What a change counts in the sums to both sides.
@@ -66,45 +68,24 @@ SIDES = np.array([[1.0], [-1.0]])
 class ChangeDetector:
     """When a change is reported.
 
-    Parameters
-    ----------
-    threshold : float
-        Sum that is a change.
-    drift : float
-        What every look takes off the sums: half the smallest change that is to be reported quickly, in
-        standard deviations of a look.
-    limit : float
-        Largest magnitude of one look.
-    scale_looks : int
-        Looks that the scale is the median of.
-    least_looks : int
-        Looks before the first that is summed.
-    kept_looks : int
-        Looks that are kept after a change.
-    held_looks : int
-        Looks for which a sum is held against one estimate at most.
-
     Raises
     ------
     UsageError
         When one is not above zero, or the limit is not above the drift.
     """
 
-    threshold: float = 13.0
+    threshold: float = 13.0  # Sum that is a change
+    #: What every look takes off the sums: half the smallest change that is to be reported quickly, in
+    #: standard deviations of a look
     drift: float = 0.75
-    limit: float = 4.0
-    scale_looks: int = 80
-    least_looks: int = 20
-    kept_looks: int = 3
-    held_looks: int = 16
+    limit: float = 4.0  # Largest magnitude of one look
+    held_looks: int = 16  # Looks for which a sum is held against one estimate at most
 
     def __post_init__(self) -> None:
         for name in ("threshold", "drift", "limit"):
             checks.number(name, getattr(self, name))
-        lengths = ("scale_looks", "least_looks", "kept_looks", "held_looks")
-        for name in lengths:
-            checks.whole(name, getattr(self, name))
-        if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *lengths)):
+        checks.whole("held_looks", self.held_looks)
+        if not all(getattr(self, name) > 0 for name in ("threshold", "drift", "held_looks")):
             raise UsageError("a detector whose numbers are above zero", repr(self), "The defaults are.")
         if not self.limit > self.drift:
             remedy = "No sum would ever grow."
@@ -159,7 +140,7 @@ class Watch:
         # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
         expected = np.where(nothing, 1.0, seen)
         units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(expected), expected))
-        if self.before.shape[0] >= detector.least_looks and not self.resting:
+        if self.before.shape[0] >= LEAST_LOOKS and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root = roots[positions]
             sizes = np.sort(np.abs(self.before), axis=0)  # NaN last
@@ -168,7 +149,7 @@ class Watch:
             scale = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)  # infinite: most showed no change
             step = np.clip(np.nan_to_num(units[positions]) / scale, -detector.limit, detector.limit)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
-        before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
+        before = np.concatenate([self.before, units[-1:]])[-SCALE_LOOKS:]
         return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
 
     def looked(
@@ -185,7 +166,7 @@ class Watch:
         if not sides.size:
             return watch, weighted, ()
         changed = tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
-        kept = weighted.last(detector.kept_looks * streaming.BLOCKS_PER_LOOK)
+        kept = weighted.last(KEPT_LOOKS * streaming.BLOCKS_PER_LOOK)
         return Watch(before=watch.before, resting=REST), kept, changed
 
 
@@ -195,30 +176,20 @@ class RecursiveIdentification:
 
     It is never changed: `update` returns the next one, as in ``recursion = recursion.update(chunk)``.
 
-    Parameters
-    ----------
-    model : SignalModel
-        The equation, such as ``ev.VerticalMotion()``.
-    method : LinearMethod
-        Whose equations are mean cross-products: `generalized_iv`, `extended_iv`, their total least squares,
-        `bias_compensated_least_squares`.
-    instruments : tuple of Column
-        Such as ``ev.lags("input", 0, 10)``.
-    memory : float
-        Sum of the weights of all samples before, 1 / (1 - lambda): 200 for a forgetting factor of 0.995.
-    detector : ChangeDetector, optional
-        What determines that a parameter changed; what lies before is forgotten then. Default: none.
-
     Raises
     ------
     UsageError
         When the method has no cross-products, needs all rows at once, or an argument is of another type.
     """
 
-    model: SignalModel
+    model: SignalModel  # The equation, such as ``ev.VerticalMotion()``
+    #: Whose equations are mean cross-products: `generalized_iv`, `extended_iv`, their total least squares,
+    #: `bias_compensated_least_squares`
     method: LinearMethod
-    instruments: tuple[Column, ...] = ()
+    instruments: tuple[Column, ...] = ()  # Such as ``ev.lags("input", 0, 10)``
+    #: Sum of the weights of all samples before, 1 / (1 - lambda): 200 for a forgetting factor of 0.995
     memory: float = streaming.DEFAULT_MEMORY
+    #: What determines that a parameter changed; what lies before is forgotten then. Default: none.
     detector: ChangeDetector | None = None
     #: Changes that the last chunk showed, by the samples that had a row.
     changes: tuple[Change, ...] = field(default=(), init=False, repr=False)

@@ -123,15 +123,10 @@ class ErrorAssumption(ABC):
 
 @dataclass(frozen=True, slots=True)
 class AutocorrelatedErrors(ErrorAssumption):
-    """Errors may be autocorrelated and heteroskedastic.
+    """Errors may be autocorrelated and heteroskedastic."""
 
-    Parameters
-    ----------
-    averages : int, optional
-        Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
-        for slower errors and make wider sets.
-    """
-
+    #: Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
+    #: for slower errors and make wider sets.
     averages: int | None = None
     sentence: ClassVar[str] = (
         "The instruments are uncorrelated with the error of their row once the declared noises are "
@@ -211,32 +206,13 @@ class _ConfidenceSets(ABC):
 
 @dataclass(frozen=True)
 class AndersonRubinSet(_ConfidenceSets):
-    """Confidence sets by inversion of the Anderson-Rubin test.
+    """Confidence sets by inversion of the Anderson-Rubin test."""
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        All parameters of the problem.
-    level : float
-        Confidence level.
-    errors : ErrorAssumption
-        What is supposed of the errors.
-    rows : MomentRows
-        The equations.
-    """
-
-    parameters: tuple[Parameter, ...]
-    level: float
-    errors: ErrorAssumption
-    rows: MomentRows = field(repr=False)
+    parameters: tuple[Parameter, ...]  # All parameters of the problem
+    level: float  # Confidence level
+    errors: ErrorAssumption  # What is supposed of the errors
+    rows: MomentRows = field(repr=False)  # The equations
     kind: ClassVar[str] = "Anderson-Rubin"
-
-    @cached_property
-    def partialled_out(self) -> tuple[str, ...]:
-        """Parameters of regressors that are their own instruments; they are not in `region`."""
-        own_instruments = self.rows.own_instruments()
-        exogenous = tuple(p.name for j, p in enumerate(self.parameters) if j in own_instruments)
-        return () if len(exogenous) == len(self.parameters) else exogenous
 
     @cached_property
     def region(self) -> ConfidenceRegion:
@@ -271,24 +247,12 @@ class AndersonRubinSet(_ConfidenceSets):
 
 @dataclass(frozen=True)
 class SignPerturbedSet(_ConfidenceSets):
-    """Confidence sets by sign perturbation.
+    """Confidence sets by sign perturbation."""
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        All parameters of the problem.
-    level : float
-        Exact coverage of `region`.
-    sums : int
-        Number of sums that are ranked.
-    region : ConfidenceRegion
-        Joint region of all parameters; its membership is exact.
-    """
-
-    parameters: tuple[Parameter, ...]
-    level: float
-    sums: int
-    region: ConfidenceRegion = field(repr=False)
+    parameters: tuple[Parameter, ...]  # All parameters of the problem
+    level: float  # Exact coverage of `region`
+    sums: int  # Number of sums that are ranked
+    region: ConfidenceRegion = field(repr=False)  # Joint region of all parameters; its membership is exact
     kind: ClassVar[str] = "sign-perturbed sums"
     assumptions: ClassVar[str] = (
         "Errors are symmetric about zero and independent in time, and the instruments are independent of "

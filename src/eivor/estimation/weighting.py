@@ -16,7 +16,7 @@ from eivor.errors import InstrumentError, NoUniqueSolutionError, TooFewSamplesEr
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.inference.covariance import unit_scale
 from eivor.inference.diagnostics.record import orthonormal_basis
-from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
+from eivor.inference.kernel import Bartlett, kernel_sum_covariance, newey_west_bandwidth
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem, Values
@@ -95,7 +95,8 @@ class TwoStepRobust(EquationWeighting):
         if isinstance(moments, CrossMoments):
             scores = scores + moments.shared_noise(theta)
         lags = newey_west_bandwidth(rows.response.size) if self.bandwidth is None else self.bandwidth
-        L = weight_factor(bartlett_covariance(scores, lags))
+        covariance = kernel_sum_covariance([scores], len(scores), Bartlett(), float(lags))
+        L = weight_factor(covariance / len(scores))
         return divided(system, L), L
 
 

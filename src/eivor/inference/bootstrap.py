@@ -165,43 +165,23 @@ class IntervalKind(StrEnum):
 class Bootstrap:
     """Replicates of an estimate.
 
-    Parameters
-    ----------
-    names, units : tuple of str, length n
-        Of the quantities.
-    values : ndarray, shape (n,)
-        The estimate that the replicates are replicates of.
-    replicates : ndarray, shape (runs, n)
-        Of those runs that gave an estimate.
-    failed : int
-        Runs that did not.
-    pieces : int
-        Blocks, or flights, that a replicate is put together from.
-    block_length : float
-        Rows of a block; NaN when whole flights are drawn.
-    seed : int or None
-        What the generator was made of; None when a generator was given.
-    std_errors : ndarray, shape (n,), optional
-        Standard error of each value, computed as those of the replicates.
-    studentised : ndarray, shape (runs, n), optional
-        (v* - v) / s* of each replicate.
-
     Raises
     ------
     UsageError
         When fewer than two replicates gave an estimate.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Float[np.ndarray, " n"]
-    replicates: Float[np.ndarray, "runs n"]
-    failed: int
-    pieces: int
-    block_length: float
-    seed: int | None
+    names: tuple[str, ...]  # Of the quantities
+    units: tuple[str, ...]  # Of the quantities
+    values: Float[np.ndarray, " n"]  # The estimate that the replicates are replicates of
+    replicates: Float[np.ndarray, "runs n"]  # Of those runs that gave an estimate
+    failed: int  # Runs that did not
+    pieces: int  # Blocks, or flights, that a replicate is put together from
+    block_length: float  # Rows of a block; NaN when whole flights are drawn
+    seed: int | None  # What the generator was made of; None when a generator was given
+    #: Standard error of each value, computed as those of the replicates
     std_errors: Float[np.ndarray, " n"] | None = None
-    studentised: Float[np.ndarray, "runs n"] | None = None
+    studentised: Float[np.ndarray, "runs n"] | None = None  # (v* - v) / s* of each replicate
 
     def __post_init__(self) -> None:
         if self.replicates.shape[0] < 2:

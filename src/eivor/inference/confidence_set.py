@@ -22,18 +22,14 @@ ROOT_BITS = 80
 class ConfidenceSet:
     """Union of disjoint closed intervals of the real line.
 
-    Parameters
-    ----------
-    intervals : tuple of (float, float)
-        Lower and upper end of each piece, in ascending order and apart from each other; -inf and inf are
-        allowed as outermost ends. No piece is the empty set.
-
     Raises
     ------
     ParameterError
         When an end is NaN, or the pieces are not in order.
     """
 
+    #: Lower and upper end of each piece, in ascending order and apart from each other; -inf and inf are
+    #: allowed as outermost ends. No piece is the empty set.
     intervals: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -128,11 +124,6 @@ class ConfidenceSet:
         return self.is_empty or (isfinite(self.intervals[0][0]) and isfinite(self.intervals[-1][1]))
 
     @property
-    def is_whole_line(self) -> bool:
-        """Whether every value belongs to the set."""
-        return self.intervals == ((-inf, inf),)
-
-    @property
     def hull(self) -> tuple[float, float]:
         """Lowest and highest value; (nan, nan) of the empty set."""
         if self.is_empty:
@@ -160,7 +151,7 @@ class ConfidenceSet:
     def __str__(self) -> str:
         if self.is_empty:
             return "empty"
-        if self.is_whole_line:
+        if self == self.whole_line():
             return "the whole line"
         return " or ".join(_text(low, high) for low, high in self.intervals)
 

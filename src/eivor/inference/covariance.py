@@ -303,12 +303,7 @@ class EqualWeightedCosines(CovarianceEstimator):
 
 @dataclass(frozen=True, slots=True)
 class ClusteredByFlight(CovarianceEstimator):
-    """V from the sums of each flight: any dependence within a flight, none between flights."""
-
-    least_flights: int = CLUSTERED_FROM  # With fewer flights there is no part
-
-    def __post_init__(self) -> None:
-        checks.whole("least_flights", self.least_flights)
+    """V from the sums of each of ten flights or more: any dependence within a flight, none between."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part, with t on flights - 1 degrees of freedom, or none."""
@@ -321,7 +316,7 @@ class ClusteredByFlight(CovarianceEstimator):
                     total = total + int(here.sum()) * rows.constant
                 sums[int(flight)] = sums.get(int(flight), 0.0) + total
         flights = len(sums)
-        if flights < max(self.least_flights, 2):
+        if flights < CLUSTERED_FROM:
             return ()
         stacked = np.stack(list(sums.values()))
         stacked -= stacked.mean(axis=0)

@@ -81,11 +81,6 @@ def kernel_sum_covariance(blocks: Iterable[Block], count: int, kernel: Kernel, b
     return _from_spectrum(np.concatenate(list(blocks)), kernel, span)
 
 
-def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Float[np.ndarray, "p p"]:
-    """Mean long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987)."""
-    return kernel_sum_covariance([scores], len(scores), Bartlett(), float(bandwidth)) / len(scores)
-
-
 def _from_blocks(blocks: Iterable[Block], kernel: Kernel, lags: int, span: float) -> Square:
     weights = kernel.weights(np.arange(lags + 1) / span)
     total, before = np.zeros(()), None

@@ -51,8 +51,29 @@ class RegionShape(ABC):
         """Numbers s for which base + s step is in the region."""
 
     def shadow(self, axis: int, size: int) -> ConfidenceSet:
-        """Values of x_axis / x_0 (axis from 1 below the size) that some point of the region has; scanned."""
-        return scanned_shadow(self, axis, size)
+        """Values of x_axis / x_0 (axis from 1 below the size) that some point has, by planes across it."""
+        others = [i for i in range(1, size) if i != axis]
+        if not others:
+            return self.along(np.eye(size)[0], np.eye(size)[axis])
+
+        def base(angle: float) -> Point:
+            point = np.zeros(size)
+            point[0], point[axis] = np.cos(angle), np.sin(angle)
+            return point
+
+        meets = _meeting(self, np.eye(size)[others])
+        steps = SCAN_STEPS if len(others) == 1 else SEARCHED_STEPS
+        angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, steps)
+        seeds = np.arctan([x[axis] / x[0] for x in least_points(self, size) if x[0] != 0.0])
+        angles = np.unique(np.concatenate([angles, seeds]))
+        inside = [meets(base(angle)) for angle in angles[:-1]]
+        inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
+        ends = [-inf] * inside[0]
+        for low, high, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
+            if here != there:
+                ends.append(np.tan(_end(lambda angle: meets(base(angle)), float(low), float(high), here)))
+        ends += [inf] * inside[-1]
+        return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
 @dataclass(frozen=True)
@@ -72,21 +93,11 @@ class RegionFrame:
 
 @dataclass(frozen=True)
 class ConfidenceRegion:
-    """A joint confidence region.
+    """A joint confidence region."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters, in order.
-    frame : RegionFrame
-        Origin and units of `shape`.
-    shape : RegionShape
-        What belongs to the region.
-    """
-
-    names: tuple[str, ...]
-    frame: RegionFrame
-    shape: RegionShape
+    names: tuple[str, ...]  # Parameters, in order
+    frame: RegionFrame  # Origin and units of `shape`
+    shape: RegionShape  # What belongs to the region
 
     def excess(self, theta: ArrayLike) -> float:
         """Statistic over its critical value: at most one for a member; refuses other shapes than (n,)."""
@@ -160,32 +171,6 @@ class ConfidenceRegion:
             slices.append((value, _cut(here, window)))
         chains = groupby(slices, key=lambda item: len(item[1].intervals))
         return [polygon for _, chain in chains for polygon in _polygons(list(chain))]
-
-
-def scanned_shadow(shape: RegionShape, axis: int, size: int) -> ConfidenceSet:
-    """Shadow of a region on an axis (from 1), by the planes on which that coordinate is held."""
-    others = [i for i in range(1, size) if i != axis]
-    if not others:
-        return shape.along(np.eye(size)[0], np.eye(size)[axis])
-
-    def base(angle: float) -> Point:
-        point = np.zeros(size)
-        point[0], point[axis] = np.cos(angle), np.sin(angle)
-        return point
-
-    meets = _meeting(shape, np.eye(size)[others])
-    steps = SCAN_STEPS if len(others) == 1 else SEARCHED_STEPS
-    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, steps)
-    seeds = np.arctan([x[axis] / x[0] for x in least_points(shape, size) if x[0] != 0.0])
-    angles = np.unique(np.concatenate([angles, seeds]))
-    inside = [meets(base(angle)) for angle in angles[:-1]]
-    inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
-    ends = [-inf] * inside[0]
-    for low, high, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
-        if here != there:
-            ends.append(np.tan(_end(lambda angle: meets(base(angle)), float(low), float(high), here)))
-    ends += [inf] * inside[-1]
-    return ConfidenceSet.union((float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=True))
 
 
 def least_points(shape: RegionShape, size: int) -> list[Point]:
@@ -275,17 +260,6 @@ FULL_CORRELATION = 1.0 - 1e-15
 class Ellipse:
     """Confidence ellipse of a pair.
 
-    Parameters
-    ----------
-    centre : ndarray, shape (2,)
-        The pair's estimates, each in its own unit.
-    covariance : ndarray, shape (2, 2)
-        Their covariance.
-    level : float
-        Confidence level.
-    degrees : float
-        Degrees of freedom of the covariance; infinite for a known one.
-
     Raises
     ------
     ShapeError
@@ -295,10 +269,10 @@ class Ellipse:
         of freedom.
     """
 
-    centre: Float[np.ndarray, " pair"]
-    covariance: Float[np.ndarray, "pair pair"]
-    level: float = 0.95
-    degrees: float = math.inf
+    centre: Float[np.ndarray, " pair"]  # The pair's estimates, each in its own unit
+    covariance: Float[np.ndarray, "pair pair"]  # Their covariance
+    level: float = 0.95  # Confidence level
+    degrees: float = math.inf  # Degrees of freedom of the covariance; infinite for a known one
 
     def __post_init__(self) -> None:
         if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
@@ -335,13 +309,6 @@ class Ellipse:
         """Lowest and highest value (columns) of each of the pair (rows) on the ellipse."""
         reach = math.sqrt(self.squared_radius) * self.std_errors
         return np.column_stack([self.centre - reach, self.centre + reach])
-
-    @property
-    def semi_axes(self) -> Float[np.ndarray, "2 2"]:
-        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis."""
-        eigenvalues, vectors = np.linalg.eigh(self.covariance)
-        lengths = np.sqrt(self.squared_radius * np.maximum(eigenvalues, 0.0))
-        return (vectors * lengths).T[::-1]
 
     @property
     def area(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eivor.logs.common import LogFormat, ReadOptions
-from eivor.logs.read import DEFAULT_MAX_BYTES, declare_format, log_format, logging_advice, read_log
+from eivor.logs.read import DEFAULT_MAX_BYTES, declare_format, log_format, read_log
 
 __all__ = [
     "DEFAULT_MAX_BYTES",
@@ -11,6 +11,5 @@ __all__ = [
     "ReadOptions",
     "declare_format",
     "log_format",
-    "logging_advice",
     "read_log",
 ]

@@ -246,15 +246,6 @@ def folder_parts(folder: Path) -> common.FolderParts:
     )
 
 
-def logging_advice(name: str = "ulog", channel: str = "") -> tuple[str, ...]:
-    """Sentences that say what to log."""
-    row = log_format(name)
-    if row is None or not row.is_read:
-        known = ", ".join(f"'{known.name}'" for known in readable_formats())
-        raise UsageError(f"a log format: {known}", f"'{name}'", "Name one of these formats.")
-    return row.advice(channel)
-
-
 #: Largest file that is read unless the caller says otherwise: 1 GiB.
 DEFAULT_MAX_BYTES = 1 << 30
 

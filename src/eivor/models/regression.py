@@ -33,26 +33,16 @@ MOST_LAGS = 10_000
 class Column:
     """``gain * gain_channel[k] * channel[k - lag]``.
 
-    Parameters
-    ----------
-    channel : str
-        Canonical name; empty for the intercept, which is a column of ones without noise.
-    lag : int
-        Samples back, zero or more.
-    gain : float
-        Constant, noise-free factor.
-    gain_channel : str
-        Channel whose values, known without noise, multiply the column row by row; empty for none.
-
     Raises
     ------
     UsageError
         When the lag is no whole number or negative, the gain not finite, or a name no text.
     """
 
-    channel: str
-    lag: int = 0
-    gain: float = 1.0
+    channel: str  # Canonical name; empty for the intercept, which is a column of ones without noise
+    lag: int = 0  # Samples back, zero or more
+    gain: float = 1.0  # Constant, noise-free factor
+    #: Channel whose values, known without noise, multiply the column row by row; empty for none
     gain_channel: str = ""
 
     def __post_init__(self) -> None:
@@ -235,23 +225,6 @@ class LinearProblem(ABC):
 class Regression(LinearProblem):
     """Response, regressors and instruments, row by row.
 
-    Parameters
-    ----------
-    response : ndarray, shape (rows,)
-        y.
-    regressors : ndarray, shape (rows, n)
-        Phi.
-    instruments : ndarray, shape (rows, p)
-        Psi; zero columns when there are none.
-    parameters : tuple of Parameter
-        One for each column of Phi.
-    layout : RowLayout
-        What the rows are. Default: samples of one flight.
-    regressor_noise : ndarray, shape (n + 1, n + 1), optional
-        Covariance of the measurement noises of [Phi y].
-    instrument_noise : ndarray, shape (p, n + 1), optional
-        Covariance of the noises of Psi with those of [Phi y].
-
     Raises
     ------
     ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError
@@ -261,12 +234,14 @@ class Regression(LinearProblem):
         When two parameters have one name, or an argument is of another type.
     """
 
-    response: PerRow
-    regressors: Float[np.ndarray, "rows n"]
-    instruments: Float[np.ndarray, "rows p"]
-    parameters: tuple[Parameter, ...]
-    layout: RowLayout = ONE_FLIGHT
+    response: PerRow  # y
+    regressors: Float[np.ndarray, "rows n"]  # Phi
+    instruments: Float[np.ndarray, "rows p"]  # Psi; zero columns when there are none
+    parameters: tuple[Parameter, ...]  # One for each column of Phi
+    layout: RowLayout = ONE_FLIGHT  # What the rows are. Default: samples of one flight.
+    #: Covariance of the measurement noises of [Phi y]
     regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+    #: Covariance of the noises of Psi with those of [Phi y]
     instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 
     def __post_init__(self) -> None:

@@ -107,11 +107,6 @@ DIFFERENCE = 1e-3
 class Prior:
     """What is known of a nuisance before the data are seen: a measurement of it, with a normal error.
 
-    Parameters
-    ----------
-    mean, std : float
-        Value and standard error, in the nuisance's unit.
-
     Raises
     ------
     ParameterError
@@ -120,8 +115,8 @@ class Prior:
         When one of them is no number.
     """
 
-    mean: float
-    std: float
+    mean: float  # In the nuisance's unit
+    std: float  # Its standard error
 
     def __post_init__(self) -> None:
         checks.number("mean", self.mean)
@@ -139,11 +134,6 @@ class Prior:
 class Bounds:
     """Least and largest value of a nuisance, of which nothing else is known: a uniform prior.
 
-    Parameters
-    ----------
-    low, high : float
-        Least and largest value, in the nuisance's unit; one value twice when it is known.
-
     Raises
     ------
     ParameterError
@@ -152,8 +142,8 @@ class Bounds:
         When one of them is no number.
     """
 
-    low: float
-    high: float
+    low: float  # In the nuisance's unit
+    high: float  # The same as `low` when the value is known
 
     def __post_init__(self) -> None:
         checks.number("low", self.low)

@@ -158,23 +158,14 @@ class SignalModel(ABC):
 class SignalRegression(LinearProblem):
     """Rows of an equation in signals.
 
-    Parameters
-    ----------
-    signals : Signals
-        Where the columns come from.
-    equation : Equation
-        Response and regressors.
-    instrument_columns : tuple of Column
-        Instruments; may be empty.
-
     Notes
     -----
     Rows start at the largest lag of any column, and leave out samples whose history is not valid.
     """
 
-    signals: Signals
-    equation: Equation
-    instrument_columns: tuple[Column, ...] = ()
+    signals: Signals  # Where the columns come from
+    equation: Equation  # Response and regressors
+    instrument_columns: tuple[Column, ...] = ()  # Instruments; may be empty
     parameters: tuple[Parameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -63,6 +63,8 @@ UNKNOWN = 10.0
 PROPOSED, NEAR_EDGE = 40, (0.6, 1.6)
 #: Directions in the complex plane in which a measured loop may be off.
 DIRECTIONS = 36
+#: Phase margin of the second proposed controller [deg].
+PHASE_MARGIN_DEG = 60.0
 #: Draws of the parameters for margins, and where crossings are looked for: so many frequencies [Hz].
 DRAWS, LOOKED_AT, LOOKED_HZ = 500, 500, (0.05, 60.0)
 
@@ -384,7 +386,6 @@ def transfer_functions(
     *,
     orders: tuple[int, ...] = (1, 2, 3, 4),
     band_hz: tuple[float, float] = BAND_HZ,
-    hold_s: float | None = None,
     sensor_filter: Response = np.ones_like,
     level: float = 0.9,
 ) -> TransferFunctions:
@@ -398,8 +399,6 @@ def transfer_functions(
         Out of 1 to 4: turning; and a lag; and a second one, which may oscillate; and a third one.
     band_hz : (float, float)
         Frequencies to fit [Hz].
-    hold_s : float, optional
-        Time for which the input is held [s]; default: a sample. Zero for an input that is not held.
     sensor_filter : callable
         Response of a known filter of the output at s = 2 pi j f. Default: none, so that its delay is in
         that of the model.
@@ -430,17 +429,13 @@ def transfer_functions(
     ends = [0.0, *band_hz, math.inf]
     sound = len(ends) == 4 and 0.0 <= ends[1] < ends[2] < ends[3]
     checks.require(sound, "a band of two increasing frequencies", f"{band_hz}")
-    if hold_s is not None:
-        checks.number("hold_s", hold_s)
-        checks.require(0.0 <= hold_s <= 1.0, "a hold between 0 and 1 s", f"hold_s={hold_s}")
     checked_response("sensor_filter", sensor_filter)
     checks.level(level)
     if not orders or any(order not in OF_ORDER for order in orders):
         raise UsageError("orders out of 1, 2, 3 and 4", f"{orders}", "Leave out the others.")
-    hold = 1.0 / response.rate_hz if hold_s is None else hold_s
 
     def known(s: Spectrum) -> Spectrum:
-        half = 0.5 * hold * s
+        half = 0.5 * s / response.rate_hz  # the input is held for a sample
         return np.asarray(np.exp(-half) * np.sinc(half.imag / np.pi) * sensor_filter(s))
 
     points, raw = _independent(response, band_hz)
@@ -756,17 +751,13 @@ def _ends(values: Float[np.ndarray, " loops"], least: float = 0.75) -> tuple[flo
     return (float(known.min()), float(known.max())) if enough else (math.nan, math.nan)
 
 
-def proposed_controllers(
-    models: TransferFunctions, *, phase_margin_deg: float = 60.0
-) -> tuple[Controller, ...]:
+def proposed_controllers(models: TransferFunctions) -> tuple[Controller, ...]:
     """Controllers of the rate: by SIMC, and for a phase margin. Proposals to be test-flown, never applied.
 
     Parameters
     ----------
     models : TransferFunctions
         From `transfer_functions`.
-    phase_margin_deg : float
-        Phase margin of the second one [deg].
 
     Returns
     -------
@@ -780,9 +771,6 @@ def proposed_controllers(
     """
     remedy = "Make some by ev.transfer_functions(response)."
     checks.kind("models", models, TransferFunctions, "models of a response", remedy)
-    checks.number("phase_margin_deg", phase_margin_deg)
-    sound = 0.0 < phase_margin_deg < 85.0
-    checks.require(sound, "a phase margin between 0 and 85 degrees", f"{phase_margin_deg:g}")
     model = models.chosen
     slow = 2j * np.pi * np.array([0.1])
     late = model.parameters["delay"] + model.lag_s - float(np.angle(model.known(slow))[0] / slow.imag[0])
@@ -792,10 +780,10 @@ def proposed_controllers(
     gains = [("SIMC", gain)]
     f = np.geomspace(*LOOKED_HZ, LOOKED_AT)
     loop = model.response(f) * (1.0 + 1.0 / (2j * np.pi * f * integral)) * np.sign(gain)
-    over = _phase(loop[None])[0] + np.pi - math.radians(phase_margin_deg)
+    over = _phase(loop[None])[0] + np.pi - math.radians(PHASE_MARGIN_DEG)
     if (over > 0.0).any():  # the highest frequency that leaves so much
         last = int(np.flatnonzero(over > 0.0)[-1])
-        gains.append((f"phase margin {phase_margin_deg:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
+        gains.append((f"phase margin {PHASE_MARGIN_DEG:g} deg", math.copysign(1.0 / abs(loop[last]), gain)))
     made = []
     for name, size in gains:
         tried = Controller(name, size, integral, Margins(*[math.nan] * 7), {})
