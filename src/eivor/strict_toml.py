@@ -48,6 +48,7 @@ class TomlTable:
     files: set[Path] = field(default_factory=set)  # Files that were read
     error: type[InputError] = InputError
     text: str = ""  # Of the file, where messages name lines
+    remedy: str = "Correct the file."  # Of errors without another
 
     def convert(self, kind: type[T]) -> T:
         """Return the table as a structure, a `msgspec.Struct`; refuse what it does not declare."""
@@ -76,14 +77,12 @@ class TomlTable:
         self.files.update(table.files)
         return replace(table, files=self.files)
 
-    def wrong(
-        self, key: str, expected: str, received: str, remedy: str = "Correct the file.", line: int = 0
-    ) -> InputError:
+    def wrong(self, key: str, expected: str, received: str, remedy: str = "", line: int = 0) -> InputError:
         """Return the error for a key, on its own line or a known one."""
         where = ".".join(part for part in (self.path, key) if part) or "the top"
         line = line or self._line(where.partition("[")[0])
         position = f"{where} of {self.file}{f', line {line}' if line else ''}"
-        return self.error(f"{expected} at {position}", received, remedy)
+        return self.error(f"{expected} at {position}", received, remedy or self.remedy)
 
     def _line(self, where: str) -> int:
         """Number of the line that holds a key, or the table or key around it; zero where none is known."""
@@ -111,7 +110,7 @@ class TomlTable:
         """Error of a table that is not of a kind, from the message of msgspec."""
         match = _PLACE.fullmatch(text)
         reason, path = (text, "") if match is None else (match[1], match[2] or "")
-        expected, received, remedy, line = reason, "another value", "Correct the file.", 0
+        expected, received, remedy, line = reason, "another value", "", 0
         declared, value, where = inspect.type_info(kind), self.values, ""
         for name, number in _STEP.findall(path):
             declared = _inside(declared, name)

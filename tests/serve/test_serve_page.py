@@ -116,7 +116,7 @@ def identified(folder, logs, **options):
 @pytest.mark.thorough
 def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     outcome, reported = identified(
-        tmp_path, {"my flight.csv": content}, window=[1, 29.5], lag="60:20", max_tilt=20
+        tmp_path, {"my flight.csv": content}, window="1:29.5", lag="60:20", max_tilt=20
     )
     assert outcome is None
     stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
@@ -173,7 +173,7 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
         ({"map": "name = 3"}, "map.toml"),
         ({"noise": ["velocity_z"]}, "a noise NAME=STD"),
         ({"instruments": "nothing"}, "channels of hidden.csv as instruments"),
-        ({"window": [500, 600]}, "window"),
+        ({"window": "500:600"}, "window"),
     ],
 )
 def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, options, sentence):

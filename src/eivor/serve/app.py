@@ -377,7 +377,7 @@ class _Routes:
 
         def begin() -> str:
             job_request = parse_job(b"".join(body.parts(size)))
-            return self._jobs.begin(job_request, {log: self._logs.get(log) for log, _ in job_request.logs})
+            return self._jobs.begin(job_request, {log: self._logs.get(log) for log, _ in job_request.windows})
 
         return JSONResponse({"job": await anyio.to_thread.run_sync(begin)})
 
@@ -409,7 +409,7 @@ class _Routes:
     def _done(self, request: Request, name: str) -> jobs.Outcome:
         """Outcome of a task about the result of a job, with the words of the address and of its query."""
         job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
-        words = {**fields, **request.path_params, "mass": fields.get("mass") or job.request.mass}
+        words = {**fields, **request.path_params, "mass": fields.get("mass") or job.request.options.mass}
         given = {"folder": job.result_folder(), "stem": job.stem, "words": words}
         outcome = self._jobs.do(jobs.Task(name, given))
         if isinstance(outcome, RefusedError):

@@ -16,6 +16,7 @@ from eivor import checks
 from eivor.atomic_file import write_atomically
 from eivor.cli import parsing
 from eivor.cli.export import supplied
+from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
@@ -102,23 +103,25 @@ def identify(
     """Identify logs by their identifiers, and write result and report into the folder of the job."""
     with _temporary_files_in(folder):
         progress({"stage": "reading"})
-        with _vehicle(request.vehicle, folder) as vehicle:
-            motions = parsing.named_motions(request.model, vehicle)
-        options = parsing.flight_options(motions, **request.options)
-        supplied(request.mass, (), "")  # exports take it: what it says is reported now
+        words = request.options
+        with _vehicle(words.vehicle, folder) as vehicle:
+            motions = parsing.named_motions(words.model, vehicle)
+        of_flight = {name: getattr(words, name) for name in FlightWords.__struct_fields__}
+        options = parsing.flight_options(motions, **of_flight)
+        supplied(words.mass, (), "")  # exports take it: what it says is reported now
         several, names, seen = len(request.logs) > 1, {}, Counter[str]()
-        for log in dict.fromkeys(log for log, _ in request.logs):
+        for log in dict.fromkeys(log for log, _ in request.windows):
             name = logs[log].name
             seen[name] += 1
             names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
-        with _as_file(request.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
+        with _as_file(words.map, folder / "map.toml", shipped_maps(), "map") as channel_map:
             read = {
                 log: replace(_recording(logs[log], channel_map, several=several), name=name)
                 for log, name in names.items()
             }
-        windows = [parsing.parse_window(window) if window else None for _, window in request.logs]
-        paths = [Path(names[log]) for log, _ in request.logs]
-        recordings = parsing.named_flights(paths, windows, [read[log] for log, _ in request.logs], options)
+        windows = [parsing.parse_window(window) if window else None for _, window in request.windows]
+        paths = [Path(names[log]) for log, _ in request.windows]
+        recordings = parsing.named_flights(paths, windows, [read[log] for log, _ in request.windows], options)
         result = parsing.identified(
             recordings, motions, options, windows, progress=lambda stage: progress({"stage": stage.value})
         )

@@ -27,7 +27,7 @@ function comparisonOf(several) {
 function pooled() {
   const single = flights.filter((one) => one.report && one.logs.length === 1);
   const pool = flightOf(`${single.length} flights pooled`, single.flatMap((one) => one.logs));
-  pool.asked = single.map(({ logs, options }) => ({ log: logs[0], window: options.window || null }));
+  pool.asked = single.map(({ logs, options }) => ({ log: logs[0], window: windowWords(options) }));
   queued(pool, { ...single[0].options, window: null });
 }
 

@@ -84,8 +84,11 @@ async function fitted(flight) {
   finished(flight);
 }
 
+const windowWords = ({ window }) => window?.join(":") ?? "";
+
 async function worked(flight) {
-  flight.job = (await posted("/jobs", { logs: flight.asked || flight.logs, options: flight.options })).job;
+  const options = { ...flight.options, window: windowWords(flight.options) };
+  flight.job = (await posted("/jobs", { logs: flight.asked || flight.logs, options })).job;
   flight.state = "working";
   if (flight.cancelled) await forgotten(`/jobs/${flight.job}`);
   let last = {};
