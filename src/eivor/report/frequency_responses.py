@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -35,7 +35,7 @@ from eivor.report import figure_panels as plots
 from eivor.report.document import Bullets, Document, Facts, Section, TableColumn, section, table
 from eivor.report.json_document import Json, document
 from eivor.signals.recording import Recording
-from eivor.tools import Bool, Complex, Float, printable
+from eivor.tools import Complex, Float, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -434,14 +434,15 @@ def response_figure(results: Sequence[LogResponse]) -> Figure:
     figure = plots.page(
         max(5.2 * len(results), 7.0), 11.0, f"{printable(results[0].name)}: frequency responses"
     )
-    draws = _draw_magnitude, _draw_phase, _draw_coherences, _draw_nichols
-    rows = [[f"{draw.__name__} {item.axis}" for item in results] for draw in draws]
+    kinds = ("magnitude", "phase", "coherence", "loop")
+    rows = [[f"{kind} {item.axis}" for item in results] for kind in kinds]
     panels = plots.mosaic(figure, rows, height_ratios=(1.3, 1.0, 0.7, 1.3))
     for item in results:
-        for draw in draws:
-            draw(panels[f"{draw.__name__} {item.axis}"], item)
+        for curves in _curves(item):
+            _draw_curves(panels[f"{curves.kind} {item.axis}"], item.response, curves)
+        _draw_nichols(panels[f"loop {item.axis}"], item)
         names = f"{item.axis}: {item.input} to {item.output}"
-        panels[f"_draw_magnitude {item.axis}"].set_title(names, fontsize=9, parse_math=False)
+        panels[f"magnitude {item.axis}"].set_title(names, fontsize=9, parse_math=False)
     return figure
 
 
@@ -461,53 +462,56 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def _lines(item: LogResponse) -> list[tuple[Complex[np.ndarray, " f"], Bool[np.ndarray, " f"], str, str]]:
-    """Responses to draw, where each is known, with words and look."""
-    response, every = item.response, np.ones(item.response.frequency_hz.size, dtype=np.bool_)
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """What is drawn over frequency in files and on pages; NaN where nothing is known."""
+
+    kind: str
+    unit: str
+    lines: list[tuple[str, str, Values]]  # Words and look of each
+    bands: tuple[Float[np.ndarray, "f 2"], ...] = ()  # That of all frequencies together, and of each
+
+
+def _curves(item: LogResponse) -> Iterator[Curves]:
+    """Magnitudes, phases without jumps, and coherences."""
+    response, mask = item.response, item.response.is_shown
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
-    lines = [(response.response, response.is_shown, name, "measured")]
+    known = [(name, "measured", response.response, mask)]
+    coherences = [("input, output", "residual", response.direct_coherence)]
     if not response.is_direct:
-        lines.append((response.direct, np.isfinite(response.direct), "direct, biased", "residual"))
+        known.append(("direct, biased", "residual", response.direct, np.isfinite(response.direct)))
+        coherences.append(("reference, input", "measured", response.points.coherence))
+        coherences.append(("input, output without the reference", "predicted", response.points.partial))
     if item.models is not None:
         model = item.models.chosen
-        lines.append(
-            (model.response(response.frequency_hz), every, f"model of order {model.order}", "predicted")
-        )
-    return lines
+        values = model.response(response.frequency_hz)
+        known.append((f"model of order {model.order}", "predicted", values, np.ones_like(mask)))
+    both = response.simultaneous_bands, response.bands
+    # whole turns that phases without jumps are away from those of the bands [degrees]
+    turn = _unwrapped(response.response, mask) - np.rad2deg(np.angle(response.response))
+    sizes = [(name, look, np.where(where, _decibels(of), np.nan)) for name, look, of, where in known]
+    bands = tuple(np.where(mask[:, None], _decibels(band), np.nan) for band, _ in both)
+    yield Curves("magnitude", "dB", sizes, bands)
+    phases = [(name, look, _unwrapped(of, where)) for name, look, of, where in known]
+    yield Curves("phase", "°", phases, tuple(np.rad2deg(band) + turn[:, None] for _, band in both))
+    yield Curves("coherence", "", coherences)
 
 
-def _draw_magnitude(axes: Axes, item: LogResponse) -> None:
-    response, mask, f = item.response, item.response.is_shown, item.response.frequency_hz
-    for bands, alpha, words in (
-        (response.simultaneous_bands, 0.12, f"{response.level:.0%} all together"),
-        (response.bands, 0.3, f"{response.level:.0%} each"),
-    ):
-        low, high = np.where(mask[:, None], np.maximum(bands[0], 1e-12), np.nan).T
-        axes.fill_between(f, low, high, color=plots.BLUE, alpha=alpha, lw=0, label=words)
-    for values, where, words, look in _lines(item):
-        axes.plot(f, np.where(where, np.abs(values), np.nan), label=words, **LOOKS[look])
-    _over_frequency(axes, "magnitude", yscale="log")
-    if mask.any():
-        size = np.abs(response.response)[mask]
-        axes.set_ylim(0.2 * size.min(), 5.0 * size.max())
-    plots.legend(axes, size=7, location="lower left")
-
-
-def _draw_phase(axes: Axes, item: LogResponse) -> None:
-    response, f = item.response, item.response.frequency_hz
-    turn = _turn(response)
-    for bands, alpha in ((response.simultaneous_bands, 0.12), (response.bands, 0.3)):
-        early, late = (np.rad2deg(bands[1]) + turn[:, None]).T
-        axes.fill_between(f, early, late, color=plots.BLUE, alpha=alpha, lw=0)
-    for values, where, _, look in _lines(item):
-        axes.plot(f, _unwrapped(values, where), **LOOKS[look])
-    _over_frequency(axes, "phase [°]")
-
-
-def _over_frequency(axes: Axes, words: str, **limits: Any) -> None:
-    axes.set(xscale="log", **limits)
-    plots.labelled(axes, x="frequency [Hz]", y=words, size=9.0)
+def _draw_curves(axes: Axes, response: FrequencyResponse, curves: Curves) -> None:
+    f, shares = response.frequency_hz, ((0.12, "all together"), (0.3, "each"))
+    for band, (alpha, words) in zip(curves.bands, shares, strict=False):
+        label = f"{response.level:.0%} {words}"
+        axes.fill_between(f, *band.T, color=plots.BLUE, alpha=alpha, lw=0, label=label)
+    for label, look, values in curves.lines:
+        axes.plot(f, values, label=label, **LOOKS[look])
+    axes.set(xscale="log")
+    if curves.kind == "magnitude" and response.is_shown.any():
+        size = curves.lines[0][-1]
+        axes.set_ylim(np.nanmin(size) - 14.0, np.nanmax(size) + 14.0)
+    plots.labelled(axes, x="frequency [Hz]", y=f"{curves.kind} [{curves.unit or '-'}]", size=9.0)
     axes.grid(alpha=0.25, which="both")
+    if curves.kind != "phase":  # whose lines are those above it
+        plots.legend(axes, size=7, location="lower left")
 
 
 def response_pictures(result: FlightEstimate) -> Iterator[plots.Pictures]:
@@ -523,54 +527,23 @@ def response_pictures(result: FlightEstimate) -> Iterator[plots.Pictures]:
 
 
 def _response_charts(item: LogResponse) -> Iterator[plots.Picture]:
-    response, mask = item.response, item.response.is_shown
+    response = item.response
     words = f"{item.input} to {item.output}, on {item.reference}; {response.level:.0%} bands."
     x = np.log10(response.frequency_hz)
-    over, view = ((float(part[0]), float(part[-1])) for part in (x, x[mask]))
-
-    def picture(what: str, unit: str, lines: Iterable[tuple[str, str, Values]]) -> plots.Picture:
-        drawn = tuple(plots.Line(label, look, values) for label, look, values in lines)
-        chart = plots.Chart(f"response-{item.axis}", unit, x, drawn, over, view, (), over_frequency=True)
-        return plots.Picture(f"Response of {item.axis}: {what}{f' [{unit}]' if unit else ''}", words, chart)
-
-    def edges(band: Float[np.ndarray, "f 2"]) -> list[tuple[str, str, Values]]:
-        ends = np.where(mask[:, None], band, np.nan).T
-        return [
-            (f"{end} end of the band", "edge", values)
-            for end, values in zip(("low", "high"), ends, strict=True)
-        ]
-
-    lines, turn = _lines(item), _turn(response)
-    sizes = [(name, look, np.where(there, _decibels(of), np.nan)) for of, there, name, look in lines]
-    yield picture("magnitude", "dB", [*edges(_decibels(response.bands[0])), *sizes])
-    phases = [(name, look, _unwrapped(of, there)) for of, there, name, look in lines]
-    yield picture("phase", "°", [*edges(np.rad2deg(response.bands[1]) + turn[:, None]), *phases])
-    yield picture("coherence", "", _coherences(response))
+    over, view = ((float(part[0]), float(part[-1])) for part in (x, x[response.is_shown]))
+    for curves in _curves(item):
+        ends = [pair for band in curves.bands[-1:] for pair in zip(("low", "high"), band.T, strict=True)]
+        edges = (plots.Line(f"{end} end of the band", "edge", values) for end, values in ends)
+        lines = (*edges, *(plots.Line(*line) for line in curves.lines))
+        chart = plots.Chart(
+            f"response-{item.axis}", curves.unit, x, lines, over, view, (), over_frequency=True
+        )
+        unit = f" [{curves.unit}]" if curves.unit else ""
+        yield plots.Picture(f"Response of {item.axis}: {curves.kind}{unit}", words, chart)
 
 
 def _decibels(response: Any) -> Any:
     return 20.0 * np.log10(np.maximum(np.abs(response), 1e-12))
-
-
-def _turn(response: FrequencyResponse) -> Values:
-    """Whole turns that phases without jumps are away from those of the bands [degrees]."""
-    return _unwrapped(response.response, response.is_shown) - np.rad2deg(np.angle(response.response))
-
-
-def _draw_coherences(axes: Axes, item: LogResponse) -> None:
-    response, f = item.response, item.response.frequency_hz
-    for words, look, values in _coherences(response):
-        axes.plot(f, values, label=words, **LOOKS[look])
-    _over_frequency(axes, "coherence", ylim=(0.0, 1.05))
-    plots.legend(axes, size=7, location="lower left")
-
-
-def _coherences(response: FrequencyResponse) -> list[tuple[str, str, Values]]:
-    lines = [("input, output", "residual", response.direct_coherence)]
-    if not response.is_direct:
-        lines.append(("reference, input", "measured", response.points.coherence))
-        lines.append(("input, output without the reference", "predicted", response.points.partial))
-    return lines
 
 
 def _draw_nichols(axes: Axes, item: LogResponse) -> None:
