@@ -166,7 +166,7 @@ def test_numbers_units_sheets_and_the_word():
     assert declared_noise([]) is None
     assert declared_noise(["estimate"]) == "estimate"
     assert declared_noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
-    both = declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"])
+    both = declared_noise(["velocity_z=2 cm/s", "specific_force_z=30mg"])
     assert both == pytest.approx({"velocity_z": 0.02, "specific_force_z": 0.2942}, rel=1e-3)
     sheet = "velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s"
     expected = {"velocity_z": DataSheet(0.002, 50.0, 0.01), "rotor_speed": 3.0}

@@ -104,7 +104,7 @@ def test_a_plan_is_chosen_by_flying_it(monkeypatch):
     monkeypatch.setattr(planning, "FINALISTS", 2)
     monkeypatch.setattr(planning, "RUNS", 2)
     made = ev.plan(
-        vehicles.rough_vehicle(friction=0.5, gusts=0.1), target="lag", limits=LIMITS, shape="multisine"
+        ev.VehicleGuess(viscous_friction=0.5, gust_rms=0.1), target="lag", limits=LIMITS, shape="multisine"
     )
     assert made.target == "lag"
     result = made.predicted["lag"]
@@ -150,7 +150,7 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
 
 
 def test_numbers_that_nobody_gave_are_others_in_each_flight():
-    guess = vehicles.rough_vehicle(friction=0.5)
+    guess = ev.VehicleGuess(viscous_friction=0.5)
     drawn = [guess.drawn(number) for number in range(5)]
     assert {item.viscous_friction for item in drawn} == {0.5}
     low, high = vehicles.USUAL["lag_s"]

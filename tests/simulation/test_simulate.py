@@ -417,17 +417,6 @@ def test_sensor_filters_delays_and_errs():
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_logged_rates_can_be_means_that_the_controller_does_not_get():
-    short = replace(QUIET_BODY, duration=0.6)
-    flight = fly_body(replace(short, sensors=replace(short.sensors, angular_rate=Sensor(averaged_s=0.01))))
-    rates = flight.truth.record.body[:, 10:13]
-    np.testing.assert_array_equal(rates, fly_body(short).truth.record.body[:, 10:13])
-    expected = np.mean([rates[4 - late : rates.shape[0] - late] for late in range(5)], axis=0)
-    np.testing.assert_allclose(vectors(flight, "angular_rate")[4:], expected, atol=1e-12)
-    np.testing.assert_allclose(values(flight, "angular_rate_y")[1], rates[:2, 1].mean(), atol=1e-15)
-
-
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_stamps_have_their_rate_offset_and_error():
     sensor = Sensor(rate_hz=100.0, offset_s=0.006, jitter_s=0.001)
     rows = sensor.rows(5000, 0.002)

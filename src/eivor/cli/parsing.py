@@ -214,31 +214,19 @@ _REMEDY = (
 
 def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
     """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``."""
-    given = [text.strip() for text in texts]
-    if ESTIMATE in given and len(given) > 1:
+    given, noises = [text.strip() for text in texts], dict[str, Declared]()
+    if given == [ESTIMATE]:
+        return ESTIMATE
+    if ESTIMATE in given:
         raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
-    if ESTIMATE in given or not given:
-        return ESTIMATE if given else None
-    return {name: _declared(name, values) for name, values in _by_name(given).items()}
-
-
-def _by_name(texts: list[str]) -> dict[str, list[str]]:
-    """What is said of each channel: ``a=1,b=density:2,step:3`` is one thing of a and two of b."""
-    parts: dict[str, list[str]] = {}
-    for text in texts:
-        name = ""
-        for piece in text.split(","):
-            before, equals, value = piece.partition("=")
-            if equals:
-                name = before.strip()
-                if name in parts:
-                    raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-            else:
-                value = piece
-            if not name or not value.strip():
-                raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
-            parts.setdefault(name, []).append(value.strip())
-    return parts
+    for text in given:
+        name, values = (part.strip() for part in text.partition("=")[::2])
+        if name in noises:
+            raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
+        if not name or not values:
+            raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
+        noises[name] = _declared(name, [value.strip() for value in values.split(",")])
+    return noises or None
 
 
 def _declared(name: str, values: list[str]) -> Declared:
@@ -246,9 +234,8 @@ def _declared(name: str, values: list[str]) -> Declared:
         return _size(name, values[0], "standard deviation")
     sheet: dict[str, float] = {}
     for value in values:
-        word, colon, number = value.partition(":")
-        word = word.strip()
-        if not colon or word not in _SHEET:
+        word, _, number = value.partition(":")
+        if word not in _SHEET:
             remedy = did_you_mean(word, _SHEET, _REMEDY)
             raise UsageError(f"of the data sheet of {name}: {', '.join(_SHEET)}", f"'{value}'", remedy)
         if word == "bandwidth":

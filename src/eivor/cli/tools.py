@@ -49,7 +49,7 @@ from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body import vehicle as vehicle_files
 from eivor.planning.plan import WRITTEN, MachinePlan
-from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle, rough_vehicle
+from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle
 from eivor.report import frequency_responses, inspection
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
@@ -236,6 +236,10 @@ PLAN_EXIT_CODES = (
 )
 
 
+#: Options of rough numbers, by what they are of a `VehicleGuess`.
+ROUGH = {"hover": "hover_input", "friction": "viscous_friction", "lag": "lag_s", "gusts": "gust_rms"}
+
+
 @guarded
 def plan(
     source: Annotated[
@@ -292,7 +296,8 @@ def plan(
     json: JsonOption = "",
 ) -> ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
-    rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
+    lag_s = None if lag is None else 1e-3 * lag
+    rough = {"hover": hover, "friction": friction, "lag": lag_s, "gusts": gusts}
     files = {"csv": csv, "mavsdk": mavsdk, "qgc": qgc, "rotorpy": rotorpy}
     parsing.check_mission(qgc, home, shape)
     vehicle = _vehicle(source, rough)
@@ -347,7 +352,8 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
         )
     if source.lower().endswith(".toml"):
         return read_vehicle(Path(source))
-    return Path(source) if source else rough_vehicle(**given)
+    numbers: dict[str, Any] = {ROUGH[name]: value for name, value in given.items()}
+    return Path(source) if source else VehicleGuess(**numbers)
 
 
 NEW_FILE = argument("[FILE.toml]", "Where to; without it, it is printed.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -40,17 +40,23 @@ class Autopilot:
 Proposed: TypeAlias = tuple[dict[str, Number], dict[str, str]]
 
 
-def chosen_parameters(
-    fitted: Fitted, autopilot: Autopilot
-) -> tuple[dict[str, Number], tuple[str, ...], tuple[str, ...]]:
-    """Parameters of an autopilot that a result holds, comments above them, and what is left out."""
-    fitted.check_vertical(autopilot.name)
-    _check_flown(fitted, autopilot)
-    numbers, reasons = _proposed(fitted, autopilot)
-    missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
-    old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
-    lines = tuple(f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items())
-    return numbers, (*fitted.origin(), *lines, *missing), missing
+def _written(
+    autopilot: Autopilot, write: Callable[[Iterable[str], Mapping[str, float]], str]
+) -> Callable[[Fitted, Supplied], Exported]:
+    """Export of the parameters of an autopilot that a result holds, old and new in comments above them."""
+
+    def export(fitted: Fitted, supplied: Supplied) -> Exported:
+        supplied.check_only((), autopilot.name.lower(), body=False)
+        fitted.check_vertical(autopilot.name)
+        _check_flown(fitted, autopilot)
+        numbers, reasons = _proposed(fitted, autopilot)
+        missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
+        old = {name: f"{fitted.logged[name]:.6g} -> " for name in numbers if name in fitted.logged}
+        lines = [f"{name}: {old.get(name, '')}{number.words}" for name, number in numbers.items()]
+        values = {name: number.value for name, number in numbers.items()}
+        return Exported(write((*fitted.origin(), *lines, *missing), values), missing)
+
+    return export
 
 
 def _check_flown(fitted: Fitted, autopilot: Autopilot) -> None:
@@ -133,13 +139,6 @@ REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
 
-def _px4(fitted: Fitted, supplied: Supplied) -> Exported:
-    supplied.check_only((), "px4", body=False)
-    numbers, comments, omitted = chosen_parameters(fitted, PX4)
-    rows = {name: number.value for name, number in numbers.items()}
-    return Exported(qgroundcontrol(comments, rows), omitted)
-
-
 def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
     """File of QGroundControl with parameters that are 32-bit floats."""
     rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
@@ -160,12 +159,10 @@ ARDUPILOT = Autopilot(
 )
 
 
-def _ardupilot(fitted: Fitted, supplied: Supplied) -> Exported:
-    """Comments stand on lines of their own: older readers split lines at blanks."""
-    supplied.check_only((), "ardupilot", body=False)
-    numbers, comments, omitted = chosen_parameters(fitted, ARDUPILOT)
-    rows = [f"{name},{single(number.value)}" for name, number in numbers.items()]
-    return Exported("\n".join([*hash_comments(comments), *rows]) + "\n", omitted)
+def mission_planner(comments: Iterable[str], values: Mapping[str, float]) -> str:
+    """File of ArduPilot; comments have lines of their own, since older readers split lines at blanks."""
+    rows = (f"{name},{single(value)}" for name, value in values.items())
+    return "\n".join([*hash_comments(comments), *rows]) + "\n"
 
 
 #: Names of the parameters that results propose.
@@ -241,7 +238,17 @@ def _betaflight(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 AUTOPILOTS = (
-    Target("px4", "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC", ".params", _px4),
-    Target("ardupilot", "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO", ".param", _ardupilot),
+    Target(
+        "px4",
+        "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC",
+        ".params",
+        _written(PX4, qgroundcontrol),
+    ),
+    Target(
+        "ardupilot",
+        "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO",
+        ".param",
+        _written(ARDUPILOT, mission_planner),
+    ),
     Target("betaflight", "a line of Betaflight's command line (.txt): thrust_linear", ".txt", _betaflight),
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.exports import vehicle
-from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, qgroundcontrol, single
+from eivor.exports.autopilots import ARDUPILOT, AUTOPILOTS, PX4, mission_planner, qgroundcontrol
 from eivor.exports.fitted import Exported, Fitted, Supplied, Target, hash_comments, one_line, xml_comments
 from eivor.exports.models import DRAWN_MODELS, MODELS
 from eivor.exports.vehicle import Columns, ExportOfDraws, VehicleDescription
@@ -518,8 +518,8 @@ def _sitl_parameters(fitted: Fitted, supplied: Supplied) -> Exported:
     speeds = made.thrust_map.name == "square" and MOTOR_HZ[0] <= most <= MOTOR_HZ[1]
     missing = {"MOT_THST_HOVER": beyond, "SIM_VIB_MOT_MAX": "" if speeds else NO_SPEEDS}
     remarks = [f"{name} is not written: {why}" for name, why in missing.items() if why]
-    lines = (f"{name},{single(value)}" for name, value in rows.items() if not missing.get(name))
-    text = "\n".join([*hash_comments((*made.comments, *remarks, SITL_SPEEDS)), *lines]) + "\n"
+    values = {name: value for name, value in rows.items() if not missing.get(name)}
+    text = mission_planner((*made.comments, *remarks, SITL_SPEEDS), values)
     return Exported(text, made.omitted, made.lost)
 
 

@@ -332,20 +332,6 @@ def vehicle_of_result(
         ) from error
 
 
-def rough_vehicle(
-    *,
-    hover: float | None = None,
-    friction: float | None = None,
-    lag: float | None = None,
-    gusts: float | None = None,
-) -> VehicleGuess:
-    """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
-    lag_s = None if lag is None else 1e-3 * lag
-    given = {"hover_input": hover, "viscous_friction": friction, "lag_s": lag_s, "gust_rms": gusts}
-    numbers: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return VehicleGuess(**numbers)
-
-
 def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
     keys = [(name, float, getattr(VehicleGuess, name)) for name in checks.ranges_of(VehicleGuess)]

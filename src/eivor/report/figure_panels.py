@@ -305,19 +305,16 @@ class PlottedInterval:
 def estimates_figure(
     estimates: Mapping[str, Estimate | Bootstrap],
     *,
-    level: float = 0.95,
     truth: Mapping[str, float] | None = None,
     title: str = "",
     axes: GivenAxes | None = None,
 ) -> Figure:
-    """Parameters of estimates side by side with their intervals, each in a panel with an axis of its own.
+    """Parameters of estimates with their 95 % intervals, each in a panel with an axis of its own.
 
     Parameters
     ----------
     estimates : mapping of str to Estimate or Bootstrap
         By what they are to be called.
-    level : float
-        Confidence level.
     truth : mapping of str to float, optional
         Values to mark by a line.
     """
@@ -326,7 +323,7 @@ def estimates_figure(
     units: dict[str, str] = {}
     for label, estimate in estimates.items():
         for name, unit, value in zip(estimate.names, estimate.units, estimate.values, strict=True):
-            row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
+            row = PlottedInterval(label, float(value), (estimate.interval(name),))
             rows.setdefault(name, []).append(row)
             units.setdefault(name, unit)
     draw, marked = partial(_draw_intervals, labels=[*estimates]), truth or {}
@@ -337,7 +334,7 @@ def estimates_figure(
 
     def made(names: tuple[str, ...]) -> dict[str, Axes]:
         size = PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (len(estimates) + 1) + 1.3
-        placed = mosaic(page(*size, title or f"estimates and their {100 * level:g} % intervals"), [names])
+        placed = mosaic(page(*size, title or "estimates and their 95 % intervals"), [names])
         for name in names[1:]:
             placed[name].tick_params(labelleft=False)
         return placed
@@ -372,13 +369,12 @@ def pair_figure(
     name: str,
     other: str,
     *,
-    level: float = 0.95,
     truth: Mapping[str, float] | None = None,
     replicates: Bootstrap | None = None,
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure:
-    """Joint ellipse of two parameters of an estimate, with their intervals.
+    """Joint 95 % ellipse of two parameters of an estimate, with their intervals.
 
     Parameters
     ----------
@@ -386,8 +382,6 @@ def pair_figure(
         With its rows available.
     name, other : str
         The parameters, abscissa first.
-    level : float
-        Confidence level.
     truth : mapping of str to float, optional
         Values of parameters.
     replicates : Bootstrap, optional
@@ -402,8 +396,7 @@ def pair_figure(
         cloud = replicates.replicates[:, [replicates.names.index(item) for item in (name, other)]]
         dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
         axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
-    intervals = estimate.interval(name, level), estimate.interval(other, level)
-    draw_ellipse(axes, estimate.ellipse(name, other, level), f"joint {100 * level:g} % ellipse", intervals)
+    draw_ellipse(axes, estimate.ellipse(name, other), (estimate.interval(name), estimate.interval(other)))
     if truth is not None:
         axes.plot(truth[name], truth[other], "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
     units = dict(zip(estimate.names, estimate.units, strict=True))
@@ -412,12 +405,10 @@ def pair_figure(
     return figure_of(axes)
 
 
-def draw_ellipse(
-    axes: Axes, ellipse: Ellipse, label: str, intervals: Sequence[tuple[float, float]] = ()
-) -> None:
+def draw_ellipse(axes: Axes, ellipse: Ellipse, intervals: Sequence[tuple[float, float]]) -> None:
     """Draw an ellipse with its centre, and dashed the rectangle that each parameter's own interval spans."""
     axes.fill(*ellipse.outline().T, color=BLUE, alpha=0.12, lw=0)
-    axes.plot(*ellipse.outline().T, color=BLUE, lw=1.6, label=label)
+    axes.plot(*ellipse.outline().T, color=BLUE, lw=1.6, label="joint 95 % ellipse")
     axes.plot(*ellipse.centre, "+", color=BLUE, ms=9, mew=1.6)
     if intervals:
         (left, right), (low, high) = intervals

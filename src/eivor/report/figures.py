@@ -43,7 +43,7 @@ def prediction_panels(predictions: MultiStepPrediction) -> plots.Panels:
         name = models[0].quantity
         given: dict[str, Any] = {"prediction": predictions, "models": models, "first": number == 0}
         panels[name] = partial(_draw_ahead_over_time, **given, displayed=liveliest)
-        panels[f"{name} by horizon"] = partial(_by_horizon, **given)
+        panels[f"{name} by horizon"] = partial(draw_by_horizon, **given, title="By horizon")
     return panels
 
 
@@ -80,27 +80,26 @@ def _draw_ahead_over_time(
         plots.headed(ax, f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight")
 
 
-def _by_horizon(
-    ax: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, first: bool
-) -> None:
-    if first:
-        ax.plot([], [], color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
-        ax.set_title("By horizon", fontsize=9)
-    draw_by_horizon(ax, prediction, models, key=first)
-
-
 def draw_by_horizon(
-    axes: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, key: bool
+    axes: Axes,
+    prediction: MultiStepPrediction,
+    models: tuple[HorizonErrors, ...],
+    *,
+    first: bool = True,
+    title: str = "",
 ) -> None:
-    """Root mean square error of each model against the horizon, with a legend or without one."""
+    """Root mean square error of each model against the horizon; the first has a title, if any, and a key."""
     unit, times = display_unit(models[0].unit)
+    if first and title:
+        axes.plot([], [], color=plots.DARK, lw=2.6, alpha=0.4, label="measured")
+        axes.set_title(title, fontsize=9)
     for item, colour in _coloured(models):
         errors = times * np.array(item.rms)
         axes.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
     most = times * max(max(model.rms) for model in models)
-    axes.set_ylim(0.0, (1.75 if key else 1.1) * most or 1.0)
+    axes.set_ylim(0.0, (1.75 if first else 1.1) * most or 1.0)
     plots.labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
-    if key:
+    if first:
         plots.legend(axes, size=7, location="upper left")
 
 
@@ -179,8 +178,6 @@ def residual_figure(
     *,
     rate_hz: float,
     unit: str = "",
-    start_s: float = 0.0,
-    lags: int = LAGS,
     title: str = "",
     axes: plots.GivenAxes | None = None,
 ) -> Figure:
@@ -194,10 +191,6 @@ def residual_figure(
         Samples per second [Hz].
     unit : str
         Unit of the residual.
-    start_s : float
-        Time of the first sample [s].
-    lags : int
-        Lags of the autocorrelation [samples].
 
     Notes
     -----
@@ -210,11 +203,10 @@ def residual_figure(
     if residual.size < 2 * LEAST_BANDWIDTH + 1:
         expected = f"{2 * LEAST_BANDWIDTH + 1} residuals or more"
         raise TooFewSamplesError(expected, f"{residual.size}", "Use a longer record.")
-    unit, most = unit.replace("^2", "²"), max(1, min(lags, int(LARGEST_SHARE * residual.size)))
-    time = start_s + np.arange(residual.size) / rate_hz
+    unit = unit.replace("^2", "²")
     panels: plots.Panels = {
-        "time": partial(_draw_time, values=residual, time=time, unit=unit),
-        "autocorrelation": partial(_draw_autocorrelation, values=residual, lags=most, rate_hz=rate_hz),
+        "time": partial(_draw_time, values=residual, rate_hz=rate_hz, unit=unit),
+        "autocorrelation": partial(_draw_autocorrelation, values=residual, rate_hz=rate_hz),
         "spectrum": partial(_draw_noise_spectrum, values=residual, rate_hz=rate_hz, unit=unit),
     }
 
@@ -225,19 +217,8 @@ def residual_figure(
     return plots.drawn(panels, axes, made, title)
 
 
-def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
-    """95 % half-width of the autocorrelation at lags 1 to `lags` of uncorrelated noise whose strength varies.
-
-    Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength.
-    """
-    e = residual - residual.mean()
-    power = float(e @ e)
-    squares = e * e
-    together = np.array([float(squares[k:] @ squares[:-k]) for k in range(1, lags + 1)])
-    return normal_quantile(0.95) * np.sqrt(together) / power
-
-
-def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], unit: str) -> None:
+def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float, unit: str) -> None:
+    time = np.arange(values.size) / rate_hz
     if values.size > 2 * STRETCHES:
         first = np.arange(STRETCHES) * values.size // STRETCHES
         low, high = (reduce.reduceat(values, first) for reduce in (np.minimum, np.maximum))
@@ -249,11 +230,14 @@ def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarr
     axes.margins(x=0.005)
 
 
-def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int, rate_hz: float) -> None:
+def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], rate_hz: float) -> None:
     centred = values - values.mean()
-    R = autocovariance(centred, lags)
-    lag = np.arange(1, lags + 1)
-    robust, white = robust_band(values, lags), normal_quantile(0.95) / np.sqrt(values.size)
+    lag = np.arange(1, 1 + max(1, min(LAGS, int(LARGEST_SHARE * values.size))))
+    R = autocovariance(centred, lag.size)
+    # Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength
+    squares, white = centred**2, normal_quantile(0.95) / np.sqrt(values.size)
+    together = np.array([float(squares[k:] @ squares[:-k]) for k in lag])
+    robust = normal_quantile(0.95) * np.sqrt(together) / squares.sum()
     strength = "uncorrelated, varying strength"
     axes.fill_between(lag, -robust, robust, color=plots.BLUE, alpha=0.3, lw=0, label=strength)
     for edge in (-white, white):

@@ -126,8 +126,6 @@ ROWS_PER_DECADE, BANDS_PER_DECADE = 8, 90
 PROFILE_HEIGHT = 5.0
 #: A grid of positive values whose ends have this ratio or a larger one has a logarithmic axis.
 WIDE_RATIO = 10.0
-#: Numbers that a logarithmic axis has in each decade.
-TICKS = (1, 2, 5)
 
 
 def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[plots.Picture]:
@@ -222,19 +220,17 @@ def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) ->
 
 def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
     """Range of the grid: logarithmic, with round numbers, where it spans a decade."""
+    from matplotlib.ticker import LogLocator
+
     low, high = float(grid[0]), float(grid[-1])
     if low <= 0.0 or high < WIDE_RATIO * low:
         margin = 0.03 * (high - low)
         axes.set_xlim(low - margin, high + margin)
         return
     axes.set_xscale("log")
-    low, high = 0.9 * low, 1.1 * high
-    axes.set_xlim(low, high)
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    ticks = [
-        tick * 10.0**decade for decade in decades for tick in TICKS if low <= tick * 10.0**decade <= high
-    ]
-    axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axes.set_xlim(0.9 * low, 1.1 * high)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
 
 
@@ -359,7 +355,7 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[plots.Pictu
 
     def draw(axes: Axes) -> None:
         bounded = np.isfinite(intervals).all()
-        plots.draw_ellipse(axes, scaled, "joint 95 % ellipse", intervals if bounded else ())
+        plots.draw_ellipse(axes, scaled, intervals if bounded else ())
         if intervals[0][0] >= 0.0:  # it ends where its quantities do
             axes.set_xlim(left=max(axes.get_xlim()[0], 0.0))
         if intervals[1][0] >= 0.0:

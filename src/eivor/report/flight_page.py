@@ -176,7 +176,7 @@ def _forests(
 
 def _prediction_pictures(prediction: MultiStepPrediction) -> Iterator[Picture]:
     """Errors by horizon, of every quantity."""
-    draw = partial(draw_by_horizon, prediction=prediction, key=True)
+    draw = partial(draw_by_horizon, prediction=prediction)
     for models in prediction.by_quantity:
         yield Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
 

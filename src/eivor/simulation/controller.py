@@ -19,6 +19,11 @@ from eivor.tools import Float, Int
 
 #: No loop is quicker than this, however quick the rotors are [1/s].
 LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
+#: Gain of the attitude loop over that of the rate loop, half of it in yaw; of the climb rate's loop times T
+#: and half a period of the height loop; of the height loop over that, and of its integrator over its square.
+ATTITUDE_SHARE, CLIMB_QUICKNESS, HEIGHT_SHARE, CLIMB_INTEGRAL_SHARE = 0.5, 0.35, 0.3, 0.05
+#: Of the first-order filter of the rate loop's derivative [Hz].
+DERIVATIVE_CUTOFF_HZ = 30.0
 #: Largest gain of the rate loop in normalised torque [per rad/s].
 LARGEST_TORQUE_PER_RATE = 0.5
 #: Largest part of a torque setpoint that the integrator may hold.
@@ -47,18 +52,9 @@ class FlightController:
     height_hz: Annotated[float, (1.0, 1e4)] = 50.0
     # Gain of the rate loop times T, less on an axis with little torque
     quickness: Annotated[float, (0.01, 2.0)] = 0.6
-    # Gain of the attitude loop over that of the rate loop; half of it in yaw
-    attitude_share: Annotated[float, (0.01, 1.0)] = 0.5
     # Integral gain of the rate loop over the square of its gain
     integral_share: Annotated[float, (0.0, 0.5)] = 0.05
     derivative_share: Annotated[float, (0.0, 2.0)] = 0.0  # Derivative time of the rate loop over T
-    # Of the first-order filter of that derivative [Hz]
-    derivative_cutoff_hz: Annotated[float, (0.1, 1e4)] = 30.0
-    # Gain of the climb rate's loop times T and half a period of the height loop
-    climb_quickness: Annotated[float, (0.01, 1.0)] = 0.35
-    # Gain of the height loop over that of the climb rate's. Of its integrator over the square of that
-    height_share: Annotated[float, (0.01, 0.6)] = 0.3
-    climb_integral_share: Annotated[float, (0.0, 0.25)] = 0.05
     # Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and drifts
     hold: Annotated[float, (0.0, 1.0)] = 0.0
 
@@ -78,7 +74,6 @@ class Gains:
     climb_integral: Value  # shape (flights,)
     height: Value  # shape (flights,)
     hold: Value  # shape (flights,), [1/s]
-    derivative_decay: Value  # shape (flights,)
     weight: Value  # shape (flights,)
     full_thrust: Value  # shape (flights,)
     mass: Value  # shape (flights,), [kg]
@@ -92,20 +87,18 @@ def gains_of(controller: FlightController, vehicle: Vehicle, sensing_s: float) -
     effectiveness = control_effectiveness(vehicle)
     # An axis that is weak, as yaw is, would be at its limit from noise alone.
     rates = [min(quickest, LARGEST_TORQUE_PER_RATE * gain) for gain in effectiveness]
-    attitude = [min(controller.attitude_share * rate, LARGEST_ATTITUDE_GAIN) for rate in rates]
-    climb = min(controller.climb_quickness / (slowness + 0.5 / controller.height_hz), LARGEST_CLIMB_GAIN)
+    attitude = [min(ATTITUDE_SHARE * rate, LARGEST_ATTITUDE_GAIN) for rate in rates]
+    climb = min(CLIMB_QUICKNESS / (slowness + 0.5 / controller.height_hz), LARGEST_CLIMB_GAIN)
     loops = list(zip(rates, effectiveness, strict=True))
-    decay = np.exp(-2.0 * np.pi * controller.derivative_cutoff_hz / controller.rate_hz)
     return Gains(
         rate=tuple(rate / gain for rate, gain in loops),
         integral=tuple(controller.integral_share * rate**2 / gain for rate, gain in loops),
         derivative=tuple(controller.derivative_share * slowness * rate / gain for rate, gain in loops),
         attitude=(attitude[0], attitude[1], 0.5 * attitude[2]),
         climb=climb,
-        climb_integral=controller.climb_integral_share * climb**2,
-        height=controller.height_share * climb,
+        climb_integral=CLIMB_INTEGRAL_SHARE * climb**2,
+        height=HEIGHT_SHARE * climb,
         hold=controller.hold,
-        derivative_decay=float(decay),
         weight=vehicle.mass * GRAVITY,
         full_thrust=vehicle.full_thrust,
         mass=vehicle.mass,
@@ -146,6 +139,7 @@ class Cascade:
         self._climb_integral: Value = 0.0
         self._before: Triple | None = None
         self._derivative: list[Value] = [0.0, 0.0, 0.0]
+        self._decay = float(np.exp(-2.0 * np.pi * DERIVATIVE_CUTOFF_HZ * rate_period_s))
         self._differentiates = bool(np.any(np.array(gains.derivative)))
 
     def thrust(self, reference: Triple, height: Value, climb: Value, cosine: Value) -> Value:
@@ -201,7 +195,7 @@ class Cascade:
         return roll, pitch, yaw
 
     def _slopes(self, measured: Triple) -> list[Value]:
-        decay, before = self._gains.derivative_decay, self._before or measured
+        decay, before = self._decay, self._before or measured
         self._before = measured
         self._derivative = [
             decay * held + (1.0 - decay) * (now - then) / self._rate_period_s
@@ -311,9 +305,6 @@ class Sensor:
     # By which readings are late [s], rounded to steps of the simulation
     delay_s: Annotated[float, (0.0, 1.0)] = 0.0
     offset_s: Annotated[float, (0.0, 1.0)] = 0.0  # Time of the first one that is logged [s], rounded likewise
-    # What is logged are means over so much time that ends with their stamps [s], rounded likewise. The
-    # controller gets readings as they are
-    averaged_s: Annotated[float, (0.0, 1.0)] = 0.0
     jitter_s: Annotated[float, (0.0, 1.0)] = 0.0  # Standard deviation of the stamps' error [s]
 
     def __post_init__(self) -> None:
@@ -341,16 +332,6 @@ class Sensor:
             filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
         rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
         return filtered[rows]
-
-    def averages(self, readings: Readings, step_s: float) -> Readings:
-        """What is logged of the readings: means over those of the last steps, of as many as there are."""
-        steps = round(self.averaged_s / step_s)
-        if steps < 2:
-            return readings
-        total = np.cumsum(np.vstack([np.zeros((1, readings.shape[1])), readings]), axis=0)
-        last = np.arange(1, readings.shape[0] + 1)
-        first = np.maximum(last - steps, 0)
-        return (total[last] - total[first]) / (last - first)[:, None]
 
     def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:
         first = round(self.offset_s / step_s)

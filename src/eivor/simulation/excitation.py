@@ -283,12 +283,8 @@ def maximal_sequence(register: int) -> Float[np.ndarray, " period"]:
     return 2.0 * max_len_seq(register, taps=_TAPS[register])[0] - 1.0
 
 
-class Disturbance(ABC):
+class Disturbance(Excitation):
     """A series e(t_k) that enters an equation or the dynamics."""
-
-    @abstractmethod
-    def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation on a grid of that step [s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,13 +234,10 @@ def _measured(
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
     attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
 
-    def logged(sensor: Sensor, raw: Float[np.ndarray, "n axes"]) -> Float[np.ndarray, "n axes"]:
-        return sensor.averages(sensor.readings(raw, step_s), step_s)
-
-    velocity = logged(sensors.velocity, body[:, 3:6] + met.velocity_error)
-    position = logged(sensors.position, body[:, 0:3] + met.position_error)
-    rates = logged(sensors.angular_rate, body[:, 10:13] + met.rate_error)
-    forces = logged(sensors.specific_force, force + met.force_error)
+    velocity = sensors.velocity.readings(body[:, 3:6] + met.velocity_error, step_s)
+    position = sensors.position.readings(body[:, 0:3] + met.position_error, step_s)
+    rates = sensors.angular_rate.readings(body[:, 10:13] + met.rate_error, step_s)
+    forces = sensors.specific_force.readings(force + met.force_error, step_s)
     measured = [
         (sensors.angular_rate, _named("angular_rate", rates, "xyz")),
         (sensors.specific_force, _named("specific_force_body", forces, "xyz")),
@@ -249,7 +246,7 @@ def _measured(
         (sensors.attitude, _named("attitude", sensors.attitude.readings(attitude, step_s), "wxyz")),
     ]
     if sensors.rotor_speed is not None:
-        speeds = logged(sensors.rotor_speed, flight.rotor_speed + met.speed_error)
+        speeds = sensors.rotor_speed.readings(flight.rotor_speed + met.speed_error, step_s)
         measured.append((sensors.rotor_speed, _named("rotor_speed", speeds, count(1))))
     return measured
 

@@ -151,11 +151,10 @@ class Sensors:
     rotor_speed: Sensor | None = None  # [rad/s]; not logged when left out
 
     def __post_init__(self) -> None:
-        for name in ("cutoff_hz", "averaged_s"):
-            if getattr(self.attitude, name):
-                expected = "an attitude without a filter"
-                remedy = "Leave it out: quaternions are not averaged part by part."
-                raise ParameterError(expected, f"{name}={getattr(self.attitude, name):g}", remedy)
+        if self.attitude.cutoff_hz:
+            remedy = "Leave it out: quaternions are not averaged part by part."
+            received = f"cutoff_hz={self.attitude.cutoff_hz:g}"
+            raise ParameterError("an attitude without a filter", received, remedy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,12 +281,12 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     )
 
 
-def _about(axes: AxisExcitations | TorqueDisturbance) -> tuple[Excitation | Disturbance | None, ...]:
+def _about(axes: AxisExcitations | TorqueDisturbance) -> tuple[Excitation | None, ...]:
     return axes.roll, axes.pitch, axes.yaw
 
 
 def _series(
-    sources: tuple[Excitation | Disturbance | None, ...], count: int, step_s: float, rng: np.random.Generator
+    sources: tuple[Excitation | None, ...], count: int, step_s: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "count axes"]:
     """Each source's series from a stream of its own; zeros where there is none."""
     streams = rng.spawn(len(sources))
