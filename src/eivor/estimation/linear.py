@@ -223,7 +223,6 @@ class LinearMethod(Method):
 
     @property
     def first_past_input(self) -> int:
-        """One where instruments must share no noise, none for compensated ones, the paper's (28)."""
         return 0 if isinstance(self.assembler, Compensated) else 1
 
     def estimate(self, problem: Problem) -> Estimate:

@@ -66,7 +66,6 @@ class OutputError(Method):
 
     @property
     def of_flights(self) -> Method:
-        """The first method, whose estimate is refined where a motion predicts its states."""
         return self.first.of_flights
 
     def estimate(self, problem: Problem) -> Estimate:

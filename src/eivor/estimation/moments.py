@@ -180,12 +180,10 @@ class Direct(Assembler):
     needs_instruments = False
 
     def moments(self, problem: LinearProblem) -> TriangularMoments:
-        """Triangular root of [Phi y], and its noise covariance where that is declared."""
         count, root = root_of_rows(problem)
         return TriangularMoments(float(count), root, problem.declared_noise())
 
     def system(self, moments: Moments) -> LinearSystem:
-        """The root's rows: the same solutions, n + 1 equations."""
         if not isinstance(moments, TriangularMoments):
             raise _other_kind("triangular moments", moments)
         return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)

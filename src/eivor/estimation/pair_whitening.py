@@ -213,7 +213,6 @@ class CombinedProblem(SeparableProblem):
         return self.problem.rows(nuisances)
 
     def bins(self, nuisances: Values) -> SpectralRegression:
-        """Rows in frequency with one response."""
         bins = self.problem.bins(nuisances)
         combined = (responses(bins) * self.weights).sum(axis=1, keepdims=True)
         return replace(bins, responses=combined)
@@ -278,7 +277,6 @@ class PairWhitening(RowWeighting):
     passes: int = 3
 
     def first_pass(self, problem: SeparableProblem) -> PairRows:
-        """Both alike, flat power."""
         first_values = problem.first_values
         bins = problem.bins(first_values)
         paired_bins(problem, np.zeros(bins.regressors.shape[1]), first_values)

@@ -269,7 +269,6 @@ class SpectralGeneralizedIV(Method):
 
     @property
     def of_flights(self) -> LinearMethod:
-        """By references, without the guard."""
         return corrected_whitening(self.name)
 
     def estimate(self, problem: Problem) -> Estimate:

@@ -140,7 +140,6 @@ class AutocorrelatedErrors(ErrorAssumption):
             checks.counted("averages", self.averages, 1, "one cosine average or more", remedy)
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the robust test; refused where averages are fewer than equations, or too many."""
         equations = rows.test_functions.shape[1]
         if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
             expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
@@ -159,7 +158,6 @@ class HomoskedasticErrors(ErrorAssumption):
     )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the classical test; of compensated equations there is none."""
         if rows.noise.any():
             received = "compensated equations, whose errors share noise with their instruments"
             remedy = "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is."
@@ -221,7 +219,6 @@ class AndersonRubinSet(_ConfidenceSets):
 
     @property
     def assumptions(self) -> str:
-        """What the sets suppose."""
         return self.errors.sentence
 
     def interval(self, name: str) -> ConfidenceSet:

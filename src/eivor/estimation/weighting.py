@@ -128,7 +128,6 @@ class LimitedInformation(EquationWeighting):
     """Two-stage weights, and the columns' errors for a solver that takes them into account."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        """Two-stage equations with S and its degrees of freedom, rows less instruments."""
         moments = _cross_moments(moments)
         L, columns = weight_factor(moments.instruments), moments.columns
         instruments = L.shape[0]
@@ -300,7 +299,6 @@ class WhitenedRows(WeightedRows):
             yield E, P
 
     def renewed(self, theta: Vector, nuisances: Values, /) -> WhitenedRows:
-        """Whitening by the residuals."""
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
@@ -311,7 +309,6 @@ class SpectralWhitening(RowWeighting):
     passes: int = 3
 
     def first_pass(self, problem: SeparableProblem) -> WhitenedRows:
-        """Equal blend, flat power."""
         bins = problem.bins(problem.first_values)
         count = bins.responses.shape[0]
         return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), self.passes - 1)

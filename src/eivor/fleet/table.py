@@ -32,6 +32,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs.addresses import here, is_address, is_local, path_of
 from eivor.logs.channel_map import load_channel_map, shipped_maps
+from eivor.logs.common import source_tables
 from eivor.logs.read import format_at, read_log
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import DEFAULT, motion_by_name
@@ -139,42 +140,23 @@ NUMBERS, VERDICT = ("value", "std_error", "low", "high"), "verdict"
 DIAGNOSTIC = "diagnostic."
 
 _TEXT, _NUMBER, _TIME = pl.String(), pl.Float64(), pl.Datetime("us", "UTC")
+_KINDS = {
+    "text": _TEXT,
+    "number": _NUMBER,
+    "time": _TIME,
+    "texts": pl.List(_TEXT),
+    "numbers": pl.List(_NUMBER),
+}
+_WORDS = source_tables("eivor.fleet", "columns.toml")
 #: Columns before those of the quantities, and after them: type, what it is, and in which unit.
-LEADING: Mapping[str, tuple[Any, str, str]] = {
-    "sha256": (_TEXT, "hash of the log's bytes; null when it could not be opened", ""),
-    "name": (_TEXT, "path of the log from the given folder", ""),
-    "copy_of": (_TEXT, "hash of the log that this one repeats", ""),
-    "vehicle": (_TEXT, "what flew", ""),
-    "type": (_TEXT, "kind of vehicle", ""),
-    "motion": (_TEXT, "what was identified", ""),
-    "firmware": (_TEXT, "name and version", ""),
-    "start": (_TIME, "first second of the log, UTC", ""),
-    "duration_s": (_NUMBER, "from the first stamp to the last", "s"),
-    "verdict": (_TEXT, "identified, weak, provisional, refused, failed or copy", ""),
-    "reason": (_TEXT, "sentences", ""),
-}
-TRAILING: Mapping[str, tuple[Any, str, str]] = {
-    "covariance": (pl.List(_NUMBER), "joint covariance, row by row", ""),
-    "covariance_names": (pl.List(_TEXT), "names of its rows", ""),
-    "battery_voltage": (_NUMBER, "mean over the log", "V"),
-    "temperature": (_NUMBER, "mean of the air over the log", "°C"),
-    "air_density": (_NUMBER, "mean over the log", "kg/m^3"),
-    "eivor_version": (_TEXT, "version that made the row", ""),
-    "options_hash": (_TEXT, "hash of the options that made the row", ""),
-}
+LEADING, TRAILING = (
+    {name: (_KINDS[kind], words, unit) for name, (kind, words, unit) in _WORDS[part].items()}
+    for part in ("leading", "trailing")
+)
 #: By which rows are sorted: a log has one row for each motion.
 ORDER = ("motion", "name", "sha256")
 
 Row = Mapping[str, Any]
-
-#: What the columns of a quantity are, by the part after its name.
-PART_WORDS = {
-    "value": "estimate",
-    "std_error": "standard error",
-    "low": "lower end of the 95 % interval",
-    "high": "upper end of the 95 % interval",
-    VERDICT: "verdict: identified, weak, provisional or refused",
-}
 
 
 def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[str, dict[str, Any]]:
@@ -187,7 +169,7 @@ def _column_words(types: Mapping[str, Any], motion: Motion[Any] | None) -> dict[
         if isinstance(kind, pl.List):
             item = {"type": "string" if kind.inner == _TEXT else "number"}
             about = {"type": ["array", "null"], "items": item}
-        _, words, unit = {**LEADING, **TRAILING}.get(name, (kind, PART_WORDS.get(part, ""), ""))
+        _, words, unit = {**LEADING, **TRAILING}.get(name, (kind, _WORDS["quantity"].get(part, ""), ""))
         if name.startswith(DIAGNOSTIC):
             words = f"diagnostic {part}"
         spec = None if motion is None else motion.quantities.get(quantity)

@@ -63,7 +63,6 @@ class RobustShape(RegionShape):
         return np.asarray(np.einsum("jpa,jqb->abpq", L, L) / L.shape[0])
 
     def excess(self, points: Points) -> PerPoint:
-        """AR over its critical value; O(p^2 n^2 + p^3) for each point."""
         g = points @ self.scores.total.T
         V = np.tensordot(points[:, :, None] * points[:, None, :], self._covariances, axes=2)
         # Scores of an exact regressor hardly vary far out: AR grows there, and must not be rounding.
@@ -104,13 +103,11 @@ class HomoskedasticShape(RegionShape):
         return above / (self.critical * below)
 
     def along(self, base: Point, step: Point) -> ConfidenceSet:
-        """Members on a line, in closed form."""
         Q = self.explained - self.critical * self.unexplained
         coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
         return ConfidenceSet.from_quadratic(*map(float, coefficients))
 
     def shadow(self, axis: int, _size: int) -> ConfidenceSet:
-        """Values that some x of the other parameters passes the test with, in closed form."""
         S, free = concentrated(self.explained - self.shadow_critical * self.unexplained, [0, axis])
         if free:
             return ConfidenceSet.whole_line()

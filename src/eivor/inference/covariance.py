@@ -254,7 +254,6 @@ class Classical(CovarianceEstimator):
     """
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part; O(rows n^2)."""
         unknowns = equation.unknowns
         power, count, products = 0.0, 0, np.zeros((unknowns, unknowns))
         for rows in equation.blocks():
@@ -270,7 +269,6 @@ class HeteroskedasticityRobust(CovarianceEstimator):
     """V = sum s_t s_t' (White 1980): scores are uncorrelated, their variance may change."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part; O(rows n^2)."""
         products: Matrix = np.zeros_like(equation.slope)
         for rows in equation.blocks():
             products += rows.scores.T @ rows.scores
@@ -292,7 +290,6 @@ class EqualWeightedCosines(CovarianceEstimator):
         checks.counted("averages", self.averages, 1, "one cosine average or more", "Eight are the default.")
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part; O(rows n B)."""
         scores = (rows.scores for rows in equation.blocks())
         count, unknowns = equation.sample_count, equation.unknowns
         averages = max(min(self.averages, count - unknowns), 1)
@@ -306,7 +303,6 @@ class ClusteredByFlight(CovarianceEstimator):
     """V from the sums of each of ten flights or more: any dependence within a flight, none between."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part, with t on flights - 1 degrees of freedom, or none."""
         sums: dict[int, Vector] = {}
         for rows in equation.blocks():
             for flight in np.unique(rows.flight_of_row):
@@ -336,7 +332,6 @@ class Widest(CovarianceEstimator):
             raise UsageError("one covariance or more", "none", "Name those that are to be compared.")
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """Parts of all."""
         return tuple(part for estimator in self.estimators for part in estimator.parts(equation))
 
 
@@ -393,7 +388,6 @@ class ByRow(CovarianceEstimator):
     """V = sum p_t p_t' e_t^2 / (1 - h_t)^2 over rows, bins of spectra among them, with t on few rows."""
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part; O(rows n^2)."""
         P, e = equation.rows.test_functions, equation.rows.residual
         leverage = np.einsum("tj,jt->t", P, np.linalg.lstsq(P.T @ P, P.T, rcond=None)[0])
         scores = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
@@ -449,7 +443,6 @@ class KernelRobust(CovarianceEstimator):
         checks.flag("fixed_b", self.fixed_b)
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """One part; see `kernel_sum_covariance` for its cost."""
 
         def scaled() -> Iterator[Block]:
             return (rows.scores @ equation.root for rows in equation.blocks())

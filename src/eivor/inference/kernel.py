@@ -42,7 +42,6 @@ class Bartlett(Kernel):
     name = "bartlett"
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """1 - x, and zero beyond one."""
         return np.maximum(1.0 - x, 0.0)
 
 
@@ -53,7 +52,6 @@ class Parzen(Kernel):
     name = "parzen"
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Two cubics."""
         near = 1.0 - 6.0 * x**2 * (1.0 - x)
         return np.where(x <= 0.5, near, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
 
@@ -66,7 +64,6 @@ class QuadraticSpectral(Kernel):
     ends = False
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Andrews' formula, by its series where it would cancel."""
         z = 1.2 * np.pi * x
         safe = np.where(z < SMALL_ARGUMENT, 1.0, z)
         far = 3.0 / safe**2 * (np.sin(safe) / safe - np.cos(safe))
@@ -140,7 +137,6 @@ class FixedBandwidth(Bandwidth):
             raise UsageError("a bandwidth of zero lags or more", f"{self.bandwidth}", "Zero sees no lag.")
 
     def lags(self, _blocks: Blocks, _count: int, _kernel: Kernel, /) -> float:
-        """The number given."""
         return float(self.bandwidth)
 
 
@@ -149,7 +145,6 @@ class NeweyWestRule(Bandwidth):
     """4 (N/100)^(2/9), the rule of thumb that goes with Newey and West (1994)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
-        """Whole lags, from the number of scores alone."""
         return float(newey_west_bandwidth(count))
 
 
@@ -158,7 +153,6 @@ class SquareRootRule(Bandwidth):
     """1.3 sqrt(N), which asks for fixed-b critical values (Lazarus, Lewis, Stock and Watson 2018)."""
 
     def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
-        """Lags, from the number of scores alone."""
         return 1.3 * float(np.sqrt(count)) - 1.0
 
 
@@ -167,7 +161,6 @@ class AndrewsRule(Bandwidth):
     """Andrews' (1991) plug-in rule: as if each score, of variance one, were a first-order autoregression."""
 
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
-        """Whole lags; one more pass over the scores."""
         power, products, last = 0.0, 0.0, None
         for block in blocks():
             joined = block if last is None else np.concatenate([last, block])

@@ -439,7 +439,6 @@ class Garch(Disturbance):
         require(total < 1.0, expected, f"{total:.4g}", "Make one of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation; before the record, squares and variances are the stationary variance."""
         white = rng.standard_normal(count)
         series = np.sqrt(self._variances(white**2)) * white
         limit = self.largest_square

@@ -135,7 +135,6 @@ class VerticalExperiment(Experiment):
         return simulate(self.scenario, rng).signals
 
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
-        """Rows (-z', u) and z'': simulated records are deviations from hover, without an intercept."""
         return VerticalMotion(intercept=False).regression(signals, instruments)
 
 

@@ -457,6 +457,15 @@ def source_tables(package: str, file: str = "sources.toml") -> dict[str, Any]:
     return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
 
 
+#: Words of the readers of all formats.
+LOG_TABLES = source_tables("eivor.logs", "tables.toml")
+
+
+def by_number(tables: Mapping[str, Any], *names: str) -> Iterator[dict[float, str]]:
+    """Tables of words whose keys are numbers."""
+    return ({float(number): word for number, word in tables[name].items()} for name in names)
+
+
 def channel_sources(
     tables: Mapping[str, Any], kind: Callable[..., Source]
 ) -> Mapping[str, tuple[Source, ...]]:

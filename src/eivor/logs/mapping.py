@@ -36,22 +36,14 @@ LEAST_SUGGESTED = 3
 NO_UNITS: Mapping[str, str] = {}
 #: A column's name, and its unit in brackets behind it.
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*")
-_WRITTEN = {"-": "", "°": "deg", "degrees": "deg", "°/s": "deg/s", "sec": "s", "seconds": "s", "µs": "us"}
-_WRITTEN |= {"m/s²": "m/s^2", "m/s2": "m/s^2", "G": "g", "feet": "ft"}
-#: What people call channels, in small letters and without signs between the words.
-_CALLED = {
-    **dict.fromkeys(("time", "t", "timestamp"), "time"),
-    **dict.fromkeys(("altitude", "alt", "height", "z", "pz"), "position_z"),
-    **dict.fromkeys(("vz", "velocityz", "climbrate", "verticalspeed", "verticalvelocity"), "velocity_z"),
-    **dict.fromkeys(("targetalt", "targetaltitude", "altitudesetpoint", "zsetpoint"), "reference_position_z"),
-    **dict.fromkeys(("zsp", "zref"), "reference_position_z"),
-    **dict.fromkeys(("targetclimbrate", "climbratesetpoint", "vzsetpoint"), "reference_velocity_z"),
-    **{f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"},
-    **{f"{word}{n}": f"rotor_command_{n}" for word in ("motor", "rotor", "esc", "pwm") for n in range(1, 9)},
-    **dict.fromkeys(("throttle", "thrust", "collective"), "input"),
-    **dict.fromkeys(("voltage", "vbat", "batteryvoltage"), "battery_voltage"),
-    **{angle: angle for angle in ("roll", "pitch")},
+#: Units as people write them, and what they call channels.
+_WRITTEN: Mapping[str, str] = common.LOG_TABLES["written"]
+_CALLED = {word: channel for channel, words in common.LOG_TABLES["called"].items() for word in words}
+_CALLED |= {
+    f"{word}{axis}": f"specific_force_body_{axis}" for word in ("acc", "accel", "a") for axis in "xyz"
 }
+for _word in ("motor", "rotor", "esc", "pwm"):
+    _CALLED |= {f"{_word}{number}": f"rotor_command_{number}" for number in range(1, 9)}
 
 
 def known_unit(text: str) -> str | None:

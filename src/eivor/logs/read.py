@@ -6,12 +6,12 @@ import codecs
 import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Never
+from typing import Any, Never
 
 from eivor import checks
 from eivor.errors import (
@@ -28,26 +28,6 @@ from eivor.signals.recording import Recording
 
 # -- Logs that cannot be read --
 
-
-def _refused(
-    name: str,
-    label: str,
-    sniff: Callable[[bytes, Path], bool],
-    expected: str,
-    received: str,
-    remedy: str,
-    error: type[InputError] = MissingReaderError,
-) -> common.LogFormat:
-    """Row of a format without a reader, which is refused; the file's name goes into the braces."""
-
-    def refuse(file: Path, _options: common.ReadOptions) -> Never:
-        raise error(expected, received.format(file.name), remedy)
-
-    return common.LogFormat(name, label, sniff, refuse, is_read=False)
-
-
-_UNPACK = "Unpack it and give the log that is inside."
-
 #: First bytes of MAVLink messages, 1 and 2, and how much longer than its content one is [bytes].
 _MAVLINK_2 = 0xFD
 _MAVLINK = {0xFE: 8, _MAVLINK_2: 12}
@@ -56,22 +36,6 @@ _STAMPS_US = (10**15, 4 * 10**15)
 #: Versions of DJI's records, and how long the details at their end are [bytes].
 _DJI_VERSIONS = 20
 _DJI_DETAILS = (200, 2000)
-
-#: Formats without a reader in this release that are recognised by their first bytes.
-RECOGNISED = tuple(
-    _refused(
-        name, label, common.begins_with(magic), "a log that this release reads", f"{label}, '{{}}'", remedy
-    )
-    for name, label, magic, remedy in (
-        ("arrow", "an Arrow IPC file", b"ARROW1", "Write the table as Parquet or CSV."),
-        ("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
-        ("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
-        ("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),
-        ("xz", "an xz archive", b"\xfd7zXZ\x00", _UNPACK),
-        ("bzip2", "a bzip2 archive", b"BZh", _UNPACK),
-        ("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
-    )
-)
 
 
 def _is_telemetry(head: bytes, _file: Path) -> bool:
@@ -98,25 +62,6 @@ def _is_dji(head: bytes, file: Path) -> bool:
     return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
 
 
-TELEMETRY = _refused(
-    "tlog",
-    "a telemetry log",
-    _is_telemetry,
-    "a log of the vehicle",
-    "'{}', a telemetry log (.tlog), which holds a few messages a second",
-    "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
-    "of ArduPilot, .ulg of PX4.",
-)
-DJI = _refused(
-    "dji",
-    "a flight record of DJI",
-    _is_dji,
-    "a log with the commands of the motors",
-    "'{}', a flight record of DJI",
-    "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
-    "identified from them.",
-)
-
 _CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
 
 
@@ -132,29 +77,35 @@ def _is_utf16(head: bytes, _file: Path) -> bool:
     return False
 
 
-#: Tables that would be unreadable or, worse, misread. The last, delimited text without control characters, is
-#: compared after UTF-8.
-UTF_32, UTF_16, EIGHT_BIT = (
-    _refused(
-        name,
-        f"a table {label}",
-        sniff,
-        "a table in UTF-8",
-        f"'{{}}', a table {received or label}",
-        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
-        UnknownFormatError,
-    )
-    for name, label, sniff, received, codec in (
-        ("utf-32", "in UTF-32", common.begins_with(codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "", "UTF-32"),
-        ("utf-16", "in UTF-16", _is_utf16, "", "UTF-16"),
-        (
-            "8-bit",
-            "in an 8-bit encoding",
-            lambda head, _file: not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1")),
-            "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
-            "WINDOWS-1252",
-        ),
-    )
+_SNIFFS: Mapping[str, Callable[[bytes, Path], bool]] = {
+    "tlog": _is_telemetry,
+    "dji": _is_dji,
+    "utf-16": _is_utf16,
+    # delimited text without control characters, compared after UTF-8
+    "8-bit": lambda head, _file: not _CONTROLS & set(head) and is_delimited(head.decode("latin-1")),
+}
+
+
+def _refused(name: str, row: Mapping[str, Any]) -> common.LogFormat:
+    """Format without a reader, a row of a table; what it does not say is what most say."""
+    label, codec = row["label"], row.get("codec", "")
+    expected = "a table in UTF-8" if codec else "a log that this release reads"
+    received = f"'{{}}', {label}" if codec else f"{label}, '{{}}'"
+    remedy = "Unpack it and give the log that is inside."
+    if codec:
+        remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
+
+    def refuse(file: Path, _options: common.ReadOptions) -> Never:
+        of_file = row.get("received", received).format(file.name)
+        error = UnknownFormatError if codec else MissingReaderError
+        raise error(row.get("expected", expected), of_file, row.get("remedy", remedy))
+
+    sniff = _SNIFFS.get(name) or common.begins_with(*map(bytes.fromhex, row["magic"]))
+    return common.LogFormat(name, label, sniff, refuse, is_read=False)
+
+
+REFUSED, (UTF_32, UTF_16, EIGHT_BIT) = (
+    tuple(_refused(*item) for item in common.LOG_TABLES[kind].items()) for kind in ("refused", "encodings")
 )
 
 
@@ -185,7 +136,7 @@ def log_formats() -> Iterator[common.LogFormat]:
     """All formats, in the order in which a file is compared with them."""
     for reader in READERS:
         yield from resolve_name(reader)
-    yield from (*RECOGNISED, TELEMETRY, DJI, *_DECLARED.values())
+    yield from (*REFUSED, *_DECLARED.values())
     yield from (UTF_32, UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 

@@ -404,7 +404,6 @@ class LaggedRuns(SeparableProblem):
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 
     def rows(self, nuisance_values: Values) -> Regression:
-        """Rows in time, mean and line of each run removed when it has an intercept."""
         fixed, instruments = self._fixed_rows
         moving = self._timed(self._among_all(self._moving(nuisance_values)))
         regressors = np.column_stack([fixed[:, 1:], moving])
@@ -454,7 +453,6 @@ class LaggedRuns(SeparableProblem):
         return result
 
     def bins(self, nuisance_values: Values) -> SpectralRegression:
-        """Rows in frequency, run after run."""
         responses, fixed, instruments = self._fixed_bins
         moving = np.concatenate(self._among_all(self._moving_bins(nuisance_values)))
         more = None if self.noisier is None else partial(self.noisier.bins, nuisance_values)

@@ -149,7 +149,6 @@ class AxisRows(RowLayout):
     samples: Int[np.ndarray, " rows"]
 
     def scores(self, test: Float[np.ndarray, "rows n"], residual: PerRow) -> Float[np.ndarray, "samples n"]:
-        """Row-wise products, added over the axes; flight after flight, in time order."""
         times = np.stack([self.flight_of_row, self.samples], axis=1)
         distinct, position = np.unique(times, axis=0, return_inverse=True)
         scores: Float[np.ndarray, "samples n"] = np.zeros((distinct.shape[0], test.shape[1]))
@@ -268,34 +267,28 @@ class Regression(LinearProblem):
         return tuple(p.unit for p in self.parameters)
 
     def rows(self) -> Regression:
-        """Return the regression itself."""
         return self
 
     @property
     def instrument_count(self) -> int:
-        """Number of instruments."""
         return self.instruments.shape[1]
 
     def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
-        """Views of successive rows."""
         flights = self.layout.flight_of_row
         for stretch in row_blocks(0, self.response.size, size):
             here = slice(*stretch)
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Return the covariance that was given."""
         remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
         return _declared(self.regressor_noise, "measurement noises of regressors and response", remedy)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Return the covariance that was given."""
         remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
         of = "instruments' noises with those of regressors and response"
         return _declared(self.instrument_noise, of, remedy)
 
     def instruments_share_noise(self) -> bool:
-        """Return whether the covariance given for the instruments is not zero."""
         return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
 
 

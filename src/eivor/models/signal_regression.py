@@ -181,7 +181,6 @@ class SignalRegression(LinearProblem):
 
     @property
     def instrument_count(self) -> int:
-        """Number of instruments."""
         return len(self.instrument_columns)
 
     @property
@@ -216,7 +215,6 @@ class SignalRegression(LinearProblem):
         return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:
-        """Rows in arrays, built once."""
         return self._rows
 
     def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
@@ -261,17 +259,14 @@ class SignalRegression(LinearProblem):
         return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(columns, columns, self.signals, self.first, self.used)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c from the columns' tags and the declared noises, of channels that both sides have."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
 
     def instruments_share_noise(self) -> bool:
-        """Return whether declared noises make an instrument and another column correlated."""
         others = (*self.regressor_columns, self.equation.response)
         declared = {other.channel for other in others} & set(self.signals.noise)
         left = [column for column in self.instrument_columns if column.channel in declared]

@@ -143,11 +143,9 @@ class UncorrelatedNoise(MeasurementNoise):
     __slots__ = ()
 
     def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """std^2 at lag zero, nothing else."""
         return np.full(count, self.std**2 if lag == 0 else 0.0)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """`std`, and zeros."""
         weights: Float[np.ndarray, " count"] = np.zeros(count)
         weights[0] = self.std
         return weights
@@ -165,7 +163,6 @@ class WhiteNoise(UncorrelatedNoise):
         return self.std**2
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Independent normal values."""
         return self.std * rng.standard_normal(count)
 
 
@@ -196,11 +193,9 @@ class FractionalNoise(MeasurementNoise):
         return self.std**2 * growth_table(self.order, lag).stretch(start, count)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """Weights of Delta^order, times `std`."""
         return self.std * fractional_weights(self.order, count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Delta^order of independent normal values, zero before the record."""
         return self.std * fractional_difference(rng.standard_normal(count), self.order)
 
 
@@ -239,11 +234,9 @@ class AutoregressiveNoise(MeasurementNoise):
         return self.std**2 * self.coefficient**lag * grown
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """Powers of the coefficient, times the standard deviation of e."""
         return np.asarray(self.innovation_std * self.coefficient ** np.arange(count))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Normal innovations, filtered."""
         from scipy.signal import lfilter
 
         return np.asarray(
@@ -275,7 +268,6 @@ class HeavyTailedNoise(UncorrelatedNoise):
             raise ParameterError(expected, received, "Give 3 for heavy tails, WhiteNoise for normal noise.")
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Independent values of Student's t, scaled."""
         scale = self.std * np.sqrt((self.degrees - 2.0) / self.degrees)
         return scale * rng.standard_t(self.degrees, count)
 
@@ -296,7 +288,6 @@ class RoundingNoise(UncorrelatedNoise):
         return float(self.std * np.sqrt(12.0))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Independent values, uniform over a step."""
         return self.step * (rng.random(count) - 0.5)
 
 

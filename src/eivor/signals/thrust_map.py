@@ -79,7 +79,6 @@ class Mixed(InputMap):
         return (1.0 - self.share) * state + self.share * state * np.abs(state)
 
     def inverse(self, mapped: float) -> float:
-        """Positive root of the quadratic; NaN for a negative value."""
         if mapped < 0.0:
             return float("nan")
         linear = 1.0 - self.share

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from eivor.linalg.system import PASSED_ROWS, row_blocks
-from eivor.logs.common import SILENCE_S, UNITS, held_at, low_pass_delay_s, notch_delay_s, noted
+from eivor.logs.common import SILENCE_S, UNITS, by_number, held_at, low_pass_delay_s, notch_delay_s, noted
 from eivor.logs.dataflash import sources as ardupilot
 from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide, unit_of
@@ -470,25 +470,9 @@ MAKERS: tuple[tuple[Callable[[ardupilot.MessageReading, Messages], None], str, t
 )
 
 
-#: What the firmware calls itself, in small letters ("APM:Copter V3.4.4", "ArduPlane V4.5.7").
-FIRMWARES = {
-    "copter": ROTARY_WING,
-    "plane": "fixed wing",
-    "rover": "rover",
-    "sub": "submarine",
-    "blimp": "blimp",
-    "antennatracker": "tracking antenna",
-}
-#: VER.BU, the kind of firmware.
-BUILDS = {
-    1: "rover",
-    2: ROTARY_WING,
-    3: "fixed wing",
-    4: "tracking antenna",
-    7: "submarine",
-    12: "blimp",
-    13: HELICOPTER,
-}
+#: Kinds of vehicles by what the firmware calls itself, in small letters, and by VER.BU, the kind of firmware.
+FIRMWARES: Mapping[str, str] = ardupilot.TABLES["firmwares"]
+(BUILDS,) = by_number(ardupilot.TABLES, "builds")
 _PREFIXES = ("ardu", "apm:", "")
 
 #: What a vehicle is by its kind and FRAME_CLASS: helicopters of Copter, boats of Rover.

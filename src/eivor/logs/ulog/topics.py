@@ -8,7 +8,7 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import channel_sources, logged_channel, source_tables
+from eivor.logs.common import by_number, channel_sources, logged_channel, source_tables
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import HELICOPTER, ROTARY_WING, VTOL, Channel, Finding, LogOrigin, utc_time
 
@@ -236,29 +236,8 @@ def _release(number: int) -> str:
     return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
 
 
-#: vehicle_status.vehicle_type, how the vehicle moves at the time; 0 says nothing.
-LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "blimp"}
-#: MAV_TYPE of what does not hover on rotors; types that are not here say nothing against it.
-MAV_TYPES = {
-    1.0: "fixed wing",
-    4.0: HELICOPTER,
-    7.0: "blimp",
-    8.0: "balloon",
-    9.0: "rocket",
-    10.0: "rover",
-    11.0: "boat",
-    12.0: "submarine",
-    16.0: "flapping wing",
-    17.0: "kite",
-    **dict.fromkeys(map(float, range(19, 26)), VTOL),
-}
-#: CA_AIRFRAME of what does not hover on rotors.
-AIRFRAMES = {
-    1.0: "fixed wing",
-    **dict.fromkeys((2.0, 3.0, 4.0), VTOL),
-    **dict.fromkeys((5.0, 6.0, 13.0), "rover"),
-    **dict.fromkeys((10.0, 11.0, 12.0), HELICOPTER),
-}
+#: Kinds of vehicles by vehicle_status.vehicle_type, how it moves at the time, by MAV_TYPE and by CA_AIRFRAME.
+LOCOMOTION, MAV_TYPES, AIRFRAMES = by_number(TABLES, "vehicle_type", "MAV_TYPE", "CA_AIRFRAME")
 
 
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
