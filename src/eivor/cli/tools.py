@@ -49,7 +49,7 @@ from eivor.logs.read import EXAMPLE_FLIGHT
 from eivor.motions.declaration import load_machine, machine_text, shipped_machines
 from eivor.motions.rigid_body import vehicle as vehicle_files
 from eivor.planning.plan import WRITTEN, MachinePlan
-from eivor.planning.vehicle import FlightLimits, VehicleGuess, read_vehicle
+from eivor.planning.vehicle import ROUGH, FlightLimits, VehicleGuess, read_vehicle
 from eivor.report import frequency_responses, inspection
 from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
@@ -234,10 +234,6 @@ PLAN_EXIT_CODES = (
     "[bold]JSON[/bold] (schema eivor.plan/1): the setpoint in words, the limits, and for friction, gain and "
     "lag, or the parameters of a machine, the half-width that is expected."
 )
-
-
-#: Options of rough numbers, by what they are of a `VehicleGuess`.
-ROUGH = {"hover": "hover_input", "friction": "viscous_friction", "lag": "lag_s", "gusts": "gust_rms"}
 
 
 @guarded

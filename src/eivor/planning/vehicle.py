@@ -289,6 +289,10 @@ class VehicleGuess:
         )
 
 
+#: Words of the command line for its numbers.
+ROUGH = {"hover": "hover_input", "friction": "viscous_friction", "lag": "lag_s", "gusts": "gust_rms"}
+
+
 class FlownRecord(msgspec.Struct):
     """How the flights of a result were flown, as its motion has recorded it."""
 
