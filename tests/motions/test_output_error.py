@@ -92,7 +92,8 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
         if name.startswith("angular_rate")
     }
     wrong["angular_rate_x"] = replace(wrong["angular_rate_x"], values=1.04 * rate.values + 0.03)
-    made = list(comparisons(replace(log, channels={**log.channels, **wrong}), [(1.0, 26.0)]))
+    late = replace(log, channels={**log.channels, **wrong})
+    made = list(comparisons(late, [(1.0, 26.0)]))
     rows = {row.what: row for item in made for row in item.table()}
     for what, true, near in (
         ("gyroscope behind the attitude", 12.0, 0.5),
@@ -107,9 +108,8 @@ def test_kinematics_finds_clock_scale_and_bias_and_clocks_are_put_together(fligh
     assert "ms ahead of the gyroscope" in sentences[0]
     moved = together.channel("attitude_w").time_s - log.channel("attitude_w").time_s
     np.testing.assert_allclose(moved, 0.012, atol=5e-4)
-    untouched, nothing = with_one_clock(log, comparisons(log, [(1.0, 26.0)]))
-    assert untouched is log
-    assert nothing == ()
+    assert with_one_clock(log, comparisons(log, [(1.0, 26.0)])) == (log, ())
+    assert with_one_clock(late, made, cutoff_hz=18.757) == (late, ())  # a known low-pass is as late
 
 
 @pytest.mark.usefixtures("coarse_search")

@@ -10,6 +10,7 @@ import numpy as np
 
 from eivor.flights.grid import common_grid, on_grid
 from eivor.inference.distributions import t_quantile
+from eivor.logs.common import low_pass_delay_s
 from eivor.motions.rigid_body import dynamics
 from eivor.signals.filters import time_derivative
 from eivor.signals.recording import Channel, Recording
@@ -104,19 +105,16 @@ class Comparison:
     def estimates(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """The numbers and their standard errors, by leaving out two neighbouring stretches at a time."""
         count = len(self.measured)
-        every = np.arange(count)
-        kept = [np.delete(every, [at, at + 1]).tolist() for at in range(0, count - 1, 2)]
+        kept = [np.delete(np.arange(count), [at, at + 1]).tolist() for at in range(0, count - 1, 2)]
         made = np.stack([self.numbers(stretches) for stretches in kept])
-        groups = len(made)
-        spread = (groups - 1) / groups * ((made - made.mean(axis=0)) ** 2).sum(axis=0)
+        spread = (len(made) - 1) / len(made) * ((made - made.mean(axis=0)) ** 2).sum(axis=0)
         return self.numbers(), np.sqrt(spread)
 
-    @property
-    def offset_s(self) -> float:
-        """Offset of the clocks where it is sure [s]; else zero."""
+    def offset_s(self, filter_s: float) -> float:
+        """Offset of the clocks beyond the delay of a filter, where it is sure [s]; else zero."""
         if not self.coherent.any():
             return 0.0
-        value, error = self.estimates[0][0], self.estimates[1][0]
+        value, error = self.estimates[0][0] - filter_s, self.estimates[1][0]
         return float(value) if abs(value) > max(SURE * error, LEAST_OFFSET_S) else 0.0
 
     def table(self) -> Iterator[Calibration]:
@@ -176,11 +174,9 @@ def _comparison(
     else:
         change = np.stack([time_derivative(part, grid.step_s) for part in attitude])
         derived = 2.0 * dynamics.vector_part(attitude, change)
-    length = round(STRETCH_S / grid.step_s)
-    taper = np.hanning(length)
+    time, length = grid.time_s, round(STRETCH_S / grid.step_s)
     frequency = np.fft.rfftfreq(length, grid.step_s)
     band = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
-    time = grid.time_s
     spectra, means = [], []
     for begin in range(0, grid.count - length + 1, length // 2):
         part = slice(begin, begin + length)
@@ -190,26 +186,30 @@ def _comparison(
         pair = np.stack([measured[:, part], derived[:, part]])
         means.append((pair[0] - pair[1]).mean(axis=1))
         level = pair - pair.mean(axis=2, keepdims=True)
-        spectra.append(np.fft.rfft(level * taper)[..., band])
+        spectra.append(np.fft.rfft(level * np.hanning(length))[..., band])
     if len(spectra) < FEWEST:
         return None
     both = np.stack(spectra)
     return Comparison(*words, frequency[band], both[:, 0], both[:, 1], np.stack(means))
 
 
-def with_one_clock(log: Recording, made: Iterable[Comparison]) -> tuple[Recording, tuple[str, ...]]:
+def with_one_clock(
+    log: Recording, made: Iterable[Comparison], cutoff_hz: float | None = None
+) -> tuple[Recording, tuple[str, ...]]:
     """The log with attitude, velocity and position on the gyroscope's clock where they are surely off it."""
-    offset = next((item.offset_s for item in made if item.sensor == "gyroscope"), 0.0)
+    # the equations have the low-pass of the vehicle file, less what a reader has taken out
+    rate = log.channels.get(RATES[0])
+    filter_s = low_pass_delay_s(cutoff_hz) - rate.delay_s if cutoff_hz and rate else 0.0
+    offset = next((item.offset_s(filter_s) for item in made if item.sensor == "gyroscope"), 0.0)
     if not offset:
         return log, ()
-    behind = "ahead of" if offset > 0.0 else "behind"
     names = (*dynamics.ATTITUDE, *dynamics.VELOCITY, *dynamics.POSITION)
     channels = {
         name: replace(channel, time_s=channel.time_s + offset) if name in names else channel
         for name, channel in log.channels.items()
     }
     sentence = (
-        f"The attitude is {1e3 * abs(offset):.1f} ms {behind} the gyroscope: attitude, velocity and position "
-        "are put on its clock."
+        f"The attitude is {1e3 * abs(offset):.1f} ms {'ahead of' if offset > 0.0 else 'behind'} the "
+        "gyroscope: attitude, velocity and position are put on its clock."
     )
     return replace(log, channels=channels), (sentence,)

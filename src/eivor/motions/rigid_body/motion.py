@@ -142,7 +142,7 @@ def selected(log: Recording, options: FlightOptions, vehicle: KnownVehicle) -> S
     """Channels of a log by role."""
     log, stamp_findings = with_corrected_stamps(log)
     check_vehicle(log, options)
-    log, off = with_one_clock(log, comparisons(log, (options.window or log.span_s,)))
+    log, off = with_one_clock(log, comparisons(log, (options.window or log.span_s,)), vehicle.gyro_cutoff_hz)
     remedy = "Log the rotor commands or speeds at 100 Hz or more"
     family, commands = chosen_input(log, INPUTS, options.input, remedy=remedy)
     family = replace(family, input_map=vehicle.thrust_map)
