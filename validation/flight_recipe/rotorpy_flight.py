@@ -12,16 +12,18 @@ Conventions, settled here once:
 
 from __future__ import annotations
 
+import tomllib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import MissingReaderError, UsageError
+from eivor.errors import MissingReaderError
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 from eivor.signals.recording import Recording
@@ -52,64 +54,27 @@ class Vehicle(StrEnum):
     MEDIUM = "medium-1.2kg"
 
 
-#: A quadrotor of 1.2 kg in the size of the common 450 mm frames; Eivor's own choice, not a measured
-#: vehicle. k_eta: a 10 x 4.5 inch propeller, C_T about .11 in C_T rho D^4/(2 pi)^2. k_m/k_eta: .016 m,
-#: usual for such propellers. Inertia: scaled from the shipped Hummingbird by mass x arm^2. k_z: makes K
-#: about .4 1/s at hover, the size published for real quadrotors; k_d: half of it, as in the Hummingbird.
-_MEDIUM: Mapping[str, Any] = {
-    "mass": 1.2,
-    "Ixx": 0.0153,
-    "Iyy": 0.0155,
-    "Izz": 0.0296,
-    "Ixy": 0.0,
-    "Iyz": 0.0,
-    "Ixz": 0.0,
-    "num_rotors": 4,
-    "rotor_pos": {
-        "r1": np.array([0.1591, 0.1591, 0.0]),
-        "r2": np.array([0.1591, -0.1591, 0.0]),
-        "r3": np.array([-0.1591, -0.1591, 0.0]),
-        "r4": np.array([-0.1591, 0.1591, 0.0]),
-    },
-    "rotor_directions": np.array([1, -1, 1, -1]),
-    "rI": np.zeros(3),
-    "c_Dx": 0.01,
-    "c_Dy": 0.01,
-    "c_Dz": 0.02,
-    "k_eta": 1.39e-5,
-    "k_m": 2.2e-7,
-    "k_d": 1.3e-4,
-    "k_z": 2.6e-4,
-    "k_h": 0.0,
-    "k_flap": 0.0,
-    "tau_m": 0.04,
-    "rotor_speed_min": 0,
-    "rotor_speed_max": 900,
-    "motor_noise_std": 0.0,
-    "kp_att": 544,
-    "kd_att": 46.64,
-}
-
-
-def vehicle_parameters(vehicle: Vehicle, lag_s: float | None) -> dict[str, Any]:
+def vehicle_parameters(vehicle: str, lag_s: float | None) -> dict[str, Any]:
     """RotorPy's parameter set of the vehicle, with another actuator lag when one is given [s]."""
     try:
-        from rotorpy.vehicles import crazyflie_params, hummingbird_params
+        from rotorpy.vehicles import crazyflie_params, crazyfliebrushless_params, hummingbird_params
     except ModuleNotFoundError as error:
         raise MissingReaderError(
             "the simulator RotorPy",
             f"an environment without it ({error})",
             "Install it: python -m pip install 'rotorpy>=3.0'.",
         ) from error
-    sets: Mapping[Vehicle, Mapping[str, Any]] = {
+    sets: dict[str, Any] = {
         Vehicle.CRAZYFLIE: crazyflie_params.quad_params,
+        "crazyflie-brushless": crazyfliebrushless_params.quad_params,
         Vehicle.HUMMINGBIRD: hummingbird_params.quad_params,
-        Vehicle.MEDIUM: _MEDIUM,
+        **tomllib.loads(Path(__file__).with_name("multirotors.toml").read_text(encoding="utf-8")),
     }
-    parameters = dict(sets[vehicle])
-    if lag_s is not None:
-        parameters["tau_m"] = lag_s
-    return parameters
+    parameters = sets.get(sets[vehicle].get("base"), {}) | sets[vehicle]
+    if isinstance(parameters["rotor_pos"], list):
+        parameters["rotor_pos"] = dict(enumerate(np.array(parameters["rotor_pos"])))
+        parameters["rotor_directions"] = np.array(parameters["rotor_directions"])
+    return parameters if lag_s is None else parameters | {"tau_m": lag_s}
 
 
 def rigid_body(parameters: Mapping[str, Any]) -> RigidBody:
@@ -230,24 +195,6 @@ class RotorpyFlightSpec:
     # trajectory and wind as they were
     seed: int = 0
     duration: float = 60.0  # [s], a multiple of 0.01
-
-    def __post_init__(self) -> None:
-        lag = 0.01 if self.actuator_lag is None else self.actuator_lag
-        if not (0.0 < lag <= 0.5 and 0.0 <= self.gust_rms < np.inf and self.gust_correlation > 0.0):
-            raise UsageError(
-                "a lag in (0, 0.5] s, gusts of at least 0 m/s, a positive correlation time",
-                f"lag {self.actuator_lag}, gusts {self.gust_rms}, correlation time {self.gust_correlation}",
-                "Correct the flight's specification.",
-            )
-        steps = self.delay / STEP_S
-        if not 0.0 <= self.delay <= 0.2 or abs(steps - round(steps)) > 1e-6:
-            raise UsageError(
-                f"a delay between 0 and 0.2 s that is a multiple of {STEP_S} s",
-                f"{self.delay}",
-                "The simulator delays whole control steps.",
-            )
-        if not 2.0 <= self.duration <= 3600.0:
-            raise UsageError("a duration of 2 to 3600 s", f"{self.duration}", "Choose another one.")
 
     @property
     def count(self) -> int:

@@ -24,6 +24,9 @@ from validation.studies import Answer, Requirement, StudyTable, folder_command, 
 
 #: Of the interval of a share that is compared with what is asked.
 LEVEL = 0.99
+#: What flights of families are judged by, and what decides their verdict.
+FAMILY_GROUPS = tuple(group for group in GROUPS if group != "translational lift")
+HEADLINES = (*GROUPS["torque gains"][:2], *GROUPS["lag"], *GROUPS["thrust gain"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,6 @@ def score(rows: pl.DataFrame) -> Score:
     truth, value = rows["truth"].to_numpy(), rows["value"].to_numpy()
     reported = np.isfinite(value)
     errors = (value - truth)[reported] / unit_of_error(str(rows["quantity"][0]), float(truth[0]))
-    held = (rows["low"].to_numpy() <= truth) & (truth <= rows["high"].to_numpy())
     if not errors.size:
         errors = np.array([np.nan])
     return Score(
@@ -51,8 +53,14 @@ def score(rows: pl.DataFrame) -> Score:
         float(errors.mean()),
         float(np.sqrt(np.mean(errors**2))),
         float(np.abs(errors).max()),
-        Share(int(held.sum()), rows.height, LEVEL),
+        held(rows),
     )
+
+
+def held(rows: pl.DataFrame) -> Share:
+    """Share of intervals that hold the truth."""
+    hits = (rows["low"] <= rows["truth"]) & (rows["truth"] <= rows["high"])
+    return Share(int(hits.sum()), rows.height, LEVEL)
 
 
 def scores(rows: pl.DataFrame) -> dict[str, Score]:
@@ -85,7 +93,30 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
         for vehicle, method, entry in parts_of(rows, scenario)
         if method == scenario.methods[0]
         for item in _of_part(scenario, vehicle, scores(entry))
+    ) + tuple(
+        item for scenario in grid.scenarios if scenario.rotorpy for item in _of_families(rows, scenario)
     )
+
+
+def _of_families(rows: pl.DataFrame, scenario: Scenario) -> Iterator[Requirement]:
+    """Coverage of each group, of all families and of each, and headlines that are far from the truth."""
+    part, (low, high) = rows.filter(pl.col("scenario") == scenario.name), scenario.coverage_pooled
+    for group in FAMILY_GROUPS if part.height else ():
+        of_group = part.filter(pl.col("quantity").is_in(GROUPS[group]))
+        pooled, by_family = held(of_group), of_group.group_by("vehicle", maintain_order=True)
+        families = {str(family): held(item).value for (family,), item in by_family}
+        missed = [family for family, value in families.items() if value < scenario.coverage_each]
+        yield Requirement.by_all(
+            f"{scenario.name}: coverage, {group}",
+            f"{low:g} to {high:g}, of each {scenario.coverage_each:g}",
+            f"{share_text(pooled)}, {min(families.values()):.2f} at least",
+            missed + ["all"] * (not low <= pooled.value <= high),
+        )
+    judged = part.filter(pl.col("quantity").is_in(HEADLINES) & (pl.col("verdict") == "identified"))
+    far = judged.filter((pl.col("value") - pl.col("truth")).abs() > pl.col("high") - pl.col("low"))
+    name, share = "identified headlines, off by over two half-widths", far.height / max(judged.height, 1)
+    measured = f"{percent(share)} of {judged.height}"
+    yield Requirement(f"{scenario.name}: {name}", "<= 1 %", measured, share <= 0.01)
 
 
 def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iterator[Requirement]:
@@ -116,15 +147,10 @@ def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iter
         )
     if scenario.coverage_pooled and judged:
         low, high = scenario.coverage_pooled
-        pooled = Share(
-            sum(item.hits for item in judged.values()), sum(item.count for item in judged.values()), LEVEL
-        )
-        yield Requirement(
-            f"{name}: coverage of all",
-            f"{low:g} to {high:g}",
-            share_text(pooled),
-            low <= pooled.value <= high,
-        )
+        hits, count = (sum(getattr(share, of) for share in judged.values()) for of in ("hits", "count"))
+        pooled = Share(hits, count, LEVEL)
+        met = low <= pooled.value <= high
+        yield Requirement(f"{name}: coverage of all", f"{low:g} to {high:g}", share_text(pooled), met)
 
 
 def percent(value: float) -> str:
@@ -134,26 +160,6 @@ def percent(value: float) -> str:
 def share_text(share: Share) -> str:
     low, high = share.interval
     return f"{share.value:.3f} [{low:.2f}, {high:.2f}]"
-
-
-PART = "rigid body"
-COMMAND = "python -m validation.rigid_body.study"
-
-
-def study_tables(table: StudyTable, grid: Grid) -> str:
-    rows, origin = table.rows, table.origin
-    return "\n\n".join(
-        [
-            f"Made by `{COMMAND}` with {origin['made with']}: grid *{origin['grid']}*, {origin['flights']} "
-            "flights. Brackets hold the 99 % Wilson interval of a share.",
-            "## What is asked, and what came out",
-            requirement_table(requirements(rows, grid)),
-            "## Errors and coverage",
-            "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the "
-            "worst of each number.",
-            score_table(rows, grid),
-        ]
-    )
 
 
 def score_table(rows: pl.DataFrame, grid: Grid) -> str:
@@ -182,13 +188,24 @@ def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
 
 def answer(table: StudyTable) -> Answer:
     """Tables of a run, and what is asked of it."""
-    return study_tables(table, published_grid()), requirements(table.rows, published_grid())
+    rows, origin, grid = table.rows, table.origin, published_grid()
+    parts = [
+        f"Made by `python -m validation.rigid_body.study` with {origin['made with']}: grid "
+        f"*{origin['grid']}*, {origin['flights']} flights. Brackets hold 99 % Wilson intervals of shares.",
+        "## What is asked, and what came out",
+        requirement_table(requirements(rows, grid)),
+        "## Errors and coverage",
+        "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the worst of "
+        "each number.",
+        score_table(rows, grid),
+    ]
+    return "\n\n".join(parts), requirements(rows, grid)
 
 
 main = folder_command(
     "validation.rigid_body.study",
     __doc__,
-    PART,
+    "rigid body",
     "--scenarios",
     lambda chosen: folder_of(chosen.folder, published_grid(), chosen.share, chosen.word),
     answer,

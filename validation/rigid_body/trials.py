@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from eivor.errors import EivorError
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.dynamics import EffectiveParameters
+from eivor.motions.rigid_body.dynamics import EffectiveParameters, effective_parameters
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.regression import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
@@ -23,7 +23,7 @@ from eivor.signals.recording import Recording
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import FilteredWhite, RandomSteps
-from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
@@ -33,6 +33,7 @@ from eivor.simulation.rigid_body_spec import (
 )
 from eivor.tools import Float
 from validation.flight_recipe.rotorpy_flight import Vehicle, rigid_body, vehicle_parameters
+from validation.rigid_body.rotorpy import LOGGED, logged_flight
 from validation.studies import GridStruct, Row, StudyFolder, Task, read_as, tasks_of
 
 LAG = "effective_lag"
@@ -77,7 +78,8 @@ class Scenario(GridStruct, frozen=True, kw_only=True):
     name: str  # What they are
     seed: int  # Seed of the first flight, and flights of each vehicle
     count: int = msgspec.field(name="flights")
-    vehicles: tuple[Vehicle, ...] = (Vehicle.CRAZYFLIE,)  # What flies
+    vehicles: tuple[str, ...] = (Vehicle.CRAZYFLIE,)  # What flies, families where RotorPy does
+    rotorpy: bool = False  # Closed loops of RotorPy, of which nothing but seed and flights is changed
     methods: tuple[str, ...]  # What identifies; the first one is judged
     # Bounds by group of quantities, relative to the truth: of every error, of the root of their mean square,
     # of the size of their mean
@@ -137,12 +139,13 @@ TORQUE_S = 0.3
 LARGEST_JITTER = 0.45
 
 
-def flown_vehicle(vehicle: Vehicle, scenario: Scenario) -> FlownBody:
+def flown_vehicle(vehicle: str, scenario: Scenario) -> FlownBody:
     body = rigid_body(vehicle_parameters(vehicle, None))
-    return replace(body, rotors=replace(body.rotors, delay=scenario.delay_s))
+    delay_s = LOGGED[vehicle][1] if scenario.rotorpy else scenario.delay_s
+    return replace(body, rotors=replace(body.rotors, delay=delay_s))
 
 
-def known_vehicle(vehicle: Vehicle, scenario: Scenario) -> KnownVehicle:
+def known_vehicle(vehicle: str, scenario: Scenario) -> KnownVehicle:
     rotors, taken = flown_vehicle(vehicle, scenario).rotors, scenario.taken_delay_s
     return KnownVehicle(
         str(vehicle),
@@ -154,9 +157,10 @@ def known_vehicle(vehicle: Vehicle, scenario: Scenario) -> KnownVehicle:
     )
 
 
-def flight_of(vehicle: Vehicle, scenario: Scenario, seconds: float, number: int) -> RigidBodyFlightSpec:
+def flight_of(vehicle: str, scenario: Scenario, seconds: float, number: int) -> RigidBodyFlightSpec:
     air = OrnsteinUhlenbeck(scenario.torque, TORQUE_S) if scenario.torque else None
     added = FilteredWhite(scenario.injected, 0.5, 8.0) if scenario.injected else None
+    all_hz = CONTROLLER_HZ if scenario.jitter_s else 0.0  # Of every command and setpoint
     return RigidBodyFlightSpec(
         flown_vehicle(vehicle, scenario),
         rate_hz=FINE_HZ if scenario.jitter_s else CONTROLLER_HZ,
@@ -167,15 +171,9 @@ def flight_of(vehicle: Vehicle, scenario: Scenario, seconds: float, number: int)
         injection=AxisExcitations(added, added, added),
         torque_disturbance=TorqueDisturbance(air, air, air),
         sensors=_sensors(scenario),
-        logged=_logged(scenario),
+        logged=Logged(scenario.command_hz or all_hz, all_hz, all_hz),
         seed=scenario.seed + number,
     )
-
-
-def _logged(scenario: Scenario) -> Logged:
-    """Every command and setpoint that the controller issues, and fewer rotor commands where so asked."""
-    all_hz = CONTROLLER_HZ if scenario.jitter_s else 0.0
-    return Logged(scenario.command_hz or all_hz, all_hz, all_hz)
 
 
 def _sensors(scenario: Scenario) -> Sensors:
@@ -215,8 +213,9 @@ def _moved(
 
 #: Flights of a task, which are simulated side by side.
 FLIGHTS_TOGETHER = 10
-#: Verdict of a flight that was lost, or not taken.
-LOST, FAILED = "lost", "failed"
+#: Value, interval and verdict of a flight that was lost or not taken.
+_FAILED = (np.nan, np.nan, np.nan, "failed")
+COLUMNS = ("scenario", "vehicle", "number", "method", "quantity", "truth", "value", "low", "high", "verdict")
 
 
 def folder_of(path: Path, grid: Grid, share: float, word: str) -> StudyFolder:
@@ -240,44 +239,32 @@ def folder_of(path: Path, grid: Grid, share: float, word: str) -> StudyFolder:
 
 def rows_of(task: Task) -> tuple[Row, ...]:
     """Rows of a task: one for each flight, method and quantity."""
-    grid = published_grid()
-    scenario, vehicle = grid.scenario(task.of[0]), Vehicle(task.of[1])
-    numbers = range(task.first, task.last)
-    specs = [flight_of(vehicle, scenario, grid.seconds, number) for number in numbers]
-    flights = simulate_rigid_body_flights(specs)
-    return tuple(
-        row
-        for number, flight in zip(numbers, flights, strict=True)
-        for row in rows_of_flight(flight, vehicle, scenario, number)
+    grid, (name, vehicle) = published_grid(), task.of
+    scenario, numbers = grid.scenario(name), range(task.first, task.last)
+    truth = truth_of(effective_parameters(flown_vehicle(vehicle, scenario)))
+    motion, rows = RigidBody(known_vehicle(vehicle, scenario)), list[Row]()
+    for number, log in zip(numbers, logs_of(vehicle, scenario, grid.seconds, numbers), strict=True):
+        for method in scenario.methods if number < scenario.others else scenario.methods[:1]:
+            results = {} if log is None else _report(log, motion, method)
+            for quantity, true in truth.items():
+                row = (name, vehicle, number, method, quantity, true, *results.get(quantity, _FAILED))
+                rows.append(dict(zip(COLUMNS, row, strict=True)))
+    return tuple(rows)
+
+
+def logs_of(
+    vehicle: str, scenario: Scenario, seconds: float, numbers: Sequence[int]
+) -> Iterator[Recording | None]:
+    """Logs of flights, None of one that was lost."""
+    seeds = [scenario.seed + number for number in numbers]
+    if scenario.rotorpy:
+        yield from (logged_flight(vehicle, seed, seconds, NOISE) for seed in seeds)
+        return
+    flights = simulate_rigid_body_flights(
+        [flight_of(vehicle, scenario, seconds, number) for number in numbers]
     )
-
-
-def rows_of_flight(
-    flight: RigidBodyFlight, vehicle: Vehicle, scenario: Scenario, number: int
-) -> Iterator[Row]:
-    truth = truth_of(flight.truth.parameters)
-    log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
-    motion = RigidBody(known_vehicle(vehicle, scenario))
-    methods = scenario.methods if number < scenario.others else scenario.methods[:1]
-    for method in methods:
-        reported = _report(log, motion, method) if flight.flew else dict.fromkeys(truth, (*_NOTHING, LOST))
-        for name, true in truth.items():
-            value, low, high, verdict = reported.get(name, (*_NOTHING, FAILED))
-            yield {
-                "scenario": scenario.name,
-                "vehicle": str(vehicle),
-                "number": number,
-                "method": method,
-                "quantity": name,
-                "truth": true,
-                "value": value,
-                "low": low,
-                "high": high,
-                "verdict": verdict,
-            }
-
-
-_NOTHING = (np.nan, np.nan, np.nan)
+    for seed, flight in zip(seeds, flights, strict=True):
+        yield jittered(flight.recording, scenario.jitter_s, seed) if flight.flew else None
 
 
 def _report(log: Recording, motion: RigidBody, method: str) -> dict[str, tuple[float, float, float, str]]:
