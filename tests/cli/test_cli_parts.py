@@ -248,16 +248,12 @@ def test_what_cannot_be_fetched_is_told(server, tmp_path):
     assert (tmp_path / "x.ulg").read_bytes() == b"damage"
 
 
-def test_fetch_prints_the_path(eivor, tmp_path, monkeypatch):
-    origin = tmp_path / "origin folder"
-    origin.mkdir()
-    (origin / "x.ulg").write_bytes(CONTENT)
+def test_fetch_prints_the_path(eivor, server, tmp_path, monkeypatch):
     monkeypatch.setenv("EIVOR_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(origin.as_uri())})
-    for name in ("x", "x.ulg"):
-        run = eivor("example", "fetch", name)
-        assert run.code == 0
-        assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
+    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(server)})
+    run = eivor("example", "fetch", "x")
+    assert run.code == 0
+    assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
     monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
     run = eivor("example", "fetch", "x")
     assert run.code == 1

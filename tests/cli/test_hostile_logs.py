@@ -154,13 +154,13 @@ def use_library(log, fit, choices):
     def identified():
         result = ev.identify_flight(log, **choices)
         called(lambda: track(result))
-        called(lambda: ev.validate(result, log).summary())
+        called(lambda: ev.validate(result, log).to_json())
         return result.summary() + result.to_json() + flight_page(result)[:0]
 
     vertical = motion_by_name("vertical")
     called(identified)
     called(lambda: pooled_inspection([log], FlightOptions(), [None], vertical).logs[0].reasons)
-    called(lambda: ev.validate(fit, log).summary())
+    called(lambda: ev.validate(fit, log).to_json())
     return "\n".join(sentence)
 
 

@@ -481,7 +481,6 @@ def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
     assert document["ahead"]["starts"] == validate.multi_step_prediction.start_s.size > 100
     first = document["ahead"]["errors"][0]
     assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
-    assert "position" in validate.summary()
     assert "position" in validate._repr_html_()
     assert on_terminal(validation_document(validate)).renderables
     figure = validate.plot()

@@ -194,7 +194,7 @@ test_refused = table(
 
 
 def test_a_plan_is_told(multisine):
-    assert "± 0.05 1/s" in multisine.summary()
+    assert "± 0.05 1/s" in repr(multisine)
     assert "identified in 1 of 2 simulated flights" in multisine.sentence
     assert not multisine.is_informative
     always = replace(multisine.predicted["friction"], verdicts=(Status.IDENTIFIED,))

@@ -141,7 +141,6 @@ def export(
 
 
 def _destination(to: str, draws: int | None, file: str, output: str) -> str:
-    """Where the file or the folder goes."""
     if not to and draws is None:
         raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
     if file and output != outputs.STANDARD_OUTPUT:
@@ -196,7 +195,6 @@ def _page(result: SavedFit, sections: Sequence[tuple[str, str, tuple[str, ...]]]
 def _draw_vehicles(
     result: SavedFit, count: int, seed: int, supplied: Supplied, accept: str, path: Path
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What has no column, and what has one that is not identified."""
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
     table = draws_table(result, count, seed, supplied.mass, accept)
     buffer = io.BytesIO()

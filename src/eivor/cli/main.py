@@ -73,7 +73,6 @@ ENTRY_POINTS = "eivor.commands"
 
 @cache
 def _targets() -> dict[str, str]:
-    """Where each command is, in the order of help."""
     listed = {name: module and f"eivor.cli.{module}:{name}" for name, (_, module, _) in COMMANDS.items()}
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     return {name: target.replace("-", "_") for name, target in (listed | added).items() if target}

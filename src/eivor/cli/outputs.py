@@ -433,7 +433,6 @@ class _Output:
         return () if is_stream else (self.path, *_files_in(self.path, self.inside))
 
     def writes(self, other: Path) -> bool:
-        """Whether the command writes a path through this option, as the file or as one of the folder."""
         spelling, path = _spelling(self.path), _spelling(other)
         if any(fnmatchcase(path, f"{escape(spelling)}/{item}") for item in self.inside):
             return True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +11,6 @@ from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
-from urllib.parse import unquote, urlparse
 
 import typer
 
@@ -97,11 +95,11 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
     import pooch
 
     pooch.get_logger().setLevel("ERROR")
-    downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
     kept = folder / log.file_name
     try:
-        to = {"fname": log.file_name, "path": folder, "downloader": downloader}
-        result = pooch.retrieve(log.url, f"sha256:{log.sha256}", **to)
+        to = {"fname": log.file_name, "path": folder}
+        patient = pooch.HTTPDownloader(timeout=TIMEOUT_S)
+        result = pooch.retrieve(log.url, f"sha256:{log.sha256}", **to, downloader=patient)
     except ValueError as error:
         raise CorruptLogError(
             f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}...",
@@ -116,10 +114,6 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
             f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
         ) from error
     return Path(result)
-
-
-def _copied(url: str, output_file: str, _pooch: object) -> None:
-    shutil.copyfile(unquote(urlparse(url).path), output_file)
 
 
 def _cause(error: OSError) -> str:
@@ -161,8 +155,6 @@ def fetch(
     The folder is the user's cache; EIVOR_CACHE names another one.
     """
     logs = public_logs()
-    by_file = {log.file_name: log.name for log in logs.values()}
-    name = by_file.get(name, name)
     checks.index_of("a log", name, logs, "See: eivor example list")
     log = logs[name]
     import pooch
@@ -338,7 +330,6 @@ def plan(
 
 
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
-    """Vehicle of a file or of the numbers that were given; a result stays its path."""
     given = {name: value for name, value in rough.items() if value is not None}
     if source and given:
         raise UsageError(
@@ -389,7 +380,6 @@ def _shipped_group(
 
 
 def _begun(what: str, text: str, file: str) -> None:
-    """Write a file to begin with, which must not exist."""
     is_file = file != STANDARD_OUTPUT
     if is_file and Path(file).suffix != vehicle_files.ENDING:
         raise UsageError(f"{what} file that ends in {vehicle_files.ENDING}", f"'{file}'", "Add the ending.")

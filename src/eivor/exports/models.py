@@ -124,7 +124,6 @@ def _slopes(
     at: Float[np.ndarray, " m"],
     sizes: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, "n m"]:
-    """Central difference quotients of equations."""
     return np.stack(
         [(change(at + step) - change(at - step)) / (2.0 * step.sum()) for step in np.diag(sizes)], axis=1
     )
@@ -267,7 +266,6 @@ def _formula(expression: Expression, names: dict[str, str]) -> str:
 
 
 def _at_rest(made: _MachineEquations) -> StateSpace:
-    """Linear equations of a machine about rest."""
     n, m = len(made.states) + len(made.acting), len(made.inputs)
 
     rest = np.zeros(n + m)
@@ -364,7 +362,6 @@ def _arrays(spaces: Iterable[StateSpace]) -> dict[str, Any]:
 
 
 def _casadi(fitted: Fitted, supplied: Supplied) -> Exported:
-    """A function ``f(x, u)``, the derivative of the state."""
     if fitted.model == vehicle.RIGID_BODY:
         made = vehicle.describe(fitted, supplied, "CasADi", vehicle.BODY)
         comments = hash_comments((*made.comments, *vehicle.speed_comments(made, "CasADi")))

@@ -388,7 +388,6 @@ SIH_REMARKS = (
 
 
 def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
-    """A file of QGroundControl for the simulation; not for the vehicle."""
     made = vehicle.describe(fitted, supplied, "SIH", WITH_LARGEST)
     vehicle.by_quarters(made.vehicle, "SIH")
     value = vehicle.first(made.values)

@@ -304,7 +304,6 @@ Missing = Mapping[str, tuple[str, ...] | str]
 
 
 def _not_written(fitted: Fitted, missing: Missing) -> tuple[str, ...]:
-    """A sentence for each reason."""
     shared: dict[str, tuple[list[str], list[str]]] = {}
     for name, why in missing.items():
         roots = [] if isinstance(why, str) else list(why)

@@ -120,7 +120,6 @@ def _contradicts(reason: Reason) -> bool:
 
 
 def _changes(result: FlightEstimate) -> tuple[ParameterChange, ...]:
-    """Parameters of the autopilot that the flights have in common."""
     first, logged = result.prepared[0], [flight.recording.parameters for flight in result.prepared]
     fitted = Fitted(
         model=result.motion.words.model,
@@ -197,7 +196,6 @@ def _first(sentence: str) -> str:
 
 
 def _remedy(entry: CardEntry) -> str:
-    """What to fly or to log instead, in one sentence."""
     reason, words = entry.reason, entry.result.motion.words
     known = log_format(entry.result.prepared[0].recording.format)
     sweeps, faster = ("", "") if known is None else (known.sweeps, known.faster)
@@ -211,7 +209,6 @@ def _remedy(entry: CardEntry) -> str:
 
 
 def _title(by_look: Mapping[Look, Sequence[CardEntry]], *, damaged: bool) -> tuple[str, Look]:
-    """The most useful number, or that there is none, and how it looks."""
     for look, before in ((Look.IDENTIFIED, ""), (Look.ROUGH, "roughly, ")):
         for entry in by_look[look][:1]:
             change = entry.change if entry.change and entry.change.estimate else None

@@ -433,7 +433,6 @@ def _figures(figures: Sequence[KeyFigure]) -> Iterator[tuple[str, str]]:
 
 
 def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: str) -> doc.TableOf:
-    """A row for each flight or method, a column for each quantity."""
     titles = [symbol_of(quantity.wording) for quantity in rows[0][1]]
     columns = (doc.TableColumn(label), *(doc.TableColumn(title, strong=True, whole=True) for title in titles))
     cells = []
@@ -445,7 +444,6 @@ def _row_table(rows: Sequence[tuple[FlightRow, Sequence[QuantityRow]]], label: s
 
 
 def _flight_table(result: FlightEstimate) -> doc.TableOf:
-    """Quantities that differ among the flights of a pool."""
     tables = [row.quantities for row in result.by_flight]
     wording = {
         name: words

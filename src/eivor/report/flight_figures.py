@@ -425,7 +425,6 @@ def _fit_panels(result: FlightEstimate, fit: Fit) -> plots.Panels:
 
 
 def _draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
-    """Say why there is no nuisance whose values could be compared."""
     axes.set_title("How well each lag fits", fontsize=9)
     given = None if result.fit is None else result.fit.lag_prior
     why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
@@ -434,7 +433,6 @@ def _draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
 
 
 def _fit_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
     wide = [name for name in names if name.startswith(("fit", "residual"))]
     others = [name for name in names if name not in wide]
     width, height = plots.SIZE_INCHES
@@ -470,7 +468,6 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
 
 
 def _flight_panels(result: FlightEstimate) -> plots.Panels:
-    """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     by_label = {
         " ".join(item.label.split()).partition(" [")[0]: item for item in result.motion.view(prepared).panels

@@ -175,7 +175,6 @@ def _forests(
 
 
 def _prediction_pictures(prediction: MultiStepPrediction) -> Iterator[Picture]:
-    """Errors by horizon, of every quantity."""
     draw = partial(draw_by_horizon, prediction=prediction)
     for models in prediction.by_quantity:
         yield Picture(f"Error of {models[0].quantity} by horizon", "", partial(draw, models=models))
@@ -201,7 +200,6 @@ def _flights_over_time(result: FlightEstimate) -> Iterator[tuple[str, tuple[Pict
 def _fitted(
     number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[flight_figures.FlightRun]
 ) -> Iterator[Picture]:
-    """What was measured along each axis, what the model says, and what it leaves."""
     time = np.concatenate([run.time_s for run in runs])
     for trace in traces:
         rows, parts = [], []
@@ -227,7 +225,6 @@ def _fitted(
 
 
 def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
-    """What the motion looks at, and the input."""
     where, active = result.motion.words.where, flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
@@ -362,7 +359,6 @@ def _reading(entry: CardEntry) -> dict[str, object]:
 
 
 def _displayed(section: Section, result: FlightEstimate) -> Section:
-    """Section as a page has it: without what is not drawn."""
     if section.heading != "Figure":
         return section
     omitted = len(result.prepared) - MOST_FLIGHTS

@@ -291,7 +291,6 @@ def response_document(item: LogResponse) -> Document:
 
 
 def _frequencies(response: FrequencyResponse) -> Any:
-    """Magnitudes in dB, phases in degrees, coherences, and how far the direct estimate is off."""
     index = np.flatnonzero(response.is_shown)
     picked = index[np.unique(np.linspace(0, index.size - 1, min(ROWS, index.size)).round().astype(int))]
     decibels = _decibels(np.column_stack([np.abs(response.response), response.bands[0]]))
@@ -473,7 +472,6 @@ class Curves:
 
 
 def _curves(item: LogResponse) -> Iterator[Curves]:
-    """Magnitudes, phases without jumps, and coherences."""
     response, mask = item.response, item.response.is_shown
     name = "direct, biased in closed loop" if response.is_direct else "on the reference"
     known = [(name, "measured", response.response, mask)]

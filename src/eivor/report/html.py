@@ -93,7 +93,6 @@ class Sources:
 
     @property
     def policy(self) -> str:
-        """Content security policy of a page with this style and this script in it, and nothing besides."""
         every = (self, *self.framed)
         scripts = " ".join(_hash(item.script) for item in every)
         styles = " ".join(_hash(item.style) for item in every)

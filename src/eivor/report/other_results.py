@@ -71,7 +71,6 @@ def residual_files(result: FlightEstimate) -> dict[str, str | bytes]:
 
 
 def _area(table: pl.DataFrame, topic: str, names: Sequence[str]) -> dict[str, object]:
-    """What a plot has, and its ends: left, right, bottom and top."""
     values = table.select(f"{topic}/{name}" for name in names).drop_nulls().to_numpy()
     ends = (table["time"][0], table["time"][-1], values.min(), values.max())
     return {"names": names, "ends": dict(zip(("left", "right", "bottom", "top"), ends, strict=True))}
@@ -106,7 +105,6 @@ def _mcap(topics: Sequence[str], table: pl.DataFrame) -> bytes:
 
 
 def _foxglove(topics: Sequence[str]) -> str:
-    """Layout of Foxglove: a plot of each axis, and its residual below."""
     plots = {
         f"Plot!{topic}-{names[0]}": {
             "title": f"{topic}: {', '.join(names)}",
@@ -221,7 +219,6 @@ def marks(values: Sequence[float], record: Sequence[bool]) -> str:
 
 
 def _thinned(track: Track, most: int) -> list[Moment]:
-    """Moments evenly spread, changes among them."""
     step = max(1, -(-len(track.moments) // most))
     numbered = enumerate(track.moments, start=1)
     return [moment for number, moment in numbered if moment.change or number % step == 0]

@@ -39,12 +39,10 @@ class QuantityRow:
 
     @property
     def value(self) -> float:
-        """Value in the shown unit."""
         return self.quantity.value * self.wording.scale
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval in the shown unit."""
         low, high = self.quantity.interval
         return low * self.wording.scale, high * self.wording.scale
 

@@ -407,7 +407,6 @@ class _Routes:
         return _file(self._done(request, "plan"))
 
     def _done(self, request: Request, name: str) -> jobs.Outcome:
-        """Outcome of a task about the result of a job, with the words of the address and of its query."""
         job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
         words = {**fields, **request.path_params, "mass": fields.get("mass") or job.request.options.mass}
         given = {"folder": job.result_folder(), "stem": job.stem, "words": words}
@@ -448,7 +447,6 @@ class _Body:
         self._end = time.monotonic() + BODY_S + size / BODY_RATE
 
     def parts(self, size: int) -> Iterator[bytes]:
-        """The next bytes, so many of them."""
         while size:
             chunk = self._rest or anyio.from_thread.run(self._next)
             if time.monotonic() > self._end:

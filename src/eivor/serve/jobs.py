@@ -146,7 +146,6 @@ class Workers:
                 self._first_task()
 
     def close(self) -> None:
-        """End all processes; what waits is given up."""
         with self._lock:
             self._closed = True
             waiting = list(self._waiting)
@@ -253,7 +252,6 @@ class Job:
         return timed
 
     def cancel(self) -> None:
-        """Give it up: its process is ended, or it does not begin."""
         self.cancelled = True
         self._workers.give_up(self._ticket)
 
@@ -331,7 +329,6 @@ class Jobs:
         return job
 
     def end(self, name: str) -> None:
-        """Cancel a job that is not over, forget one that is."""
         job = self.get(name)
         if job.over_at is None:
             job.cancel()
@@ -451,7 +448,6 @@ class KeptLogs:
 
 
 def _write(path: Path, files: Iterable[tuple[str, Iterator[bytes]]]) -> None:
-    """Write a log, all of it or nothing."""
     try:
         for name, chunks in files:
             if name:

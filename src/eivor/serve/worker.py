@@ -132,7 +132,6 @@ def identify(
 
 
 def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
-    """Recording of a log, under its own name wherever the file is named."""
     try:
         with parsing.named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)

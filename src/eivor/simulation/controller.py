@@ -143,7 +143,6 @@ class Cascade:
         self._differentiates = bool(np.any(np.array(gains.derivative)))
 
     def thrust(self, reference: Triple, height: Value, climb: Value, cosine: Value) -> Value:
-        """Collective thrust, as a share of the full one."""
         g = self._gains
         wanted_height, wanted_climb, acceleration = reference
         error = wanted_climb + g.height * (wanted_height - height) - climb
@@ -344,7 +343,6 @@ class Sensor:
     def stamps(
         self, rows: Int[np.ndarray, " rows"], step_s: float, rng: np.random.Generator
     ) -> Float[np.ndarray, " rows"]:
-        """Stamps of the steps that are logged [s], with their error."""
         error = self.jitter_s * rng.standard_normal(rows.size)
         most = LARGEST_JITTER * (float(np.diff(rows).min()) if rows.size > 1 else 1.0) * step_s
         return rows * step_s + np.clip(error, -most, most)

@@ -88,7 +88,6 @@ def _stepped(state: Body, slope: Sequence[Value], time_s: float) -> Body:
 
 
 def _unit_attitude(body: Body) -> Body:
-    """State with an attitude of length 1."""
     w, x, y, z = body[6:10]
     short = (w * w + x * x + y * y + z * z) ** -0.5
     if isinstance(body, np.ndarray):
@@ -215,7 +214,6 @@ class RigidBodyFlightSpec:
 
     @property
     def step_s(self) -> float:
-        """Step of the simulation [s]."""
         return 1.0 / self.rate_hz
 
     @property
